@@ -52,6 +52,8 @@ class AppConfig:
     accounts: tuple[tuple[str, str], ...] = ()
     """Names and passwords; without any, nobody need log in."""
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
+    opened: Path | None = None
+    """A folder of results, or its zip, that the page shows first."""
     kept: Path = field(default_factory=lambda: _user_cache() / "co-speech-motion")
     """What is made once for all visitors and serves the next start too."""
 

@@ -171,9 +171,7 @@ VIEW_NAMES = {
 }
 RUN_LINK = "Link to this run"
 SAVE_RUN = "Save as a file"
-SAVE_RUN_HELP = (
-    "Motions, speech, words and plans in one file; drop it on this page to open the run again."
-)
+SAVE_RUN_HELP = "Everything of this run in one zip; drop it on this page to open the run again."
 SAVE_PAGE = "Save as a page"
 SAVE_PAGE_HELP = (
     "Bodies, sound and time line in one HTML file that any browser plays, without this program."

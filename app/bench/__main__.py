@@ -24,8 +24,9 @@ from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system, warm_up
 from app.run.output.provenance import versions
+from app.run.output.run_folder import read_run
 from app.run.pipeline import generate_all
-from app.run.requests.request import SIZES_PX, Artefact, Event, GenerateRequest, Piece, Progress
+from app.run.requests.request import SIZES_PX, Event, GenerateRequest, Grown, Progress
 from conventions.names import file_stem
 from conventions.rates import FPS
 from conventions.views import CLOSE_UPS
@@ -279,10 +280,12 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     whole_at: list[float] = []
 
     def watch(event: Event) -> None:
-        if isinstance(event, Piece):
-            moving_at.append(time.monotonic())
-        elif isinstance(event, Artefact) and event.kind == "motion":
-            whole_at.append(time.monotonic())
+        if isinstance(event, Grown):
+            rows = read_run(event.folder).rows
+            if any("frames" in row.files for row in rows):
+                moving_at.append(time.monotonic())
+            if any("motion" in row.files for row in rows):
+                whole_at.append(time.monotonic())
 
     explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
     ladder = tuple(name for name in list_systems(weights) if name in explained)
@@ -292,7 +295,6 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
         systems=ladder,
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,
-        has_posters=True,
     )
     generate_all(request, watch)
     seconds = time.monotonic() - started

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -38,6 +39,11 @@ class Measure:
     needs: str = ""
     """A part that a motion may lack (`model.formats.reading.Part`), without which this says
     nothing; ``detail`` is what frames that were filled in never had."""
+
+    @property
+    def key(self) -> str:
+        """By which its numbers are kept."""
+        return f"{self.group}: {self.title}"
 
 
 _POINT, _JOINTS, _FEET, _POSTURE = "Followed point", "All joints", "Feet", "Posture"
@@ -127,6 +133,19 @@ MEASURES = (
             "How far poses lie from the clip's mean pose, summed over all coordinates.",
             lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
+
+
+JERK = "Followed point: Jerk"
+
+
+def numbers_of(measures: Measures) -> dict[str, float]:
+    """By the keys of `MEASURES`, in their units; without those that were not measured."""
+    read = {each: each.read(measures) for each in MEASURES}
+    return {
+        each.key: each.scale * float(value)
+        for each, value in read.items()
+        if value is not None and isfinite(value)
+    }
 
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:

@@ -335,7 +335,7 @@ def told_findings(findings: Mapping[str, Sequence[Finding]]) -> list[str]:
     return [*lines, *filter(None, [clean_line(findings)])]
 
 
-def clean_line(findings: Mapping[str, Sequence[Finding]]) -> str:
+def clean_line(findings: Mapping[str, Sequence[object]]) -> str:
     """The motions in which nothing was found; empty where there is none."""
     motions = [name for name in findings if name != REFERENCE_NAME]
     clean = [name for name in motions if not findings[name]]

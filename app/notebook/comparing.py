@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from itertools import combinations
 
-from app.findings.measure_rows import MEASURES, Measure, nearest, written
+from app.findings.measure_rows import MEASURES, Measure, nearest, numbers_of, written
 from app.notebook.inputs import MotionLike, SpeechLike, named_motions
 from app.notebook.measuring import diagnose
 from conventions.names import REFERENCE_NAME, Version
@@ -28,7 +28,7 @@ class Row:
     @property
     def title(self) -> str:
         unit = f" ({self.measure.unit})" if self.measure.unit else ""
-        return f"{self.measure.group}: {self.measure.title}{unit}"
+        return f"{self.measure.key}{unit}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,12 +96,10 @@ def compare(
     of_all = dict(diagnostics.systems)
     if diagnostics.reference is not None:
         of_all[REFERENCE_NAME] = diagnostics.reference
+    numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
     rows = []
     for measure in MEASURES:
-        values = {}
-        for name, versions in of_all.items():
-            value = measure.read(getattr(versions, kind))
-            values[name] = None if value is None or value != value else measure.scale * float(value)
+        values = {name: of.get(measure.key) for name, of in numbers.items()}
         if all(value is None for value in values.values()):
             continue
         target = values.get(REFERENCE_NAME) if measure.has_target else None

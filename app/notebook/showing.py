@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from app.notebook.inputs import (
     MotionLike,
@@ -13,16 +14,16 @@ from app.notebook.inputs import (
     named_motions,
     read_motion,
     read_speech,
-    speech_file,
 )
-from app.page.alone import Scene, player_alone
-from app.page.player.timeline import make_timeline, tiers_of
+from app.page.alone import player_alone
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord
+from app.run.run_writer import RunWriter, findings_told
 from conventions.names import REFERENCE_NAME
 from model.faults.evidence import Finding
 from model.plan.plan import GesturePlan
-from model.speech.audio import Speech
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.files import written_atomically
 
@@ -72,7 +73,7 @@ def show(
     """Motions in lock-step under the sound, with the stage's displays and the time line.
 
     Args:
-        motions: one, or several by name.
+        motions: one, or several by name; or the folder of a run, which is shown as it is.
         plans: by the name of the motion that performs it.
         findings: of `diagnose`; the gravest stand beside the bodies.
         joint: whose jerk and speed the time line shows.
@@ -80,21 +81,21 @@ def show(
     Raises:
         ValueError: of what cannot be shown, with one sentence.
     """
-    named = named_motions(motions)
+    if isinstance(motions, str | Path) and Path(motions).is_dir():
+        return Player(player_alone(Path(motions)), height)
+    named, plans = named_motions(motions), plans or {}
     if reference is not None:
         named[REFERENCE_NAME] = read_motion(reference)
     heard = None if speech is None else read_speech(speech)
     tip = choose_tip_source(get_body(None), None, joint)
-    scene = Scene(
-        motions=named,
-        timeline=make_timeline(heard, named, "raw", tip) | tiers_of(said),
-        sound=None if heard is None else _wav(heard),
-        plans=plans or {},
-        findings=findings or {},
-    )
-    return Player(player_alone(scene), height)
-
-
-def _wav(speech: Speech) -> bytes:
-    with speech_file(speech) as path:
-        return path.read_bytes()
+    record = RunRecord(kind="given", title="Co-speech motion", point=joint)
+    record.findings = findings_told(findings or {})
+    with TemporaryDirectory() as folder:
+        with ResultFolder(Path(folder), is_kept=True) as results:
+            run = RunWriter(results, record)
+            timeline = run.show(named, heard, tip)
+            for name in sorted(named.keys() & plans.keys()):
+                run.plan(name, plans[name], "planned")
+            run.timeline(timeline, said)
+            run.finish("")
+        return Player(player_alone(Path(folder)), height)

@@ -114,6 +114,12 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
     )
     parser.add_argument(
+        "--open",
+        type=Path,
+        metavar="FOLDER",
+        help="results of `generate` or `diagnose`, or their zip: shown when the page opens",
+    )
+    parser.add_argument(
         "--max-minutes",
         type=float,
         default=10.0,
@@ -132,6 +138,7 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         host_names=tuple(options.host_name),
         proxies=tuple(options.proxy),
         embedders=tuple(options.embed_in),
+        opened=options.open,
         accounts=read_accounts(options.auth) if options.auth else (),
     )
 
@@ -187,7 +194,7 @@ def launch(
     from app.page.player.first_look_shown import FirstLooks
     from app.page.queue.jobs import Jobs
     from app.page.queue.worker import Limits, Worker
-    from app.page.results.kept_runs import KeptRuns
+    from app.page.results.kept_runs import KeptRuns, keep_own
     from app.page.results.run_file import run_file_routes
     from app.page.results.study_preview import preview_routes
     from app.page.routes.guard import (
@@ -230,8 +237,11 @@ def launch(
         atexit.register(each.close)
     addresses = MediaAddresses()
     first_look = None
-    if is_warmed_up:
+    if is_warmed_up and config.opened is None:
         first_look = FirstLooks(config, catalogue, addresses, worker)
+    kept, opened = KeptRuns(config.keep_results_s), ()
+    if config.opened is not None:
+        opened = (keep_own(kept, config.opened, config.temp / "opened", addresses),)
     services = Services(
         config=config,
         catalogue=catalogue,
@@ -239,11 +249,12 @@ def launch(
         worker=worker,
         videos=videos,
         check=UploadCheck(gate, config.max_speech_s),
-        kept=KeptRuns(config.keep_results_s),
+        kept=kept,
         handover=Handover(config.private_folder, config.keep_results_s),
         live=LiveSessions(config.weights),
         addresses=addresses,
         first_look=first_look,
+        opened=opened,
     )
     page = build_app(services)
     page.queue(max_size=config.max_waiting, default_concurrency_limit=config.num_slots)

@@ -89,21 +89,19 @@ def _await_example(
 ) -> None:
     """An example that is still being made plays as soon as it is there, unless the visitor shows
     or begins a run meanwhile."""
-    timer, seen = gr.Timer(EXAMPLE_EVERY_S, active=False), gr.State(0)
+    timer = gr.Timer(EXAMPLE_EVERY_S, active=False)
 
     def wait(request: gr.Request) -> gr.Timer:
         return gr.Timer(active=first_look.is_coming and PARAMETER not in request.query_params)
 
-    def look(before: int) -> Updates:
-        is_over, version = not first_look.is_coming, first_look.version
-        if version == before and not is_over:
+    def look() -> Updates:
+        if first_look.is_coming:
             return {timer: gr.skip()}
         player, empty = first_look.updates()
-        going = gr.Timer(active=False) if is_over else gr.skip()
-        return {results.player: player, results.empty: empty, seen: version, timer: going}
+        return {results.player: player, results.empty: empty, timer: gr.Timer(active=False)}
 
     page.load(wait, outputs=timer, **AT_ONCE)
-    timer.tick(look, inputs=seen, outputs=[results.player, results.empty, seen, timer], **AT_ONCE)
+    timer.tick(look, outputs=[results.player, results.empty, timer], **AT_ONCE)
     # Listeners of a click are served in turn: before the run, which would come first otherwise.
     form.generate.click(lambda: gr.Timer(active=False), outputs=timer, **AT_ONCE)
 

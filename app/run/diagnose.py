@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.findings.comparison import point_title
 from app.flags import OUT_FOLDER, flag, names_of
 from app.run.body_motion import body_motion
 from app.run.diagnostics import (
@@ -23,6 +26,7 @@ from app.run.diagnostics import (
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body, nothing_draws
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord, begun
 from app.run.output.telling import share_teller
 from app.run.requests.request import (
     ASSUME,
@@ -38,20 +42,24 @@ from app.run.requests.request import (
     ShouldCancel,
     WordsAsked,
 )
+from app.run.requests.settings import MOTIONS as MOTIONS_ASKED
+from app.run.requests.settings import NONE, SPEECH, words_asked
+from app.run.run_writer import RunWriter, picture_layout
 from app.run.videos.comparison import Snapshots, draw_poses
-from app.run.videos.own_videos import SOLE_M, OnFile, VideoOptions, draw_own_videos, picture_motions
-from app.run.words import SpokenWords
+from app.run.videos.own_videos import SOLE_M, VideoOptions, draw_own_videos, picture_motions
+from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.reading import MOTIONS, Reading, Told, apart, lengths_apart
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import Transcript
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from model.diagnostics import Diagnostics
     from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
+    from model.speech.audio import Speech
 
 OnShare = Callable[[float], None]
 
@@ -59,10 +67,26 @@ _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 
 """Shares of the whole that are done after each part of it."""
 _BEFORE_VIDEOS = 0.3
 """Share of the whole where videos are drawn, too."""
+PLAYED = VideoOptions(size=512)
+"""How the page draws videos of motions; the player frames bodies alike."""
+MEASURED = "Measured {motions}."
+OPENED = "Opened from its file; its {motions} were measured anew."
+_MAX_NAMED = 3
+"""Files that a run's title names."""
 _NO_SPEECH = (
     "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
     "their times as a TextGrid."
 )
+
+
+@dataclass(frozen=True)
+class OpenedRun:
+    """What is known of motions that a run has left."""
+
+    record: RunRecord
+    said: Transcript
+    plans: Mapping[str, Path]
+    """That motions performed, by name."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +154,16 @@ class DiagnoseRequest:
     )
     videos: VideoOptions | None = None
     """How the shown motions are drawn as videos; None draws none."""
-    is_played: bool = False
-    """Whether the shown motions are told of before they are measured, for a player."""
+    weights: Path = BUNDLED_WEIGHTS
+    """Where the speech encoder is whose accents a viewer shows."""
+    is_kept: bool = False
+    """As of `GenerateRequest`."""
+    title: str = ""
+    """What the run is called; by default after its motions."""
+    is_run: bool = False
+    """Whether what stands in ``motions`` is a run's folder or its zip (`app.run.many.opened`)."""
+    opened: OpenedRun | None = None
+    """The run that these motions are from, where they are measured anew to be shown."""
     window: int | None = field(
         default=None,
         metadata=flag(
@@ -161,10 +193,6 @@ class Diagnosis:
     files: tuple[Path, ...]
     notes: tuple[str, ...]
     diagnostics: Diagnostics
-    error_growth: dict[str, Any] | None
-    """None where no rotation moves the followed point."""
-    said: Transcript = NOTHING_SAID
-    """In the speech, where that was given or found."""
 
 
 @dataclass(frozen=True)
@@ -194,8 +222,7 @@ def diagnose_files(
     for. The page calls this for motions that a visitor brings, the command line for `diagnose`.
 
     Args:
-        on_event: told of progress between all steps, and of what a player shows as soon as it is
-            whole.
+        on_event: told of progress between all steps, and when the folder holds more.
 
     Raises:
         CancelledRun: when ``should_cancel`` said so; nothing is left.
@@ -206,15 +233,71 @@ def diagnose_files(
         if words.need_speech and request.speech is None:
             raise RunError(_NO_SPEECH)
         on_progress = share_teller("numbers", on_event, should_cancel)
-        return _diagnose(request, words, on_progress, on_event)
+        with (
+            ResultFolder(request.out, is_kept=request.is_kept) as folder,
+            RunWriter(folder, record_of(request), on_event) as run,
+        ):
+            return _diagnose(request, folder, run, words, on_progress)
+
+
+def record_of(request: DiagnoseRequest) -> RunRecord:
+    """What is known of a run before anything is read."""
+    options = request.videos or PLAYED
+    opened = request.opened
+    layout = picture_layout("front", options.size, options.close_ups, options.framing)
+    told = "given", _title(request), settings_of_own(request), request.joint, layout
+    run = begun(request, *told)
+    if opened is None:
+        return run.model_copy(update={"speech_sha256": sha256_of(request.speech)})
+    known = {key: getattr(opened.record, key) for key in ("title", "settings", "speech_sha256")}
+    return run.model_copy(update=known)
+
+
+def settings_of_own(asked: DiagnoseRequest) -> dict[str, str]:
+    """What was asked for, in words, as of `app.run.requests.settings.settings_of_run`."""
+    return {
+        SPEECH: asked.speech.stem if asked.speech else NONE,
+        MOTIONS_ASKED: ", ".join(_names_of(asked)),
+        "reference": asked.reference.name if asked.reference else NONE,
+        "words": words_asked(asked.transcript, asked.words),
+        "followed point": point_title(asked.joint).lower(),
+        "windows": f"{asked.window} frames, {asked.overlap} shared" if asked.window else NONE,
+    }
+
+
+def _names_of(asked: DiagnoseRequest) -> Sequence[str]:
+    return asked.names or unique_names(asked.motions)
+
+
+def _title(asked: DiagnoseRequest) -> str:
+    if asked.title:
+        return asked.title
+    names = _names_of(asked)
+    more = len(names) - _MAX_NAMED
+    others = f" and {more} more" if more > 0 else ""
+    beside = f" beside {asked.reference.stem}" if asked.reference else ""
+    return f"{', '.join(names[:_MAX_NAMED])}{others}{beside}"
+
+
+def sha256_of(path: Path | None) -> str:
+    """Of a file that somebody gave; empty of none, or of one that is not there."""
+    if path is None or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _diagnose(
-    request: DiagnoseRequest, words: SpokenWords, on_progress: OnShare, on_file: OnFile
+    request: DiagnoseRequest,
+    folder: ResultFolder,
+    run: RunWriter,
+    words: SpokenWords,
+    on_progress: OnShare,
 ) -> Diagnosis:
     missing = nothing_draws() if request.videos or request.has_pictures else ""
     if missing:  # numbers and trajectories need no OpenGL
         request = replace(request, videos=None, has_pictures=False)
+        run.note(missing)
     measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
 
     def on_measured(share: float) -> None:
@@ -225,44 +308,66 @@ def _diagnose(
     read = _read_motions(request, on_measured)
     shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
-    is_pictured = request.is_played or request.videos is not None
-    pictured = picture_motions(shown if is_pictured else {})
-    with ResultFolder(request.out) as folder:
-        if request.is_played:
-            pictured.tell(folder, on_file)
-        diagnostics = _measure(request, read, tip, words, on_measured)
-        errors = _grow_errors(read.all, request.joint, on_measured)
-        growth = _growth_content(errors, request.joint) if errors else None
-        if growth is not None:
-            text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
-            folder.path("error_growth.json").write_text(text)
-            draw_error_growth(errors, folder)
-            on_measured(_GROWTH_DRAWN)
-        systems = [name for name in shown if name != REFERENCE_NAME]
-        draw_jitter(diagnostics, tip, folder, systems)
-        on_measured(_SHEET_DRAWN)
-        placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
-        _draw_figure6(request, placed, tip, folder, on_measured)
-        on_measured(1.0)
-        notes = [*filter(None, [missing]), *diagnostics.notes, *pictured.notes]
-        if request.videos is not None:
-            draw_own_videos(
-                *(pictured.motions, request.videos, body, request.body, tip),
-                *(request.speech, folder),
-                lambda part: on_progress(measured + (1.0 - measured) * part),
-                on_file,
-            )
-        for motion in shown.values():
-            notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
-        if len(shown) < len(read.all) and not request.shown:
-            notes.append(
-                f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
-                " (--show)."
-            )
-        said, notes_of_words = words.found(lambda: on_progress(1.0))
-        notes += notes_of_words
-        write_diagnostics(diagnostics, folder, said)
-        return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth, said)
+    speech = _read_speech(request)
+    if speech is not None:
+        words.begin(speech.waveform)
+    pictured = picture_motions(shown)
+    plans = {} if request.opened is None else request.opened.plans
+    timeline = run.show(pictured.motions, speech, tip, request.weights, plans)
+    given = _given_words(request)
+    run.timeline(timeline, given)
+    diagnostics = _measure(request, read, tip, speech, on_measured)
+    run.note(*diagnostics.notes, *pictured.notes)
+    run.measured(diagnostics)
+    run.find_plans(pictured.motions)
+    errors = _grow_errors(read.all, request.joint, on_measured)
+    if errors:
+        path, growth = folder.path("error_growth.json"), _growth_content(errors, request.joint)
+        path.write_text(json.dumps(growth, indent=1, allow_nan=False) + "\n")
+        run.file("numbers", path.stem, path)
+        run.files("figure", draw_error_growth(errors, folder))
+        on_measured(_GROWTH_DRAWN)
+    systems = [name for name in shown if name != REFERENCE_NAME]
+    run.files("figure", draw_jitter(diagnostics, tip, folder, systems))
+    on_measured(_SHEET_DRAWN)
+    placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
+    run.files("figure", _draw_figure6(request, placed, tip, folder, on_measured))
+    on_measured(1.0)
+    if request.videos is not None:
+        draw_own_videos(
+            *(pictured.motions, request.videos, body, request.body, tip),
+            *(request.speech, folder),
+            lambda part: on_progress(measured + (1.0 - measured) * part),
+            lambda made: run.file(made.kind, made.name, made.path),
+        )
+    for motion in shown.values():
+        run.note(*body.notes(body_motion(motion)))
+    if len(shown) < len(read.all) and not request.shown:
+        run.note(
+            f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
+            " (--show)."
+        )
+    said, notes_of_words = words.found(lambda: on_progress(1.0))
+    run.note(*notes_of_words)
+    if said.origin != given.origin and request.opened is None:
+        run.timeline(timeline, said)
+    run.files("diagnostics", write_diagnostics(diagnostics, folder, said))
+    count = len(diagnostics.systems)
+    line = MEASURED if request.opened is None else OPENED
+    files = run.finish(line.format(motions=f"{count} motion{'s' if count > 1 else ''}"))
+    return Diagnosis(files, tuple(run.notes), diagnostics)
+
+
+def _given_words(request: DiagnoseRequest) -> Transcript:
+    return given_words(request.transcript) if request.opened is None else request.opened.said
+
+
+def _read_speech(request: DiagnoseRequest) -> Speech | None:
+    from model.speech.audio import SpeechLimits, load_speech
+
+    if request.speech is None:
+        return None
+    return load_speech(request.speech, SpeechLimits(channel=request.channel))
 
 
 def _shown(request: DiagnoseRequest, read: _Read) -> dict[str, Motion]:
@@ -330,7 +435,7 @@ def _check_names(names: Sequence[str]) -> None:
 def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
     from model.formats.read import read_any_motion
 
-    names = request.names or unique_names(request.motions)
+    names = _names_of(request)
     _check_names(names)
     notes: list[str] = []
     motions: dict[str, Motion] = {}
@@ -365,26 +470,23 @@ def _measure(
     request: DiagnoseRequest,
     read: _Read,
     tip: TipSource,
-    words: SpokenWords,
+    speech: Speech | None,
     on_progress: OnShare,
 ) -> Diagnostics:
     from model.faults.table import without
     from model.measures.beats import read_mean_speeds
     from model.measures.lag import heard_of
-    from model.speech.audio import SpeechLimits, load_speech
 
     if request.mean_speeds is not None and request.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     mean_speeds = None if request.mean_speeds is None else read_mean_speeds(request.mean_speeds)
     onsets_s = heard = None
-    if request.speech is not None:
-        speech = load_speech(request.speech, SpeechLimits(channel=request.channel))
+    if speech is not None:
         read.notes.extend(speech.notes)
         read.notes.extend(lengths_apart(speech.duration_s, _durations(read.all)))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
         heard = heard_of(speech.waveform)
-        words.begin(speech.waveform)
     measured = measure_motions(
         read.all,
         tip,
@@ -474,7 +576,7 @@ def _draw_figure6(
     tip: TipSource,
     folder: ResultFolder,
     on_progress: OnShare,
-) -> None:
+) -> list[Path]:
     from renderer.figures.figure6.spec import choose_snapshot_frames
 
     shortest = min(motion.num_frames for motion in motions.values())
@@ -485,7 +587,7 @@ def _draw_figure6(
         snapshots = draw_poses(
             motions, request.body, frames, lambda part: on_progress(_SHEET_DRAWN + share * part)
         )
-    draw_figure6(
+    return draw_figure6(
         motions,
         snapshots,
         tip,

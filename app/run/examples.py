@@ -12,12 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import EXAMPLES
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
+from app.run.run_writer import RunWriter, picture_layout
 from app.run.videos.own_videos import picture_motions
 from conventions.names import file_stem
+from model.speech.transcript import NOTHING_SAID
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -144,9 +147,10 @@ PLANTS = (
 STEADY, TREMBLING = "A", "B"
 LOOK_S = 6.7
 """Of the speech, to a pause: whoever opens the page first waits for each second of it."""
-FORMAT = 3
+FORMAT = 4
 """Of what is kept; another number makes it anew."""
 FACTS = "first_look.json"
+LAYOUT_PX = 512
 STORED = EXAMPLES / "first_look"
 """What `python -m tests.app.run.made_first_look` has made with the bundled weights, so that a fresh
 page need not wait for a model to be read; a test holds it against what they make."""
@@ -164,7 +168,7 @@ class FirstLook:
     @property
     def beginning(self) -> Path:
         """What is played: the first `LOOK_S` of the speech."""
-        return self.folder / "beginning.wav"
+        return self.folder / SPEECH
 
     @property
     def is_made(self) -> bool:
@@ -191,8 +195,9 @@ def take_stored(look: FirstLook, stored: Path = STORED) -> bool:
         return False
     look.folder.parent.mkdir(parents=True, exist_ok=True)
     with ResultFolder(look.folder) as folder:
-        for path in sorted(beside.iterdir()):
-            shutil.copyfile(path, folder.path(path.name))
+        for path in sorted(beside.rglob("*")):
+            if path.is_file():
+                shutil.copyfile(path, folder.path(path.relative_to(beside).as_posix()))
         folder.publish()
     return True
 
@@ -211,15 +216,16 @@ def make_first_look(
     from app.run.pipeline import generate_all
     from conventions.rates import SAMPLE_RATE
     from model.measures.smoothness import derivative_magnitudes
-    from model.motion.motion import load_motion, save_motion
+    from model.motion.motion import load_motion
     from model.speech.audio import load_speech, write_wav
 
     tip = choose_tip_source(get_body(None), None)
     look.folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
-        beginning = Path(temporary, look.beginning.name)
+        beginning = Path(temporary, SPEECH)
         waveform = load_speech(look.speech).waveform
         write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
+        speech = load_speech(beginning)
         request = GenerateRequest(
             *(beginning, Path(temporary, "run"), look.weights),
             systems=(look.system,),
@@ -229,16 +235,20 @@ def make_first_look(
         result = generate_all(request, on_event, should_cancel)
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
-        sound = beginning.read_bytes()
     motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}
-    with ResultFolder(look.folder) as folder:
+    record = RunRecord(
+        kind="given", point=TIP, layout=picture_layout("front", LAYOUT_PX, ("hands",), "knees")
+    )
+    with ResultFolder(look.folder) as folder, RunWriter(folder, record) as run:
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
             for name, each in motions.items()
         }
-        for name, each in picture_motions(motions).motions.items():
-            save_motion(each, folder.path(f"{name}.npz"))
-        folder.path(look.beginning.name).write_bytes(sound)
+        shown = picture_motions(motions).motions
+        run.timeline(run.show(shown, speech, tip, look.weights), NOTHING_SAID)
+        run.find_plans(shown)
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
-        folder.path(FACTS).write_text(json.dumps(facts, indent=1) + "\n")
-        folder.publish()
+        path = folder.path(FACTS)
+        path.write_text(json.dumps(facts, indent=1) + "\n")
+        run.file("numbers", path.stem, path)
+        run.finish("")

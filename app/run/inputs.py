@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,8 @@ from app.run.requests.request import GenerateRequest, steps_of
 from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from model.generation.base import System
     from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
@@ -45,13 +47,12 @@ class Inputs:
 
 
 def read_inputs(
-    request: GenerateRequest, wav: Path, out: Path, reporter: Reporter
+    request: GenerateRequest, sound: Callable[[np.ndarray], Path], reporter: Reporter
 ) -> tuple[Inputs, Speech]:
     """Read speech, systems, body and reference, and see that there is room for the results.
 
     Args:
-        wav: where to write the speech for the videos.
-        out: folder whose disk will hold the results.
+        sound: writes the speech as viewers and videos get it.
 
     Returns:
         What the whole run needs, and the speech, which is large and can be let go of once the
@@ -62,7 +63,7 @@ def read_inputs(
         WriteError: each with one sentence.
     """
     from model.plan.style import read_wish
-    from model.speech.audio import SpeechLimits, load_speech, write_wav
+    from model.speech.audio import SpeechLimits, load_speech
 
     speech = load_speech(
         request.speech, SpeechLimits(max_s=request.max_speech_s, channel=request.channel)
@@ -75,10 +76,10 @@ def read_inputs(
         system.speaker_index(speaker)  # raises for a name that it does not know
     reference = _read_reference(request, speech, reporter)
     backend = _choose_backend() if request.has_video else None
-    require_free_space(out, _needed_bytes(request, speech.num_frames, len(systems)))
-    write_wav(wav, speech.waveform)
+    needed_bytes = _needed_bytes(request, speech.num_frames, len(systems))
+    require_free_space(request.out, needed_bytes)
     inputs = Inputs(
-        wav=wav,
+        wav=sound(speech.waveform),
         speech_sha256=speech.sha256,
         speech_s=speech.duration_s,
         num_frames=speech.num_frames,
@@ -219,7 +220,7 @@ def _choose_backend() -> str:
 def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
     """What such runs have taken, and half as much again."""
     count = num_systems * request.samples + 1
-    motion_bytes = 4 * 268 * num_frames
+    motion_bytes = (4 * 268 + 504) * num_frames  # as a file, and as a browser plays it
     # Each picture is in the comparison too, and so is each close-up, of half a body's height.
     pixels = request.size**2 * (len(request.views) + len(request.close_ups) / 2) * 2
     video_bytes = 0.012 * pixels * num_frames if request.has_video else 0.0

@@ -6,11 +6,13 @@ from __future__ import annotations
 import ctypes
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from app import text
 from app.errors import CancelledRun
 from app.run.body_motion import body_motion
 from app.run.diagnostics import (
@@ -26,8 +28,8 @@ from app.run.inputs import Inputs, read_inputs
 from app.run.models import nothing_draws
 from app.run.output.provenance import make_provenance
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord, begun, cut
 from app.run.output.telling import Reporter
-from app.run.pieces import PieceTeller
 from app.run.requests.request import (
     GenerateRequest,
     GenerateResult,
@@ -35,6 +37,9 @@ from app.run.requests.request import (
     ShouldCancel,
     check_request,
 )
+from app.run.requests.settings import settings_of_run, title_of
+from app.run.run_writer import RunWriter, picture_layout
+from app.run.timeline import heard_accents, make_timeline
 from app.run.videos.comparison import (
     Row,
     Snapshots,
@@ -44,12 +49,13 @@ from app.run.videos.comparison import (
     rows_that_fit,
 )
 from app.run.videos.own_videos import in_register
-from app.run.words import SpokenWords
+from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from conventions.names import Version
     from model.diagnostics import Diagnostics
     from model.generation.base import System
     from model.generation.windows import GenerateOptions, MotionPiece
@@ -88,16 +94,26 @@ def generate_all(
     """
     check_request(request)
     _return_large_blocks()
-    reporter = Reporter(on_event, should_cancel)
-    request = _as_far_as_anything_draws(request, reporter)
-    with ResultFolder(request.out) as folder:
+    started = time.monotonic()
+    with (
+        ResultFolder(request.out, is_kept=request.is_kept) as folder,
+        RunWriter(folder, record_of(request), on_event, should_cancel) as run,
+    ):
         try:
+            request = _as_far_as_anything_draws(request, run)
             with SpokenWords(request.transcript, request.words) as words:
-                return _run(request, folder, reporter, words)
+                return _run(request, folder, run, words, started)
         except Exception as error:
             if _is_cancellation(error):
                 raise CancelledRun from error
             raise
+
+
+def record_of(request: GenerateRequest) -> RunRecord:
+    """What is known of a run before anything is read."""
+    layout = picture_layout(request.views[0], request.size, request.close_ups, request.framing)
+    told = title_of(request, request.systems), settings_of_run(request), request.joint, layout
+    return begun(request, "generated", *told)
 
 
 def _as_far_as_anything_draws(request: GenerateRequest, reporter: Reporter) -> GenerateRequest:
@@ -110,11 +126,16 @@ def _as_far_as_anything_draws(request: GenerateRequest, reporter: Reporter) -> G
 
 
 def _run(
-    request: GenerateRequest, folder: ResultFolder, reporter: Reporter, words: SpokenWords
+    request: GenerateRequest,
+    folder: ResultFolder,
+    reporter: RunWriter,
+    words: SpokenWords,
+    started: float,
 ) -> GenerateResult:
     reporter.progress("speech", 0.0)
-    inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
+    inputs, speech = read_inputs(request, reporter.sound, reporter)
     reporter.progress("speech", 1.0)
+    _tell_inputs(request, inputs, reporter)
     tip = choose_tip_source(inputs.body, request.body, request.joint)
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
     check_start(request.start_frame, min(each.num_frames for each in compared))
@@ -126,11 +147,15 @@ def _run(
     rows = _generate(request, inputs, speech, words, folder, reporter)
     onsets_s = onsets_of(speech)
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
+    timeline = _timeline(request, rows, speech, tip)
     del speech
+    given = given_words(request.transcript)
+    reporter.timeline(timeline, given)
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
     diagnostics = _measure(rows, inputs, onsets_s, tip, reporter)
+    reporter.find_plans({row.name: row.shown for row in rows})
     snapshots, beside = Snapshots(), nullcontext()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
@@ -143,18 +168,62 @@ def _run(
             _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     said, notes = words.found(reporter.stop_if_asked)
     reporter.note(*notes)
-    for path in write_diagnostics(diagnostics, folder, said):
-        reporter.file("diagnostics", "diagnostics", path)
+    if said.origin != given.origin:
+        reporter.timeline(timeline, said)
+    reporter.files("diagnostics", write_diagnostics(diagnostics, folder, said))
     _write_provenance(request, inputs, said, folder, reporter)
+    names = tuple(row.name for row in rows)
+    line = text.DONE.format(
+        seconds=time.monotonic() - started,
+        rows=f"{len(names)} {'motion' if len(names) == 1 else 'motions'}",
+        frames=inputs.num_frames,
+    )
+    if request.take is not None and request.take.why_less:
+        line = f"{line} {request.take.why_less}"
     return GenerateResult(
         out=request.out,
-        files=folder.publish(),
-        names=tuple(row.name for row in rows),
+        files=reporter.finish(line),
+        names=names,
         num_frames=inputs.num_frames,
         diagnostics=diagnostics,
         notes=tuple(reporter.notes),
         said=said,
     )
+
+
+def row_names(request: GenerateRequest, systems: Sequence[str]) -> list[str]:
+    """The rows of a run, in the order in which they stand."""
+    samples = range(1, request.samples + 1)
+    names = [str(SampleName(system, sample)) for system in systems for sample in samples]
+    return [*names, REFERENCE_NAME] if request.reference is not None else names
+
+
+def _tell_inputs(request: GenerateRequest, inputs: Inputs, reporter: RunWriter) -> None:
+    """What the run will hold, and the recorded motion, which is there."""
+    from model.motion.filtering import smooth_motion
+
+    systems = [system.name for system in inputs.systems]
+    record = reporter.record
+    record.title = cut(title_of(request, systems))
+    record.speech_sha256 = inputs.speech_sha256
+    reporter.rows(row_names(request, systems))
+    if inputs.reference is not None:
+        is_smoothed = request.post_filter == "savgol"
+        recorded = smooth_motion(inputs.reference) if is_smoothed else inputs.reference
+        reporter.motion(REFERENCE_NAME, recorded)
+
+
+def _timeline(
+    request: GenerateRequest, rows: Sequence[Row], speech: Speech, tip: TipSource
+) -> dict[str, Any]:
+    """What is seen under the bodies; of the recorded motion also as it is."""
+    shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
+    systems = {row.name: row.shown for row in rows if row.name != REFERENCE_NAME}
+    timeline = make_timeline(speech, systems, shown, tip)
+    timeline["heard_accents"] = heard_accents(speech, request.weights)
+    recorded = {row.name: row.raw for row in rows if row.name == REFERENCE_NAME}
+    timeline["curves"] |= make_timeline(None, recorded, "raw", tip)["curves"]
+    return timeline
 
 
 def _generate(
@@ -163,11 +232,11 @@ def _generate(
     speech: Speech,
     words: SpokenWords,
     folder: ResultFolder,
-    reporter: Reporter,
+    reporter: RunWriter,
 ) -> list[Row]:
     """Motion of all systems from the same noise; the reference is the last row."""
     from model.motion.filtering import smooth_motion
-    from model.motion.motion import load_motion, save_motion
+    from model.motion.motion import load_motion
     from model.plan.plan import read_plan
 
     is_smoothed = request.post_filter == "savgol"
@@ -175,20 +244,18 @@ def _generate(
     def told(name: str, sample: int, raw: Motion) -> Row:
         shown = smooth_motion(raw) if is_smoothed else raw
         row = Row(str(SampleName(name, sample)), raw, shown, sample == 1)
-        path = folder.path(f"{file_stem(row.name)}.npz")
-        save_motion(shown, path)
-        reporter.file("motion", row.name, path)
+        reporter.motion(row.name, shown, f"{file_stem(row.name)}.npz")
         return row
 
     if request.take is not None:
         name = inputs.systems[0].name
         if request.take.plan is not None:  # before the motion, for which one would be found
-            _keep_plan(read_plan(request.take.plan), name, folder, reporter)
+            reporter.performed(name, read_plan(request.take.plan))
         rows = [told(name, 1, load_motion(request.take.motion))]
         reporter.note(LIVE_NOTE)
         reporter.progress("motion", 1.0)
     else:
-        rows = _made_in_turns(inputs, speech, words, folder, reporter, told, not is_smoothed)
+        rows = _made_in_turns(inputs, speech, words, reporter, told, not is_smoothed)
     if inputs.reference is not None:
         raw = inputs.reference
         rows.append(Row(REFERENCE_NAME, raw, smooth_motion(raw) if is_smoothed else raw))
@@ -199,8 +266,7 @@ def _made_in_turns(
     inputs: Inputs,
     speech: Speech,
     words: SpokenWords,
-    folder: ResultFolder,
-    reporter: Reporter,
+    reporter: RunWriter,
     told: Callable[[str, int, Motion], Row],
     is_seen: bool,
 ) -> list[Row]:
@@ -215,11 +281,10 @@ def _made_in_turns(
     from model.motion.motion import put_together
 
     making = {
-        system.name: _pieces_of(system, inputs, speech, words, folder, reporter)
+        system.name: _pieces_of(system, inputs, speech, words, reporter)
         for system in inputs.systems
     }
     parts: dict[tuple[str, int], list[Motion]] = {}
-    tellers: dict[tuple[str, int], PieceTeller] = {}
     shares = dict.fromkeys(making, 0.0)
     rows: dict[tuple[str, int], Row] = {}
     with one_thread():
@@ -230,8 +295,7 @@ def _made_in_turns(
                     key = name, sample
                     parts.setdefault(key, []).append(motion)
                     if is_seen:
-                        teller = PieceTeller(str(SampleName(*key)), inputs.num_frames, reporter)
-                        tellers.setdefault(key, teller).go_on(motion)
+                        reporter.grow(str(SampleName(*key)), motion, inputs.num_frames)
                 shares[name] = piece.share
                 reporter.progress("motion", sum(shares.values()) / len(shares), name)
                 if piece.share == 1.0:
@@ -247,15 +311,14 @@ def _pieces_of(
     inputs: Inputs,
     speech: Speech,
     words: SpokenWords,
-    folder: ResultFolder,
-    reporter: Reporter,
+    reporter: RunWriter,
 ) -> Iterator[MotionPiece]:
     from model.generation.windows import motion_pieces
 
     options = inputs.options[system.name]
     if system.plans:
         said, _ = words.found(reporter.stop_if_asked)
-        options = _with_plans(system, speech, options, said, inputs.wish, folder, reporter)
+        options = _with_plans(system, speech, options, said, inputs.wish, reporter)
     yield from motion_pieces(system, speech, options, reporter.should_cancel)
 
 
@@ -265,8 +328,7 @@ def _with_plans(
     options: GenerateOptions,
     said: Transcript,
     wish: StyleWish | None,
-    folder: ResultFolder,
-    reporter: Reporter,
+    reporter: RunWriter,
 ) -> GenerateOptions:
     """The options with the plans that the system performs, each left beside its motion."""
     from model.generation.windows import draw_plans
@@ -281,21 +343,8 @@ def _with_plans(
             styled = wish.done(plan, said.words)
             reporter.note(*(f"{name}: {note}" for note in styled.notes))
             plan = styled.plan
-        written.append(_keep_plan(plan, name, folder, reporter))
+        written.append(reporter.performed(name, plan))
     return replace(options, plans=tuple(written))
-
-
-def _keep_plan(
-    plan: GesturePlan, name: str, folder: ResultFolder, reporter: Reporter
-) -> GesturePlan:
-    """Leave a row's plan beside its motion; given back with the decimals that anybody finds in the
-    file."""
-    from model.plan.plan import read_plan
-
-    path = folder.path(f"{file_stem(name)}.plan.json")
-    plan.write(path)
-    reporter.file("plan", name, path)
-    return read_plan(path)
 
 
 def _measure(
@@ -303,7 +352,7 @@ def _measure(
     inputs: Inputs,
     onsets_s: np.ndarray,
     tip: TipSource,
-    reporter: Reporter,
+    reporter: RunWriter,
 ) -> Diagnostics:
     def on_share(part: float) -> None:
         reporter.stop_if_asked()
@@ -353,7 +402,7 @@ def _draw_figures(
     tip: TipSource,
     diagnostics: Diagnostics,
     folder: ResultFolder,
-    reporter: Reporter,
+    reporter: RunWriter,
 ) -> None:
     """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
     begun = _POSES if snapshots.pictures and not request.has_video else 0.0
@@ -361,7 +410,7 @@ def _draw_figures(
     reporter.stop_if_asked()
     shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
     clip = printable(request.speech.stem)
-    for path in draw_figure6(
+    figure6 = draw_figure6(
         shown,
         snapshots,
         tip,
@@ -371,13 +420,12 @@ def _draw_figures(
         post_filter=request.post_filter,
         clip=clip,
         on_piece=reporter.stop_if_asked,
-    ):
-        reporter.file("figure", "figure6", path)
+    )
+    reporter.files("figure", figure6)
     reporter.progress("figure", (begun + 1) / 2)
     reporter.stop_if_asked()
     systems = [name for name in shown if name != REFERENCE_NAME]
-    for path in draw_jitter(diagnostics, tip, folder, systems, clip):
-        reporter.file("figure", "jitter", path)
+    reporter.files("figure", draw_jitter(diagnostics, tip, folder, systems, clip))
     reporter.progress("figure", 1.0)
 
 

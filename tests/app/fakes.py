@@ -18,28 +18,32 @@ from app.page.parts.catalogue import Catalogue, Example
 from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
-from app.page.tabs.motion import row_names
 from app.page.tabs.services import Services, UploadCheck
 from app.page.visitors.researcher_part import Handover
+from app.run.diagnose import MEASURED, DiagnoseRequest
+from app.run.diagnose import record_of as own_record
+from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import Reporter
-from app.run.pieces import PieceTeller
+from app.run.pipeline import record_of, row_names
 from app.run.requests.request import (
     Artefact,
     GenerateRequest,
-    GenerateResult,
-    Measured,
     OnEvent,
     Progress,
     ShouldCancel,
 )
+from app.run.run_writer import RunWriter
+from app.run.timeline import make_timeline
 from app.run.videos.behind import VideosRequest
+from app.run.words import given_words
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics import Versions
-from model.motion.motion import Motion, save_motion
+from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan
-from model.speech.transcript import NOTHING_SAID, Transcript, Word
+from model.speech.audio import load_speech
+from model.speech.transcript import Transcript, Word
+from renderer.body.body import load_body
 from tests.app.measured import diagnostics_of, measured
 
 CATALOGUE = Catalogue(
@@ -143,23 +147,18 @@ def measures(jerk: float) -> Versions:
 
 
 def tell_windows(
+    run: RunWriter,
     names: Sequence[str],
     num_frames: int,
     before_window: Callable[[int], threading.Event],
-    on_event: OnEvent,
-    should_cancel: ShouldCancel,
 ) -> None:
     """Motion of all rows in windows of 52 frames, the rows in turn."""
-    reporter = Reporter(on_event, should_cancel)
-    tellers = {
-        name: PieceTeller(name, num_frames, reporter) for name in names if name != REFERENCE_NAME
-    }
     for window, start in enumerate(range(0, num_frames, 52)):
         while not before_window(window).wait(0.05):
-            reporter.stop_if_asked()
-        for i, teller in enumerate(tellers.values()):
+            run.stop_if_asked()
+        for i, name in enumerate(names):
             whole = made_motion(num_frames, 0.02 / (i + 1))
-            teller.go_on(whole.part(slice(start, start + 52)))
+            run.grow(name, whole.part(slice(start, start + 52)), num_frames)
 
 
 def make_generate(
@@ -170,62 +169,86 @@ def make_generate(
     before_window: Callable[[int], threading.Event] | None = None,
     before_figures: threading.Event | None = None,
     plan: GesturePlan | None = None,
-) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]:
-    """A pipeline without models; it can be told to fail, or to wait until ``hold``; with
-    ``before_window`` motion comes in windows, held before each; figures wait for
-    ``before_figures``; the first system performs ``plan``."""
+    late_error: BaseException | None = None,
+) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], None]:
+    """A pipeline without models, which writes a run's folder as the real one does; it can be told
+    to fail, at once or with all motion there, or to wait until ``hold``; with ``before_window``
+    motion comes in windows, held before each; figures wait for ``before_figures``; the first system
+    performs ``plan``."""
 
-    def generate(
-        request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> GenerateResult:
+    def generate(request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         if on_start is not None:
             on_start(request)
-        names = row_names(request)
-        with ResultFolder(request.out) as folder:
-            on_event(Progress("speech", 1.0))
-            on_event(Progress("motion", 0.4, names[0]))
+        names, num_frames = row_names(request, request.systems), round(30 * seconds)
+        systems = [name for name in names if name != REFERENCE_NAME]
+        with (
+            ResultFolder(request.out, is_kept=request.is_kept) as folder,
+            RunWriter(folder, record_of(request), on_event, should_cancel) as run,
+        ):
+            run.progress("speech", 1.0)
+            run.progress("motion", 0.4, names[0])
             if error is not None:
                 raise error
             while hold is not None and not hold.wait(0.05):
-                if should_cancel():
-                    raise CancelledRun
+                run.stop_if_asked()
+            speech = load_speech(request.speech)
+            run.record.speech_sha256 = speech.sha256
+            run.rows(names)
+            run.sound(speech.waveform)
+            if request.reference is not None:
+                recorded = first_frames(load_motion(request.reference), num_frames)
+                run.motion(REFERENCE_NAME, recorded)
             if before_window is not None:
-                tell_windows(names, round(30 * seconds), before_window, on_event, should_cancel)
+                tell_windows(run, systems, num_frames, before_window)
             if plan is not None:
-                path = folder.path(f"{file_stem(names[0])}.plan.json")
-                plan.write(path)
-                on_event(Artefact("plan", names[0], path))
-            for i, name in enumerate(names):
-                if name != REFERENCE_NAME:
-                    motion = folder.path(f"{file_stem(name)}.npz")
-                    save_motion(made_motion(round(30 * seconds), 0.02 / (i + 1)), motion)
-                    on_event(Artefact("motion", name, motion))
-            on_event(Progress("motion", 1.0))
-            diagnostics = diagnostics_of(
-                measures(104.0) if request.reference else None,
-                **{
-                    name: measures(110.0 + 10 * i)
-                    for i, name in enumerate(names)
-                    if name != REFERENCE_NAME
-                },
-            )
-            on_event(Progress("numbers", 1.0))
-            on_event(Measured(diagnostics))
+                run.performed(names[0], plan)
+            motions = {
+                name: made_motion(num_frames, 0.02 / (i + 1)) for i, name in enumerate(systems)
+            }
+            for name, motion in motions.items():
+                run.motion(name, motion, f"{file_stem(name)}.npz")
+            run.progress("motion", 1.0)
+            if late_error is not None:
+                raise late_error
+            tip = choose_tip_source(load_body(), None)
+            said = RECOGNISED if request.words == "recognise" else given_words(request.transcript)
+            run.timeline(make_timeline(speech, motions, "raw", tip), said)
+            run.find_plans(motions)
+            reference = measures(104.0) if request.reference else None
+            jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
+            run.progress("numbers", 1.0)
+            run.measured(diagnostics_of(reference, **jerk))
             while before_figures is not None and not before_figures.wait(0.05):
-                if should_cancel():
-                    raise CancelledRun
+                run.stop_if_asked()
             figure = folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
-            on_event(Progress("figure", 1.0))
-            on_event(Artefact("figure", "figure6", figure))
-            files = folder.publish()
-        num_frames = round(30 * seconds)
-        said = RECOGNISED if request.words == "recognise" else NOTHING_SAID
-        return GenerateResult(
-            request.out, files, names, num_frames, diagnostics, ("A note.",), said
-        )
+            run.progress("figure", 1.0)
+            run.file("figure", "figure6", figure)
+            run.note("A note.")
+            why = "" if request.take is None else request.take.why_less
+            run.finish(f"Done in 0 s: {len(names)} motions. {why}".strip())
 
     return generate
+
+
+def diagnose(request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    """Measures nothing, and leaves what the real one does of a motion of its own."""
+    on_event(Progress("numbers", 0.5))
+    with (
+        ResultFolder(request.out, is_kept=request.is_kept) as folder,
+        RunWriter(folder, own_record(request), on_event) as run,
+    ):
+        motions = {name: made_motion(30) for name in request.names}
+        run.rows(motions)
+        for name, motion in motions.items():
+            run.motion(name, motion)
+        run.note("A <note>.")
+        run.measured(diagnostics_of(**{name: measures(120.0) for name in request.names}))
+        for name in ("diagnostics.json", "jitter.png"):
+            path = folder.path(name)
+            path.write_bytes(b"0")
+            run.file("numbers", path.stem, path)
+        run.finish(MEASURED.format(motions=f"{len(motions)} motion"))
 
 
 def make_draw(
@@ -245,7 +268,9 @@ def make_draw(
                 write_video(video, seconds)
                 on_event(Progress("video", (i + 1) / len(request.motions)))
                 on_event(Artefact("video", name, video))
-            write_video(folder.path("comparison.mp4"), seconds)
+            comparison = folder.path("comparison.mp4")
+            write_video(comparison, seconds)
+            on_event(Artefact("comparison", "comparison", comparison))
             return folder.publish()
 
     return draw

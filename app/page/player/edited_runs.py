@@ -42,7 +42,6 @@ class EditedRun:
     """It is there for as long as this is."""
     request: GenerateRequest
     showing: Showing
-    words: tuple[Word, ...] = ()
     known: dict[str, KeptTake] = field(default_factory=dict)
     """By row."""
     _numbers: Any = field(default_factory=lambda: itertools.count(1))
@@ -55,6 +54,11 @@ class EditedRun:
         self.known[row] = kept
 
     @property
+    def words(self) -> tuple[Word, ...]:
+        """Of its speech."""
+        return tuple(Word(*word) for word in self.showing.timeline().get("words", ()))
+
+    @property
     def num_takes(self) -> int:
         return sum(1 for kept in self.known.values() if kept.start)
 
@@ -65,21 +69,18 @@ class EditedRun:
             state: ``waiting`` or ``working`` while a take is made.
         """
         self.showing.editing = {
-            "rows": list(self._own_rows()),
+            "rows": self.showing.performed(),
             "known": {row: self._told(kept) for row, kept in list(self.known.items())},
             "said": sentence,
             "refused": is_refused,
             "state": state,
         }
 
-    def _own_rows(self) -> list[str]:
-        return [name for name in self.showing.performed if ".take" not in name]
-
     def _told(self, kept: KeptTake) -> dict[str, Any]:
         return {
             "of": kept.of,
             "from": kept.start,
-            "told": self.showing.address_of(kept.take.told),
+            "told": self.showing.address(kept.take.told),
             "fresh": [[round(a, 3), round(b, 3)] for a, b in kept.take.fresh_s],
         }
 
@@ -92,21 +93,16 @@ class EditedRuns:
         self._lock = threading.Lock()
 
     def keep(
-        self,
-        cookie: str,
-        folder: Path,
-        request: GenerateRequest,
-        showing: Showing,
-        words: tuple[Word, ...],
+        self, cookie: str, folder: Path, request: GenerateRequest, showing: Showing
     ) -> EditedRun | None:
         """A run that has ended; None of one that performed no plan.
 
         Args:
             request: with a speech that is there for as long as the folder.
         """
-        if not showing.performed:
+        if not showing.performed():
             return None
-        run = EditedRun(folder.name, cookie, folder, request, showing, words)
+        run = EditedRun(folder.name, cookie, folder, request, showing)
         with self._lock:
             for name in [name for name, one in self._runs.items() if not one.folder.is_dir()]:
                 del self._runs[name]

@@ -12,10 +12,9 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
-from app.page.player.player import Showing, own_writers, picture_layout
+from app.page.player.player import Showing, browser_addresses
 from app.page.queue.worker import Worker
 from app.page.routes.media import MediaAddresses
-from app.run.diagnose import DiagnoseRequest
 from app.run.examples import (
     STEADY,
     TREMBLING,
@@ -24,12 +23,10 @@ from app.run.examples import (
     make_first_look,
     take_stored,
 )
-from app.run.requests.request import Artefact
 from model.systems.registry import usual_systems
 
 log = logging.getLogger(__name__)
 EXAMPLE = "three_reasons"
-LAYOUT_PX = 512
 
 
 class FirstLooks:
@@ -53,13 +50,6 @@ class FirstLooks:
         self._shown: tuple[dict[str, Any], str] | None = None
         self.is_coming = self._look is not None
         """Whether more of it will be there in a while; false where all is, or nothing can be."""
-        self.version = 0
-        """Counts what has been shown: 1 bodies and sound, 2 all of it."""
-
-    @property
-    def is_made(self) -> bool:
-        """Whether it only needs to be offered."""
-        return self._look is not None and self._look.is_made
 
     def make(self) -> None:
         """Make it where it has not been made; a failure leaves the page as it was."""
@@ -68,10 +58,7 @@ class FirstLooks:
         try:
             if not self._look.is_made and not take_stored(self._look):
                 self._worker.do(make_first_look, self._look)
-            showing = self._showing(self._look)
-            showing.sound()
-            self._show(showing.value(), self._look)
-            self._show(showing.value(is_over=True), self._look)
+            self._show(self._look)
         except Exception:
             log.exception("the example of the page could not be made")
         finally:
@@ -83,24 +70,10 @@ class FirstLooks:
             return self._shown
         return gr.skip(), markup.empty_state(text.LOOK_COMING) if self.is_coming else gr.skip()
 
-    def _show(self, value: dict[str, Any], look: FirstLook) -> None:
+    def _show(self, look: FirstLook) -> None:
+        value = Showing(look.folder, browser_addresses(self._addresses, "")).value()
         plays = {**value, "plays": True, "running": False, "begins": False}
         self._shown = plays, question(look.facts(), look.system)
-        self.version += 1
-
-    def _showing(self, look: FirstLook) -> Showing:
-        names = (STEADY, TREMBLING)
-        files = {name: look.folder / f"{name}.npz" for name in names}
-        asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.beginning)
-        showing = Showing(
-            *(names, names, picture_layout("front", LAYOUT_PX, ("hands",), "knees")),
-            own_writers(asked, look.folder, self._config.weights),
-            *(look.folder, self._addresses, ""),
-        )
-        showing.is_drawn = False
-        for name, path in files.items():
-            showing.take(Artefact("motion", name, path))
-        return showing
 
 
 def question(facts: dict[str, Any], system: str) -> str:

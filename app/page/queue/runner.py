@@ -19,7 +19,7 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.queue.jobs import Job, Jobs, Tab
 from app.page.visitors.visitors import cookie_of, visitor_of
-from app.run.requests.request import Artefact, Event, OnEvent, Piece, Progress, ShouldCancel
+from app.run.requests.request import Artefact, Event, Grown, OnEvent, Progress, ShouldCancel
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
@@ -102,7 +102,7 @@ def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
         if event is None:
             return batch, True
         batch.append(event)
-        if isinstance(event, Piece):  # somebody waits to see it move
+        if isinstance(event, Grown):  # somebody waits to see it move
             deadline = min(deadline, time.monotonic() + _SOON_S)
     return batch, False
 

@@ -6,15 +6,14 @@ alone, by the page's cookie.
 
 from __future__ import annotations
 
-import hashlib
 import secrets
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -22,74 +21,15 @@ from app import text
 from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.player import NOTHING, Showing
-from app.page.queue.jobs import Job
+from app.page.player.player import Showing, browser_addresses
+from app.page.queue.jobs import Job, Tab
 from app.page.queue.runner import Updates
 from app.page.results.measures_table import measures_table
-from app.page.results.result_parts import FiguresShown, ResultParts
+from app.page.results.result_parts import ResultParts, figures_html
+from app.page.routes.media import MediaAddresses
 from app.page.visitors.visitors import is_same
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
-
-
-@dataclass(frozen=True)
-class EndedRun:
-    """Everything that a tab shows of it."""
-
-    title: str
-    """What it was made of, in a few words."""
-    settings: Mapping[str, str]
-    """What was asked for, in words, as `app.page.results.settings` has it."""
-    speech_sha256: str
-    """Of its file; empty where there was none."""
-    line: str
-    """How it went, in a sentence."""
-    notes: tuple[str, ...]
-    verdict: str
-    diagnostics: Diagnostics
-    showing: Showing | None
-    """None where nothing was drawn."""
-    figures: FiguresShown
-    bundle: Path
-    files: tuple[Path, ...]
-    form: Mapping[str, Any] = field(default_factory=dict)
-    """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
-
-    def updates(self, parts: ResultParts, *, begins: bool = False) -> Updates:
-        """For the browser that asked for it.
-
-        Args:
-            begins: whether it plays at once, where it does not yet.
-        """
-        player = NOTHING
-        if self.showing is not None:
-            player = self.showing.value(is_over=True) | {"begins": begins}
-        return {
-            parts.status: markup.sentence_status(self.line),
-            parts.message: shown(markup.notes_folded([page_sentence(note) for note in self.notes])),
-            parts.verdict: shown(self.verdict),
-            parts.player: player,
-            parts.figures: shown(self.figures.html(self.diagnostics)),
-            parts.numbers: shown(measures_table(self.diagnostics)),
-            parts.downloads_part: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(self.bundle)),
-            parts.files: [str(file) for file in self.files],
-        }
-
-    def for_visitor(self, cookie: str) -> EndedRun:
-        """For another browser, whose files have addresses of their own."""
-        showing = None if self.showing is None else self.showing.for_visitor(cookie)
-        return replace(self, showing=showing, figures=self.figures.for_visitor(cookie))
-
-
-def sha256_of(path: Path | None) -> str:
-    """Of a file that somebody gave; empty of none, or of one that is gone."""
-    if path is None or not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
+from app.run.many.opened import copied_run
+from app.run.output.run_folder import RESULTS_ZIP, RunRecord, file_of, zip_run
 
 PARAMETER = "run"
 """Of the page's address."""
@@ -107,12 +47,73 @@ class KeptRun:
     """The link is as good as its folder is there."""
     cookie: str
     """Of the browser that asked for it; empty for one that keeps none."""
-    run: EndedRun
+    showing: Showing
+    """For that browser."""
+    form: Mapping[str, Any] = field(default_factory=dict)
+    """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
     ended: float = field(default_factory=time.time)
 
     @property
     def is_there(self) -> bool:
         return self.job.folder.is_dir()
+
+    @property
+    def record(self) -> RunRecord:
+        return self.showing.record
+
+    @property
+    def bundle(self) -> Path:
+        """All of it as a file, which the page opens again."""
+        return self.job.folder / RESULTS_ZIP
+
+    def pack(self) -> None:
+        """Make the bundle anew, of all that there is by now."""
+        zip_run(self.showing.folder, self.bundle)
+
+    def updates(
+        self, parts: ResultParts, showing: Showing | None = None, *, begins: bool = False
+    ) -> Updates:
+        """Everything that a tab shows of it.
+
+        Args:
+            showing: for another browser than the one that asked for it.
+            begins: whether it plays at once, where it does not yet.
+        """
+        showing = showing or self.showing
+        record, notes = showing.record, map(page_sentence, showing.record.notes)
+        failed = "" if record.state == "done" else markup.error_message(record.sentence)
+        line = record.sentence if record.state == "done" else text.STOPPED
+        return {
+            **told_so_far(showing, parts),
+            parts.status: markup.sentence_status(line),
+            parts.message: shown(failed + markup.notes_folded(list(notes))),
+            parts.player: showing.value() | {"begins": begins},
+            **self.downloads(parts),
+        }
+
+    def downloads(self, parts: ResultParts) -> Updates:
+        folder = self.showing.folder
+        files = [folder / name for name in self.record.files if "/" not in name]
+        return {
+            parts.downloads_part: gr.update(visible=True),
+            parts.bundle: gr.update(value=str(self.bundle)),
+            parts.files: [str(path) for path in files if path.is_file()],
+        }
+
+
+def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
+    """Player, numbers and figures of a run, whether it has ended or not."""
+    record = showing.record
+    files = (file_of(showing.folder, name) for name in record.files)
+    figures = figures_html(filter(None, files), showing.address, record.says)
+    told = record.verdict
+    verdict = "" if told is None else markup.verdict(told.numbers, told.judgement)
+    return {
+        parts.player: showing.value(),
+        parts.figures: shown(figures),
+        parts.verdict: shown(verdict if record.kind == "generated" else ""),
+        parts.numbers: shown(measures_table(record) if record.numbers else ""),
+    }
 
 
 class KeptRuns:
@@ -127,21 +128,16 @@ class KeptRuns:
         self._runs: dict[str, KeptRun] = {}
         self._lock = threading.Lock()
 
-    def keep(self, job: Job, cookie: str, run: EndedRun) -> KeptRun:
-        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, run)
+    def keep(
+        self, job: Job, cookie: str, showing: Showing, form: Mapping[str, Any] | None = None
+    ) -> KeptRun:
+        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {})
+        kept.pack()
         with self._lock:
             for token in [token for token, one in self._runs.items() if not one.is_there]:
                 del self._runs[token]
             self._runs[kept.token] = kept
         return kept
-
-    def complete(self, token: str, bundle: Path, files: tuple[Path, ...]) -> None:
-        """More has come of a run since it ended."""
-        with self._lock:
-            kept = self._runs.get(token)
-            if kept is not None:
-                whole = replace(kept.run, bundle=bundle, files=files)
-                self._runs[token] = replace(kept, run=whole)
 
     def find(self, token: str) -> KeptRun | None:
         """None of a token that is none, or whose files are gone."""
@@ -187,6 +183,19 @@ class KeptRuns:
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
+def keep_own(kept: KeptRuns, path: Path, temp: Path, addresses: MediaAddresses) -> str:
+    """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
+    token.
+
+    Raises:
+        RunError: if it is none.
+    """
+    folder = copied_run(path, temp)
+    showing = Showing(folder, browser_addresses(addresses, ""), temp.name)
+    tab: Tab = "generate" if showing.record.kind == "generated" else "own_motion"
+    return kept.keep(Job("", tab, temp), "", showing).token
+
+
 def address_of(*runs: KeptRun) -> str:
     """Of one run, or of two beside each other; relative to the page."""
     return "?" + "&".join(f"{PARAMETER}={run.token}" for run in runs)
@@ -195,7 +204,7 @@ def address_of(*runs: KeptRun) -> str:
 def _saved(*opened: KeptRun) -> str:
     """The ways to a run as a file, which the page opens again, and as one that plays anywhere."""
     (first, *others) = opened
-    if others or first.run.showing is None:
+    if others:
         return ""
     address = f"{RUN_ROUTE.lstrip('/')}/{escape(first.token)}"
     link = f'<a href="{address}" download title="{text.SAVE_RUN_HELP}">{text.SAVE_RUN}</a>'
@@ -210,19 +219,19 @@ def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
     before = [run for run in mine if run.ended < shown.ended]
     if others or not before:
         return ""
-    speech = shown.run.speech_sha256
-    alike = [run for run in before if speech and run.run.speech_sha256 == speech]
+    speech = shown.record.speech_sha256
+    alike = [run for run in before if speech and run.record.speech_sha256 == speech]
     other = (alike or before)[0]
     words = text.COMPARE_LAST if alike else text.COMPARE_OTHER
     return (
         f'<p><a href="{escape(address_of(other, shown))}" target="_blank" '
-        f'title="{escape(other.run.title)}">{words}</a></p>'
+        f'title="{escape(other.record.title)}">{words}</a></p>'
     )
 
 
 def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
     here = ' aria-current="page"' if is_shown else ""
-    title = escape(run.run.title)
+    title = escape(run.record.title)
     tick = (
         f'<input type="checkbox" name="{PARAMETER}" value="{escape(run.token)}" '
         f'aria-label="{text.COMPARE_THIS.format(title=title)}"{" checked" if is_shown else ""}>'

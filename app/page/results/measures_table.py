@@ -9,20 +9,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
-from math import isfinite
-from typing import TYPE_CHECKING
 
 from app import text
 from app.findings.comparison import point_title
 from app.findings.measure_rows import MEASURES, Measure, nearest, signed, written
-from app.findings.sentences import GRAVEST, clean_line, sentences_of
+from app.findings.sentences import GRAVEST, clean_line
 from app.findings.verdict import short_names
 from app.page.parts import markup
+from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics, Versions
-    from model.faults.evidence import Finding
+Numbers = Mapping[Version, Mapping[str, float]]
+"""Of one motion by filter and measure, as ``run.json`` has them."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,8 @@ class Column:
     is_difference: bool = False
 
     @classmethod
-    def of(cls, name: str, label: str, versions: Versions, is_reference: bool = False) -> Column:
-        return cls(name, label, lambda measure, kind: _value(measure, versions, kind), is_reference)
+    def of(cls, name: str, label: str, numbers: Numbers, is_reference: bool = False) -> Column:
+        return cls(name, label, lambda measure, kind: numbers[kind].get(measure.key), is_reference)
 
     def less(self, other: Column, name: str, label: str) -> Column:
         """By how much another motion has less."""
@@ -50,16 +48,18 @@ class Column:
         return Column(name, label, read, is_difference=True)
 
 
-def measures_table(diagnostics: Diagnostics) -> str:
+def measures_table(run: RunRecord) -> str:
     """The reference first, then the systems; a row for each measure that any of them has."""
-    reference, systems = diagnostics.reference, diagnostics.systems
-    labels = short_names(systems)
-    columns = [Column.of(name, labels[name], versions) for name, versions in systems.items()]
-    if reference is not None:
-        columns.insert(0, Column.of(REFERENCE_NAME, REFERENCE_NAME, reference, True))
-    above = f"{_findings(diagnostics.findings)}{_beats(diagnostics)}"
-    legend = text.NEAREST_LEGEND if reference is not None else text.NO_REFERENCE_LEGEND
-    return table_of(columns, point_title(diagnostics.point), legend, above)
+    labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
+    columns = [
+        Column.of(name, labels.get(name, name), numbers, name == REFERENCE_NAME)
+        for name, numbers in run.numbers.items()
+    ]
+    said = filter(None, (run.says.get("step"), run.says.get("beats")))
+    told = "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
+    above = _findings(run) + told
+    legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
+    return table_of(columns, point_title(run.point), legend, above)
 
 
 def table_of(
@@ -181,41 +181,28 @@ def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Version) -
     return nearest({each.name: each.read(measure, kind) for each in motions}, target)
 
 
-def _value(measure: Measure, versions: Versions, kind: Version) -> float | None:
-    value = measure.read(versions.of(kind))
-    return None if value is None or not isfinite(value) else measure.scale * value
-
-
 def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
     return any(column.read(measure, kind) is not None for column in columns for kind in VERSIONS)
 
 
-def _beats(diagnostics: Diagnostics) -> str:
-    sentences = sentences_of(diagnostics)
-    said = filter(None, (sentences["step"], sentences["beats"]))
-    return "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
-
-
-def _finding(name: str, finding: Finding) -> str:
+def _finding(found: Told) -> str:
     """With a button that goes to where it is worst, wherever there is a player."""
-    from model.faults.evidence import clock
-
     go = ""
-    if finding.worst_frame is not None and finding.worst_s is not None:
+    if found.at is not None:
+        tenths = round(10 * found.at)
+        time = f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
         go = (
-            f'<button type="button" class="go" data-at="{finding.worst_s:.3f}">'
-            f"{text.GO_THERE.format(time=clock(finding.worst_frame))}</button>"
+            f'<button type="button" class="go" data-at="{found.at:.3f}">'
+            f"{text.GO_THERE.format(time=time)}</button>"
         )
-    return f"<li><b>{escape(name)}</b>{escape(finding.sentence)}{go}</li>"
+    return f"<li><b>{escape(found.name)}</b>{escape(found.sentence)}{go}</li>"
 
 
-def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
-    """What stands out in the motions, in sentences, the gravest few apart; nothing where nothing
-    does."""
-    from model.faults.evidence import ranked
-
-    items = [_finding(name, finding) for name, finding in ranked(findings)]
-    clean = f"<p>{escape(clean_line(findings))}</p>" if clean_line(findings) else ""
+def _findings(run: RunRecord) -> str:
+    """What stands out in the motions, the gravest few apart, and in which nothing does."""
+    items = [_finding(found) for found in run.findings]
+    by_name = {str(n): [each for each in run.findings if each.name == n] for n in run.numbers}
+    clean = f"<p>{escape(clean_line(by_name))}</p>" if clean_line(by_name) else ""
     if not items:
         return f'<div class="findings">{clean}</div>' if clean else ""
     rest = "".join(items[GRAVEST:])

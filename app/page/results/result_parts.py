@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from copy import copy
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
 from app import text
-from app.findings.sentences import sentences_of
 from app.page.parts import markup
 from app.page.parts.html_parts import mount, player_part, results_parts
 from app.page.parts.markup import explained
-from app.page.routes.media import MediaAddresses
-from app.run.requests.request import Artefact
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
 
 
 @dataclass(frozen=True)
@@ -95,50 +88,25 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
 
 
 _DOWNLOADS = ("png", "svg", "pdf")
+NO_WORDS: Mapping[str, str] = {}
 
 
-class FiguresShown:
-    """Collects the figures of one run as they become whole."""
+def figures_html(
+    files: Iterable[Path], address: Callable[[Path], str], sentences: Mapping[str, str] = NO_WORDS
+) -> str:
+    """The figures among some files, each with what the numbers say of it.
 
-    def __init__(self, addresses: MediaAddresses, visitor: str) -> None:
-        self._addresses = addresses
-        self._visitor = visitor
-        self._paths: dict[str, dict[str, Path]] = {}
-        self._urls: dict[Path, str] = {}
-        self._sentences: Mapping[str, str] = {}
-
-    def take(self, artefact: Artefact) -> None:
-        """Note a file; other kinds than figures are passed over."""
-        if artefact.kind == "figure":
-            ending = artefact.path.suffix.lstrip(".")
-            self._paths.setdefault(artefact.path.stem, {})[ending] = artefact.path
-
-    def take_files(self, paths: Iterable[Path]) -> None:
-        """Note the figures among the files of a run."""
-        for path in paths:
-            if path.suffix in (".png", ".svg", ".pdf"):
-                self.take(Artefact("figure", path.stem, path))
-
-    def html(self, diagnostics: Diagnostics | None = None) -> str:
-        """All figures so far; with their sentences once there are numbers."""
-        if diagnostics:
-            self._sentences = sentences_of(diagnostics)
-        return "".join(
-            _figure(stem, {each: self._url(path) for each, path in paths.items()}, self._sentences)
-            for stem, paths in self._paths.items()
-            if "png" in paths
-        )
-
-    def for_visitor(self, visitor: str) -> FiguresShown:
-        """The same for another browser, under addresses of its own."""
-        other = copy(self)
-        other._visitor, other._urls = visitor, {}
-        return other
-
-    def _url(self, path: Path) -> str:
-        if path not in self._urls:
-            self._urls[path] = self._addresses.address(path, self._visitor)
-        return self._urls[path]
+    Args:
+        address: gives a file its place for one browser.
+        sentences: as of `app.findings.sentences.sentences_of`.
+    """
+    figures: dict[str, dict[str, str]] = {}
+    for path in files:
+        if path.suffix.lstrip(".") in _DOWNLOADS:
+            figures.setdefault(path.stem, {})[path.suffix.lstrip(".")] = address(path)
+    return "".join(
+        _figure(stem, urls, sentences) for stem, urls in figures.items() if "png" in urls
+    )
 
 
 def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) -> str:

@@ -7,27 +7,25 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
 from app import text
-from app.findings.comparison import number_of, plain, point_title
-from app.findings.sentences import jerk_of
+from app.findings.comparison import plain, point_title
+from app.findings.measure_rows import JERK
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.player import NOTHING
-from app.page.player.timeline import series_looks, worst_of_both
+from app.page.player.player import Address, Showing
 from app.page.queue.runner import Updates
-from app.page.results.kept_runs import EndedRun, KeptRun, address_of
-from app.page.results.measures_table import Column, table_of
+from app.page.results.kept_runs import KeptRun, address_of
+from app.page.results.measures_table import Column, Numbers, table_of
 from app.page.results.result_parts import ResultParts
-from app.page.results.settings import MOTIONS, NONE, SEED, SPEECH, differing
+from app.run.output.run_folder import RunRecord, series_looks
+from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing
+from app.run.timeline import NUM_SECONDS
 from conventions.names import REFERENCE_NAME
-
-if TYPE_CHECKING:
-    from model.diagnostics import Versions
 
 MAX_VIDEOS = 12
 
@@ -46,26 +44,30 @@ class RunPair:
     @property
     def has_one_speech(self) -> bool:
         """Whether both were given the same file of sound."""
-        first, second = self.a.run.speech_sha256, self.b.run.speech_sha256
+        first, second = self.a.record.speech_sha256, self.b.record.speech_sha256
         return bool(first) and first == second
 
-    def updates(self, parts: ResultParts, cookie: str) -> Updates:
-        """For a browser that opens both."""
-        a, b = self.a.run.for_visitor(cookie), self.b.run.for_visitor(cookie)
+    def updates(self, parts: ResultParts, address: Address) -> Updates:
+        """For a browser that opens both.
+
+        Args:
+            address: gives it their files.
+        """
+        a, b = self.a.record, self.b.record
         return {
             parts.status: markup.sentence_status(text.PAIR_STATUS),
             parts.message: shown(""),
             parts.verdict: shown(self._head()),
-            parts.player: joined(a, b),
+            parts.player: joined(*(run.showing.for_browser(address) for run in (self.a, self.b))),
             parts.figures: shown(""),
             parts.numbers: shown(pair_table(a, b)),
             parts.downloads_part: gr.update(visible=False),
         }
 
     def _head(self) -> str:
-        a, b = self.a.run, self.b.run
+        a, b = self.a.record, self.b.record
         links = "".join(
-            f'<li><b>{letter}</b><a href="{escape(address_of(kept))}">{escape(kept.run.title)}'
+            f'<li><b>{letter}</b><a href="{escape(address_of(kept))}">{escape(kept.record.title)}'
             "</a></li>"
             for letter, kept in (("A", self.a), ("B", self.b))
         )
@@ -77,7 +79,7 @@ class RunPair:
         )
 
 
-def told_settings(a: EndedRun, b: EndedRun) -> str:
+def told_settings(a: RunRecord, b: RunRecord) -> str:
     """The settings that differ, in one sentence."""
     differ = differing(a.settings, b.settings)
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
@@ -94,7 +96,7 @@ def _against(differ: Mapping[str, tuple[str, str]]) -> str:
     return f"{told[:1].upper()}{told[1:]}." if told else ""
 
 
-def told_speech(a: EndedRun, b: EndedRun, is_one: bool) -> str:
+def told_speech(a: RunRecord, b: RunRecord, is_one: bool) -> str:
     """Whether the speech is the same, and what that means."""
     first, second = a.settings.get(SPEECH, NONE), b.settings.get(SPEECH, NONE)
     if not is_one:
@@ -103,20 +105,24 @@ def told_speech(a: EndedRun, b: EndedRun, is_one: bool) -> str:
     return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
 
 
-def jerk_line(a: EndedRun, b: EndedRun) -> str:
+def jerk_line(a: RunRecord, b: RunRecord) -> str:
     """The followed point's jerk in both; empty where the points are not the same."""
-    if a.diagnostics.point != b.diagnostics.point:
+    if a.point != b.point:
         return ""
     jerk = [
         {
-            name: value
-            for name, versions in run.diagnostics.systems.items()
-            if (value := number_of(versions, jerk_of, "raw")) is not None
+            name: numbers["raw"][JERK]
+            for name, numbers in _systems(run).items()
+            if JERK in numbers["raw"]
         }
         for run in (a, b)
     ]
     told = "; ".join(_jerk_of(jerk, pair) for pair in pairs_of(list(jerk[0]), list(jerk[1])))
-    return f"{point_title(a.diagnostics.point)} jerk in m/s³: {told}." if told else ""
+    return f"{point_title(a.point)} jerk in m/s³: {told}." if told else ""
+
+
+def _systems(run: RunRecord) -> dict[str, Numbers]:
+    return {name: each for name, each in run.numbers.items() if name != REFERENCE_NAME}
 
 
 def _jerk_of(jerk: Sequence[Mapping[str, float]], names: tuple[str, str]) -> str:
@@ -142,11 +148,10 @@ def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
     return [*pairs, *((name, "") for name in only_a), *(("", name) for name in only_b)]
 
 
-def pair_table(a: EndedRun, b: EndedRun) -> str:
+def pair_table(a: RunRecord, b: RunRecord) -> str:
     """The numbers of both and their difference, motion by motion."""
     columns: list[Column] = []
-    runs = (a.diagnostics, b.diagnostics)
-    references = [run.reference for run in runs]
+    references = [run.numbers.get(REFERENCE_NAME) for run in (a, b)]
     if is_one_reference(a, b) and references[0] is not None:
         columns.append(Column.of(REFERENCE_NAME, REFERENCE_NAME, references[0], is_reference=True))
     else:
@@ -154,19 +159,18 @@ def pair_table(a: EndedRun, b: EndedRun) -> str:
             if reference is not None:
                 name = f"{REFERENCE_NAME} ({letter})"
                 columns.append(Column.of(name, name, reference))
-    for pair in pairs_of(list(runs[0].systems), list(runs[1].systems)):
-        columns += _columns(
-            [run.systems.get(name) for run, name in zip(runs, pair, strict=True)], pair
-        )
-    points = dict.fromkeys(point_title(run.point) for run in runs)
+    runs = _systems(a), _systems(b)
+    for pair in pairs_of(list(runs[0]), list(runs[1])):
+        columns += _columns([run.get(name) for run, name in zip(runs, pair, strict=True)], pair)
+    points = dict.fromkeys(point_title(run.point) for run in (a, b))
     return table_of(columns, " and ".join(points), text.PAIR_LEGEND, is_sortable=False)
 
 
-def _columns(versions: Sequence[Versions | None], names: Sequence[str]) -> list[Column]:
+def _columns(numbers: Sequence[Numbers | None], names: Sequence[str]) -> list[Column]:
     labels = short_names(dict.fromkeys(name for name in names if name))
     found = [
         Column.of(lettered(name, letter), lettered(labels[name], letter), each)
-        for each, name, letter in zip(versions, names, "AB", strict=True)
+        for each, name, letter in zip(numbers, names, "AB", strict=True)
         if each is not None
     ]
     if len(found) < 2:
@@ -179,20 +183,19 @@ def lettered(name: str, letter: str) -> str:
     return f"{name} ({letter})"
 
 
-def is_one_reference(a: EndedRun, b: EndedRun) -> bool:
+def is_one_reference(a: RunRecord, b: RunRecord) -> bool:
     """Whether both stand beside the same recording: its numbers are the same."""
-    first, second = a.diagnostics.reference, b.diagnostics.reference
-    return bool(first and second and first.as_json() == second.as_json())
+    first, second = a.numbers.get(REFERENCE_NAME), b.numbers.get(REFERENCE_NAME)
+    return first is not None and first == second
 
 
-def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
+def joined(a: Showing, b: Showing) -> dict[str, Any]:
     """Both for one player, in lock-step: under the one speech that they have, or under either's, as
-    somebody chooses. Nothing where one of them has no motion to show."""
-    if a.showing is None or b.showing is None:
-        return NOTHING
-    values = [run.showing.value(is_over=True) for run in (a, b) if run.showing]
-    lines = [run.showing.timeline() for run in (a, b) if run.showing]
-    rows = _rows(a, b, values)
+    somebody chooses."""
+    runs = a.record, b.record
+    values = [run.value() for run in (a, b)]
+    lines = [run.timeline() for run in (a, b)]
+    rows = _rows(*runs, values)
     value = {
         "run": " ".join(value["run"] for value in values),
         "rows": rows,
@@ -202,10 +205,10 @@ def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
     if not all(lines):
         return value
     names = [row["name"] for row in rows]
-    heard = _heard((a, b), lines)
+    heard = _heard(runs, lines)
     sounds = [
         {
-            "label": _sound_label((a, b)[i], "AB"[i]),
+            "label": _sound_label(runs[i], "AB"[i]),
             "audio": values[i]["audio"],
             "timeline": _as_address(_timeline(lines, i, names, has_one_speech=len(heard) == 1)),
         }
@@ -215,7 +218,7 @@ def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
     return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
 
 
-def _heard(runs: Sequence[EndedRun], lines: Sequence[dict[str, Any]]) -> list[int]:
+def _heard(runs: Sequence[RunRecord], lines: Sequence[dict[str, Any]]) -> list[int]:
     """Whose sound can be listened to: each that is another; of one speech, or of none, that of
     whichever is longer."""
     spoken = [i for i, run in enumerate(runs) if run.speech_sha256]
@@ -225,7 +228,7 @@ def _heard(runs: Sequence[EndedRun], lines: Sequence[dict[str, Any]]) -> list[in
     return [i for i in longest_first if i in spoken or not spoken][:1]
 
 
-def _sound_label(run: EndedRun, letter: str) -> str:
+def _sound_label(run: RunRecord, letter: str) -> str:
     speech = run.settings.get(SPEECH, NONE)
     return letter if speech == NONE else f"{letter}: {speech}"
 
@@ -235,7 +238,7 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
     return f"data:application/json;base64,{data}"
 
 
-def _rows(a: EndedRun, b: EndedRun, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _rows(a: RunRecord, b: RunRecord, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """A beside B, motion by motion; of too many the first."""
     by_name = [{row["name"]: row for row in value["rows"]} for value in values]
     seeds = [run.settings.get(SEED, "") for run in (a, b)]
@@ -261,7 +264,7 @@ def _rows(a: EndedRun, b: EndedRun, values: Sequence[dict[str, Any]]) -> list[di
                     "layout": values[i]["layout"],
                 }
             )
-    looks = series_looks(tuple(row["name"] for row in rows))
+    looks = series_looks(row["name"] for row in rows)
     for row in rows:
         look = looks[row["name"]]
         row |= {"color": look.color, "dashes": list(look.dashes)}
@@ -298,7 +301,18 @@ def _timeline(
     }
 
 
-def _settings_table(a: EndedRun, b: EndedRun) -> str:
+def worst_of_both(
+    first: list[dict[str, Any]], second: list[dict[str, Any]], count: int = NUM_SECONDS
+) -> list[dict[str, Any]]:
+    """The worst of two such lists, without overlap."""
+    kept: list[dict[str, Any]] = []
+    for each in sorted([*first, *second], key=lambda one: -one["jerk_m_s3"]):
+        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
+            kept.append(each)
+    return kept[:count]
+
+
+def _settings_table(a: RunRecord, b: RunRecord) -> str:
     """Every setting of both, those that differ first."""
     names = list({**a.settings, **b.settings})
     differ = {name for name in names if a.settings.get(name, NONE) != b.settings.get(name, NONE)}

@@ -101,7 +101,7 @@ def _any_clip(clips: Sequence[str]) -> str:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:
-    firsts = {f"{row.group}: {row.title}" for row in MEASURES if row.is_first} | {DISTANCE}
+    firsts = {f"{row.key}" for row in MEASURES if row.is_first} | {DISTANCE}
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in systems)
 
     def table(chosen: list[Mapping[str, Any]]) -> str:

@@ -20,7 +20,7 @@ import gradio as gr
 from fastapi import FastAPI, HTTPException
 from gradio import route_utils
 from starlette.datastructures import Headers
-from starlette.requests import HTTPConnection
+from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
@@ -166,7 +166,8 @@ class Guard:
         except Refusal as refusal:
             await _refuse(refusal, scope, receive, send)
             return
-        await self._inner(scope, receive, send)
+        with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
+            await self._inner(scope, receive, send)
 
     def _check(self, scope: Scope) -> None:
         """

@@ -60,7 +60,6 @@ class LiveRunner(GenerateRunner):
             display=Display(has_trail=True),
             size=PAGE_SIZE_PX,
             close_ups=CLOSE_UPS,
-            has_posters=True,
             max_speech_s=config.max_speech_s,
             take=Take(npz, kept.facts, kept.why_less, plan if kept.minute.plan else None),
         )

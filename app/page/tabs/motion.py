@@ -41,7 +41,7 @@ from app.run.requests.request import (
     parse_steps,
     steps_of,
 )
-from conventions.names import POST_FILTERS, REFERENCE_NAME, SampleName
+from conventions.names import POST_FILTERS
 from conventions.views import CLOSE_UPS
 from model.systems.registry import sampler_title
 
@@ -146,7 +146,6 @@ def request_from_form(
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
         has_video=form.has_videos,
         has_poses=True,
-        has_posters=True,
         max_speech_s=config.max_speech_s,
     )
     check_request(request)
@@ -187,16 +186,6 @@ def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Cat
         if name in catalogue.with_face_steps and name not in own:
             asked[name] = body_steps
     return {name: count for name, count in asked.items() if count is not None}
-
-
-def row_names(request: GenerateRequest) -> tuple[str, ...]:
-    """The videos of a run in the order in which they stand on the page."""
-    names = [
-        str(SampleName(system, sample))
-        for system in request.systems
-        for sample in range(1, request.samples + 1)
-    ]
-    return (*names, REFERENCE_NAME) if request.reference else tuple(names)
 
 
 @dataclass(frozen=True)

@@ -3,83 +3,65 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import gradio as gr
 
 from app import text
-from app.findings.verdict import short_names, verdict_of
+from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.player.edited_runs import EditedRuns, own_speech
-from app.page.player.player import NOTHING, Showing
+from app.page.player.player import NOTHING, Showing, browser_addresses
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates
-from app.page.results.kept_runs import PARAMETER, EndedRun, KeptRun, KeptRuns, sha256_of
-from app.page.results.measures_table import measures_table
-from app.page.results.result_parts import FiguresShown, ResultParts
+from app.page.results.kept_runs import PARAMETER, KeptRun, KeptRuns, told_so_far
+from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import RunPair
-from app.page.results.settings import settings_of_run
-from app.page.tabs.motion import Form, FormParts, kept_values, request_from_form, row_names
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.motion import Form, FormParts, kept_values, request_from_form
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
-from app.page.visitors.visitors import cookie_of
-from app.run.output.result_folder import zip_files
+from app.page.visitors.visitors import cookie_of, is_same
+from app.run.diagnose import PLAYED
+from app.run.output.run_folder import end_run
 from app.run.pipeline import generate_all
 from app.run.requests.request import (
-    Artefact,
     Event,
     GenerateRequest,
-    GenerateResult,
-    Measured,
+    Grown,
     OnEvent,
-    Piece,
     Progress,
     ShouldCancel,
     Stage,
 )
 from app.run.videos.behind import VideosRequest
 from app.run.videos.own_videos import VideoOptions
-from app.run.words import given_words
-from model.speech.transcript import Transcript
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
 
-Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
-
 
 @dataclass
-class RunView:
-    """What the page knows of a run so far."""
+class StageLine:
+    """How far a run is, stage by stage, as a line with its bars."""
 
     started: float = field(default_factory=time.monotonic)
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
-    artefacts: list[Artefact] = field(default_factory=list)
-    has_motion: bool = False
-    """Whether some of it has come."""
 
-    def take(self, event: Event) -> None:
-        if isinstance(event, Artefact):
-            self.artefacts.append(event)
-        elif isinstance(event, Piece):
-            self.has_motion = True
-        elif isinstance(event, Progress):
-            self.fractions[event.stage] = event.fraction
-            self.details[event.stage] = event.detail
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self.started
+    def html(self, events: Sequence[Event]) -> str:
+        """After these events."""
+        for event in events:
+            if isinstance(event, Progress):
+                self.fractions[event.stage] = event.fraction
+                self.details[event.stage] = event.detail
+        return markup.status(self.line, self.fractions, self.details, STAGES_OF_STAGE)
 
     @property
     def line(self) -> str:
@@ -87,10 +69,11 @@ class RunView:
             return text.STARTING
         doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
         stage = (doing or list(self.fractions))[-1]  # between two stages, the one before
-        return f"{text.STAGE_NAMES[stage]} ({self.seconds:.0f} s so far)"
+        seconds = time.monotonic() - self.started
+        return f"{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
 
 
-class GenerateRunner(TabRunner[GenerateResult]):
+class GenerateRunner(TabRunner[None]):
     """Generates motion for a visitor's speech."""
 
     tab = "generate"
@@ -116,33 +99,35 @@ class GenerateRunner(TabRunner[GenerateResult]):
         self._results = results
 
     @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[RunWork]:
         asked = self.asked(job, cookie, values)
         self._videos.give_up(job.visitor)
-        yield _Work(
-            generate=partial(self._services.worker.do, generate_all),
-            asked=asked,
-            job=job,
-            showing=self._showing(asked, job, cookie, given_words(asked.transcript)),
-            figures=FiguresShown(self._services.addresses, cookie),
-            parts=self._results,
-            kept=self._services.kept,
-            cookie=cookie,
+        services, form = self._services, self._kept_values(job, values)
+        lasting = replace(asked, speech=own_speech(asked, form))
+        showing = showing_of(job, services.addresses, cookie, is_drawn=asked.has_video)
+        line = StageLine()
+
+        def do(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+            line.started = time.monotonic()  # now, after the waiting
+            request = replace(asked, has_video=False, is_kept=True)
+            services.worker.do(generate_all, request, on_event, should_cancel)
+
+        def ended(kept: KeptRun) -> None:
+            if self._edited is not None:
+                self._edited.keep(cookie, job.folder, lasting, showing)
+
+        looks = (asked.display, asked.size, asked.framing, asked.close_ups)
+        yield RunWork(
+            *(do, showing, self._results, services.kept, job, cookie, line.html, ended, form),
+            videos=self._videos if asked.has_video else None,
+            options=VideoOptions(*looks),
+            body=asked.body,
             at_the_end=self._buttons(is_running=False),
-            videos=self._videos,
-            edited=self._edited,
-            form=self._kept_values(job, values),
         )
 
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
         """Of the form, for whoever opens the run by its link."""
         return kept_values(form_of(Form, values), job.folder)
-
-    def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
-        addresses = self._services.addresses
-        showing = Showing.of_run(asked, row_names(asked), job.folder, addresses, cookie, said)
-        showing.is_drawn = asked.has_video
-        return showing
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
@@ -199,99 +184,71 @@ class GenerateRunner(TabRunner[GenerateResult]):
         }
 
 
-@dataclass
-class _Work:
-    """One run, and what the page has been shown of it."""
+def showing_of(job: Job, addresses: MediaAddresses, cookie: str, *, is_drawn: bool) -> Showing:
+    """What a job's run is going to show to its browser."""
+    address = browser_addresses(addresses, cookie)
+    return Showing(job.folder / "results", address, job.folder.name, is_drawn)
 
-    generate: Generate
-    asked: GenerateRequest
-    job: Job
+
+@dataclass
+class RunWork:
+    """One run, of generated motion or of given, and what the page has been shown of it."""
+
+    do: Callable[[OnEvent, ShouldCancel], object]
+    """Writes the folder that is shown."""
     showing: Showing
-    figures: FiguresShown
     parts: ResultParts
     kept: KeptRuns
+    job: Job
     cookie: str
-    at_the_end: Updates
-    videos: VideosBehind
-    edited: EditedRuns | None
-    form: dict[str, Any]
-    view: RunView = field(default_factory=RunView)
+    line: Callable[[list[Event]], str]
+    """How far it is, as HTML; empty where nothing new is known."""
+    ended: Callable[[KeptRun], None] = lambda kept: None
+    form: Mapping[str, Any] = field(default_factory=dict)
+    videos: VideosBehind | None = None
+    """None where no videos are wanted."""
+    options: VideoOptions = PLAYED
+    """Of the videos."""
+    body: Path | None = None
+    at_the_end: Updates = field(default_factory=dict)
+    _shown: Updates = field(default_factory=dict)
 
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
-        self.view.started = time.monotonic()  # now, after the waiting
-        self.showing.begin()
-        return self.generate(replace(self.asked, has_video=False), on_event, should_cancel)
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        """A run that fails keeps what it has, if that is any motion.
+
+        Raises:
+            Exception: of a run that has left nothing.
+        """
+        try:
+            self.do(on_event, should_cancel)
+        except CancelledRun:
+            raise
+        except Exception as error:
+            if not end_run(self.showing.folder, visitor_sentence(error)):
+                raise
 
     def progress(self, events: list[Event]) -> Updates:
-        parts, run = self.parts, self.view
-        measured: Updates = {}
-        for event in events:
-            run.take(event)
-            if isinstance(event, Artefact):
-                self.showing.take(event)
-                self.figures.take(event)
-            elif isinstance(event, Piece):
-                self.showing.take_piece(event)
-            elif isinstance(event, Measured):
-                measured[parts.verdict] = shown(_verdict(event.diagnostics))
-                measured[parts.numbers] = shown(measures_table(event.diagnostics))
-        line = markup.status(run.line, run.fractions, run.details, STAGES_OF_STAGE)
-        updates: Updates = {parts.status: line, **measured}
-        if run.artefacts or run.has_motion:
-            updates[parts.player] = self.showing.value()
-            updates[parts.figures] = shown(self.figures.html())
-        return updates
+        line = self.line(events)
+        updates: Updates = {self.parts.status: line} if line else {}
+        if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
+            updates |= told_so_far(self.showing, self.parts)
+        new = {part: each for part, each in updates.items() if self._shown.get(part) != each}
+        self._shown |= new
+        return new
 
-    def finished(self, result: GenerateResult) -> Updates:
-        ended = self._ended(result)
-        lasting = replace(self.asked, speech=own_speech(self.asked, self.form))
-        words = result.said.words
-        if self.edited is not None:
-            self.edited.keep(self.cookie, self.job.folder, lasting, self.showing, words)
-        kept = self.kept.keep(self.job, self.cookie, ended)
+    def finished(self, result: None) -> Updates:
+        kept = self.kept.keep(self.job, self.cookie, self.showing, self.form)
+        self.ended(kept)
+        if self.videos is not None and kept.record.state == "done":
+            record = kept.record
+            wanted = VideosRequest(
+                *(self.showing.motions(), self.job.folder),
+                self.showing.sound() if record.speech_sha256 else None,
+                *(record.point, self.body, self.options),
+            )
+            self.videos.want(self.job.visitor, Wanted(kept, wanted))
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        if self.asked.has_video:
-            self.videos.want(self.job.visitor, Wanted(kept, self._videos_asked()))
-        return {**ended.updates(self.parts, begins=True), **runs, **self.at_the_end}
-
-    def _videos_asked(self) -> VideosRequest:
-        asked = self.asked
-        looks = (asked.display, asked.size, asked.framing, asked.close_ups, asked.has_posters)
-        return VideosRequest(
-            *(self.showing.drawn(), self.job.folder, self.showing.sound(), asked.joint, asked.body),
-            VideoOptions(*looks),
-        )
-
-    def _ended(self, result: GenerateResult) -> EndedRun:
-        self.showing.add_words(result.said)
-        rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
-        line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
-        if self.asked.take is not None and self.asked.take.why_less:
-            line = f"{line} {self.asked.take.why_less}"
-        return EndedRun(
-            title=_title(self.asked),
-            settings=settings_of_run(self.asked),
-            speech_sha256=sha256_of(self.asked.speech),
-            line=line,
-            notes=result.notes,
-            verdict=_verdict(result.diagnostics),
-            diagnostics=result.diagnostics,
-            showing=self.showing,
-            figures=self.figures,
-            bundle=zip_files(result.files, self.job.folder / "co-speech-motion.zip"),
-            files=result.files,
-            form=self.form,
-        )
-
-
-def _title(asked: GenerateRequest) -> str:
-    systems = ", ".join(short_names(asked.systems).values())
-    return f"{asked.speech.stem}: {systems}; seed {asked.seed}"
-
-
-def _verdict(diagnostics: Diagnostics) -> str:
-    verdict = verdict_of(diagnostics)
-    return "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)
+        return {**kept.updates(self.parts, begins=True), **runs, **self.at_the_end}
 
 
 class Opening:
@@ -316,6 +273,8 @@ class Opening:
         self._tabs = tabs
         self._places = places
         self._first_look = services.first_look
+        self._addresses = services.addresses
+        self._opened = services.opened
         self._form = form
 
     @property
@@ -327,7 +286,7 @@ class Opening:
         cookie = cookie_of(request)
         listed = shown(self._kept.html(cookie))
         updates: Updates = {parts.runs: listed for parts in self._places.values()}
-        tokens = request.query_params.getlist(PARAMETER)[:2]
+        tokens = request.query_params.getlist(PARAMETER)[:2] or self._opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
             return {**updates, **self._pair_opened(RunPair.of(*runs), cookie)}
@@ -344,18 +303,20 @@ class Opening:
     def _pair_opened(self, pair: RunPair, cookie: str) -> Updates:
         parts = next(iter(self._places.values()))
         return {
-            **pair.updates(parts, cookie),
+            **pair.updates(parts, browser_addresses(self._addresses, cookie)),
             parts.runs: shown(self._kept.html(cookie, pair.a, pair.b)),
             parts.empty: gr.update(visible=False),
         }
 
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
-        parts = self._places[tab]
+        parts, showing = self._places[tab], run.showing
+        if not is_same(run.cookie, cookie):
+            showing = showing.for_browser(browser_addresses(self._addresses, cookie))
         return {
-            **run.run.for_visitor(cookie).updates(parts),
+            **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),
             parts.empty: gr.update(visible=False),
-            **{self._form[name]: gr.update(value=value) for name, value in run.run.form.items()},
+            **{self._form[name]: gr.update(value=value) for name, value in run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }

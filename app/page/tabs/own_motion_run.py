@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,33 +16,27 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
-from app.page.player.player import NOTHING, Showing, gravest_of, own_writers, picture_layout
+from app.page.player.player import NOTHING
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, Work, last_share
-from app.page.results.kept_runs import EndedRun, KeptRuns, sha256_of
-from app.page.results.result_parts import FiguresShown, ResultParts
-from app.page.results.run_file import OpenedRun, SavedRun, is_saved_run, open_run
-from app.page.results.settings import settings_of_own
-from app.page.routes.media import MediaAddresses
+from app.page.results.result_parts import ResultParts
+from app.page.tabs.motion_run import RunWork, showing_of
 from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools, is_zip
 from app.page.tabs.services import Services
-from app.page.tabs.videos_run import VideosBehind, Wanted
-from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.output.result_folder import zip_files
+from app.page.tabs.videos_run import VideosBehind
+from app.run.diagnose import DiagnoseRequest
+from app.run.many.opened import diagnose_opened
+from app.run.output.run_folder import is_run_zip
 from app.run.requests.request import (
     MAX_COMPARED,
-    Artefact,
     Event,
     OnEvent,
     ShouldCancel,
     read_assumptions,
 )
-from app.run.videos.behind import VideosRequest
-from app.run.videos.own_videos import VideoOptions
 from conventions.names import REFERENCE_NAME, printable
 
 if TYPE_CHECKING:
-    from app.run.diagnose import Diagnosis
     from app.run.many.sets import SetsRequest
 
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
@@ -52,18 +45,11 @@ TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
-MEASURED = "Measured {motions}."
-OPENED = "Opened from its file; its {motions} were measured anew."
 MEASURING = "Measuring and drawing: {share:.0%}"
 MAX_FRAMES = 108_000
 """Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
-MAX_NAMED = 3
-"""Files that a run's title names."""
-
-VIDEOS = VideoOptions(size=512, has_posters=True)
-Diagnose = Callable[[DiagnoseRequest, OnEvent, ShouldCancel], "Diagnosis"]
 
 
 @dataclass(frozen=True)
@@ -95,6 +81,8 @@ class OwnMotionForm:
         paths = [Path(path) for path in self.motions or ()]
         if not paths:
             raise RunError(NO_MOTION)
+        if self.is_run:
+            return replace(asked_of({"run": paths[0]}, None, out, config), is_run=True)
         if len(paths) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(paths)))
         limit = MAX_COMPARED - bool(self.reference)
@@ -117,7 +105,8 @@ class OwnMotionForm:
             joint=self.point,
             start_frame=int(start),
             body=config.body,
-            is_played=True,
+            weights=config.weights,
+            is_kept=True,
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
@@ -125,15 +114,14 @@ class OwnMotionForm:
         )
 
     @property
-    def saved_run(self) -> Path | None:
-        """A run that was saved as a file, which is to be opened again."""
-        paths = [Path(path) for path in self.motions or ()]
-        return paths[0] if len(paths) == 1 and is_saved_run(paths[0]) else None
+    def is_run(self) -> bool:
+        """Whether it is the folder of a run, zipped, that is to be shown again."""
+        return len(self.motions or ()) == 1 and is_run_zip(Path((self.motions or [""])[0]))
 
     @property
     def has_sets(self) -> bool:
         """Whether zips of clips are to be measured."""
-        return any(map(is_zip, self.motions or ()))
+        return any(map(is_zip, self.motions or ())) and not self.is_run
 
     def to_sets(self, out: Path) -> SetsRequest:
         """The measuring of zips that the form asks for.
@@ -159,13 +147,6 @@ class OwnMotionForm:
             Path(self.reference) if self.reference else None,
             Path(self.speech) if self.speech else None,
         )
-
-
-def rows_of(request: DiagnoseRequest) -> tuple[str, ...]:
-    """The videos of a run in the order in which they stand on the page."""
-    limit = MAX_COMPARED - (request.reference is not None)
-    names = request.shown or request.names[:limit]
-    return (*names, REFERENCE_NAME) if request.reference else tuple(names)
 
 
 def _whole(value: float | None, what: str) -> int | None:
@@ -214,10 +195,6 @@ class OwnMotionRunner(TabRunner[Any]):
         form = form_of(OwnMotionForm, values)
         out = job.folder / "results"
         self._videos.give_up(job.visitor)
-        if form.saved_run is not None:
-            opened = open_run(form.saved_run, job.folder / "opened")
-            yield self._opened(opened, job, cookie)
-            return
         if form.has_sets:
             asked = form.to_sets(out)
             addresses = self._services.addresses
@@ -225,36 +202,21 @@ class OwnMotionRunner(TabRunner[Any]):
                 yield work
             return
         request = form.to_request(out, self._services.config)
-        yield self._work(request, job, cookie, _title(request), has_videos=form.has_videos)
+        has_videos = form.has_videos and not form.is_run
+        yield self._work(request, job, cookie, has_videos=has_videos)
 
-    def _opened(self, opened: OpenedRun, job: Job, cookie: str) -> _Work:
-        """A saved run, under its own name and with its words; measured anew."""
-        told = opened.told
-        config = self._services.config
-        asked = asked_of(opened.motions, opened.speech, job.folder / "results", config)
-        asked = replace(asked, joint=told.joint)
-        work = self._work(asked, job, cookie, printable(told.title), has_videos=False)
-        for name, path in opened.plans.items():
-            work.showing.take(Artefact("plan", name, path))
-        return replace(work, opened=told)
+    def _work(self, asked: DiagnoseRequest, job: Job, cookie: str, *, has_videos: bool) -> RunWork:
+        services = self._services
 
-    def _work(
-        self, asked: DiagnoseRequest, job: Job, cookie: str, title: str, *, has_videos: bool
-    ) -> _Work:
-        addresses, weights = self._services.addresses, self._services.config.weights
-        showing = _showing(asked, job, addresses, cookie, weights)
-        showing.is_drawn = has_videos
-        return _Work(
-            title=title,
-            diagnose=partial(self._services.worker.do, diagnose_files),
-            asked=asked,
-            job=job,
-            cookie=cookie,
-            figures=FiguresShown(addresses, cookie),
-            showing=showing,
-            parts=self._parts,
-            kept=self._services.kept,
+        def do(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+            services.worker.do(diagnose_opened, asked, on_event, should_cancel)
+
+        return RunWork(
+            do,
+            showing_of(job, services.addresses, cookie, is_drawn=has_videos),
+            *(self._parts, services.kept, job, cookie, _line),
             videos=self._videos if has_videos else None,
+            body=asked.body,
         )
 
     def blank(self) -> Updates:
@@ -292,8 +254,8 @@ class ClipRunner(OwnMotionRunner):
         self._videos.give_up(job.visitor)
         config = self._services.config
         asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
-        title = f"{clip.name} of {', '.join(asked.names)}"
-        yield self._work(asked, job, cookie, title, has_videos=False)
+        asked = replace(asked, title=f"{clip.name} of {', '.join(asked.names)}")
+        yield self._work(asked, job, cookie, has_videos=False)
 
     def _without_results(self) -> Updates:
         return {
@@ -315,95 +277,12 @@ def asked_of(
         reference=files.get(REFERENCE_NAME),
         speech=speech,
         body=config.body,
-        is_played=True,
+        weights=config.weights,
+        is_kept=True,
         max_frames=MAX_FRAMES,
     )
 
 
-def _showing(
-    asked: DiagnoseRequest, job: Job, addresses: MediaAddresses, cookie: str, weights: Path
-) -> Showing:
-    names = rows_of(asked)
-    return Showing(
-        *(names, names),
-        picture_layout("front", VIDEOS.size, VIDEOS.close_ups, VIDEOS.framing),
-        own_writers(asked, job.folder, weights),
-        *(job.folder, addresses, cookie),
-    )
-
-
-@dataclass(frozen=True)
-class _Work:
-    """One run of the measuring."""
-
-    title: str
-    diagnose: Diagnose
-    asked: DiagnoseRequest
-    job: Job
-    cookie: str
-    figures: FiguresShown
-    showing: Showing
-    parts: ResultParts
-    kept: KeptRuns
-    videos: VideosBehind | None
-    """None where no videos are wanted."""
-    opened: SavedRun | None = None
-    """What is known of a run that was saved."""
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
-        return self.diagnose(self.asked, on_event, should_cancel)
-
-    def progress(self, events: list[Event]) -> Updates:
-        updates: Updates = {}
-        for event in events:
-            if isinstance(event, Artefact):
-                self.showing.take(event)
-                updates[self.parts.player] = self.showing.value()
-        share = last_share(events)
-        if share is not None:
-            updates[self.parts.status] = markup.sentence_status(MEASURING.format(share=share))
-        return updates
-
-    def finished(self, result: Diagnosis) -> Updates:
-        ended = self._ended(result)
-        kept = self.kept.keep(self.job, self.cookie, ended)
-        runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        if self.videos is not None:
-            speech = self.showing.sound() if self.asked.speech else None
-            wanted = VideosRequest(
-                *(self.showing.drawn(), self.job.folder, speech, self.asked.joint, self.asked.body),
-                VIDEOS,
-            )
-            self.videos.want(self.job.visitor, Wanted(kept, wanted))
-        return {**ended.updates(self.parts, begins=True), **runs}
-
-    def _ended(self, result: Diagnosis) -> EndedRun:
-        self.figures.take_files(result.files)
-        if self.opened is None:
-            self.showing.add_words(result.said)
-        else:
-            self.showing.tell_words(self.opened.said)
-        self.showing.findings = gravest_of(result.diagnostics.findings)
-        count, saved = len(result.diagnostics.systems), self.opened
-        motions = f"{count} motion{'s' if count > 1 else ''}"
-        line = MEASURED.format(motions=motions)
-        return EndedRun(
-            title=self.title,
-            settings=settings_of_own(self.asked) if saved is None else saved.settings,
-            speech_sha256=sha256_of(self.asked.speech) if saved is None else saved.speech_sha256,
-            line=line if saved is None else OPENED.format(motions=motions),
-            notes=result.notes,
-            verdict="",
-            diagnostics=result.diagnostics,
-            showing=self.showing,
-            figures=self.figures,
-            bundle=zip_files(result.files, self.job.folder / "own-motion.zip"),
-            files=result.files,
-        )
-
-
-def _title(asked: DiagnoseRequest) -> str:
-    beside = f" beside {asked.reference.stem}" if asked.reference else ""
-    more = len(asked.names) - MAX_NAMED
-    others = f" and {more} more" if more > 0 else ""
-    return f"{', '.join(asked.names[:MAX_NAMED])}{others}{beside}"
+def _line(events: list[Event]) -> str:
+    share = last_share(events)
+    return "" if share is None else markup.sentence_status(MEASURING.format(share=share))

@@ -18,7 +18,7 @@ from app.page.parts.html_parts import mount, shown
 from app.page.player.player import NOTHING
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates, last_share
-from app.page.results.result_parts import FiguresShown, ResultParts
+from app.page.results.result_parts import ResultParts, figures_html
 from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses
 from app.run.output.result_folder import zip_files
@@ -147,8 +147,7 @@ class SetsWork:
 
     def finished(self, result: Sets) -> Updates:
         kept = self.tools.kept.keep(self.cookie, self.job.folder, result)
-        figures = FiguresShown(self.addresses, self.cookie)
-        figures.take_files(result.files)
+        figures = figures_html(result.files, lambda path: self.addresses.address(path, self.cookie))
         bundle = zip_files(result.files, self.job.folder / "own-sets.zip")
         address = escape(self.addresses.address(bundle, self.cookie))
         link = f'<a href="{address}" download="{bundle.name}">{SETS_ZIP}</a>'
@@ -156,7 +155,7 @@ class SetsWork:
             clips=number_of(len(result.told["clips"]), "clip"),
             sets=number_of(len(result.clips), "set"),
         )
-        told = sets_html(kept.token, result.told, list(result.clips), figures.html(), link)
+        told = sets_html(kept.token, result.told, list(result.clips), figures, link)
         return {
             self.parts.status: markup.sentence_status(line),
             self.parts.message: shown(markup.notes_folded(list(result.notes))),

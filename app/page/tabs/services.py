@@ -119,3 +119,5 @@ class Services:
     previews: StudyPreviews = field(default_factory=StudyPreviews)
     first_look: FirstLooks | None = None
     """What plays before the first run."""
+    opened: tuple[str, ...] = ()
+    """Tokens of the run that the page was started to show."""

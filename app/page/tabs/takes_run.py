@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,7 @@ from app.page.queue.runner import Updates, follow
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import cookie_of, visitor_of
-from app.run.requests.request import Artefact, Event, OnEvent, Piece, ShouldCancel
+from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
 from app.run.takes.take import Take, TakeRequest, make_take, row_of
 
@@ -129,7 +129,9 @@ class TakesRunner:
     @contextmanager
     def _begin(self, job: Job, run: EditedRun, asked: Asked) -> Iterator[_Work]:
         known = run.known.get(asked.start)
-        if known is None and asked.start not in run.showing.performed:
+        own = run.showing.file("performed", asked.start)
+        plan = own if known is None else known.take.files.plan
+        if plan is None:
             raise RunError(text.EDITS_GONE)
         if asked.edits and run.num_takes >= MAX_TAKES:
             raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
@@ -143,9 +145,9 @@ class TakesRunner:
             sample=sample,
             name=name,
             out=job.folder / "results",
-            plan=run.showing.performed[of] if known is None else known.take.files.plan,
+            plan=plan,
             before=None if known is None else known.take.files,
-            beside=run.showing.motions[of],
+            beside=run.showing.motions()[of],
             edits=asked.edits,
             locked=asked.locked,
             words=run.words,
@@ -155,7 +157,7 @@ class TakesRunner:
             yield work
         finally:
             if number and name not in run.known:
-                run.showing.drop_take(name)
+                run.showing.takes.pop(name, None)
 
 
 @dataclass
@@ -171,7 +173,6 @@ class _Work:
     job: Job
     number: int
     """0 where the row is only made ready."""
-    has_row: bool = field(default=False)
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
         request = self.request
@@ -190,18 +191,11 @@ class _Work:
         return self.edited.known[self.start].take
 
     def progress(self, events: list[Event]) -> Updates:
-        showing = self.edited.showing
-        coming = [event for event in events if isinstance(event, Piece | Artefact)]
-        if not coming or not self.number:
+        if not self.number or not any(isinstance(event, Grown) for event in events):
             return {}
-        if not self.has_row:
-            showing.add_take(self.request.name, f"take {self.number}", self.number, self.of)
-            self.has_row = True
-        for event in coming:
-            if isinstance(event, Piece):
-                showing.take_piece(event)
-            else:
-                showing.take(event)
+        name, out = self.request.name, self.request.out
+        if name not in self.edited.showing.takes:
+            self.edited.showing.add_take(out, name, self.number, self.of)
         self.edited.say(text.TAKE_COMING.format(number=self.number), state="working")
         return _shown(self.parts, self.edited)
 
@@ -216,4 +210,4 @@ class _Work:
 
 
 def _shown(parts: ResultParts, run: EditedRun) -> Updates:
-    return {parts.player: run.showing.value(is_over=True) | {"begins": False}}
+    return {parts.player: run.showing.value() | {"begins": False}}

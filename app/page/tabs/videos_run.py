@@ -26,7 +26,7 @@ from app.page.results.result_parts import ResultParts
 from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
-from app.run.output.result_folder import zip_files
+from app.run.output.run_folder import add_files
 from app.run.requests.display import Display, finite, whole
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
 from app.run.videos.behind import VideosRequest, draw_behind
@@ -302,7 +302,7 @@ class VideosBehind:
     @property
     def _outputs(self) -> list[Any]:
         parts = self._parts
-        return [parts.status, parts.player, parts.bundle, parts.files]
+        return [parts.status, parts.player, parts.downloads_part, parts.bundle, parts.files]
 
     def run(self, request: gr.Request) -> Iterator[Updates]:
         """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
@@ -357,29 +357,23 @@ class _StandardWork:
         return self.services.videos.do(draw_behind, asked, on_event, gives_way)
 
     def progress(self, events: list[Event]) -> Updates:
-        showing = self.wanted.kept.run.showing
         updates: Updates = {}
         files = [event for event in events if isinstance(event, Artefact)]
-        if showing is not None and files:
-            for file in files:
-                showing.take(file)
-            updates[self.parts.player] = showing.value(is_over=True)
+        if files:
+            add_files(self.wanted.kept.showing.folder, files)
+            updates[self.parts.player] = self.wanted.kept.showing.value()
         share = last_share(events)
         if share is not None:
             updates[self.parts.status] = _line(self.wanted, text.VIDEOS_COMING.format(share=share))
         return updates
 
     def finished(self, result: tuple[Path, ...]) -> Updates:
-        run = self.wanted.kept.run
-        files = (*run.files, *result)
-        bundle = zip_files(files, run.bundle)
-        self.services.kept.complete(self.wanted.kept.token, bundle, files)
+        self.wanted.kept.pack()
         return {
+            **self.wanted.kept.downloads(self.parts),
             self.parts.status: _line(self.wanted, text.VIDEOS_DONE),
-            self.parts.bundle: gr.update(value=str(bundle)),
-            self.parts.files: [str(file) for file in files],
         }
 
 
 def _line(wanted: Wanted, sentence: str) -> str:
-    return markup.sentence_status(f"{wanted.kept.run.line} {sentence}")
+    return markup.sentence_status(f"{wanted.kept.record.sentence} {sentence}")

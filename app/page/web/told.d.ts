@@ -3,7 +3,7 @@
 /** Start and end in seconds, and what is said or done. */
 export type Interval = [number, number, string];
 
-/** Of one motion: app/page/player/player.py. Addresses are relative to the page. */
+/** Of one motion: app/page/player/player.py and app/run/output/run_folder.py. Addresses are relative to the page. */
 export interface Row {
   name: string;
   label?: string;
@@ -66,7 +66,7 @@ export interface HandPhase {
   word: string;
 }
 
-/** app/page/player/shown_plans.py: what model/plan/plan.py writes, and where it comes from. */
+/** app/run/run_writer.py: what model/plan/plan.py writes, and where it comes from. */
 export interface Plan {
   origin: "planned" | "found";
   format: number;
@@ -141,7 +141,7 @@ export interface Curve {
   values: number[];
 }
 
-/** app/page/player/timeline.py */
+/** app/run/timeline.py */
 export interface TimelineData {
   duration_s: number;
   fps: number;

@@ -14,13 +14,16 @@ from app.flags import SEED, SOUND, flag
 from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord
 from app.run.output.telling import share_teller
 from app.run.requests.display import Display, marks_of
-from app.run.requests.request import ASSUME, BODY, JOINT, Artefact, OnEvent, ShouldCancel
+from app.run.requests.request import ASSUME, BODY, JOINT, OnEvent, ShouldCancel
+from app.run.run_writer import RunWriter, picture_layout
 from app.run.videos.export import render_settings
 from app.run.videos.videos import draw_videos
-from conventions.names import file_stem
 from model.formats.reading import Told
+from model.speech.transcript import NOTHING_SAID
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth
@@ -63,8 +66,8 @@ class MechanismRequest:
         default=640, metadata=flag("height of a body (default: %(default)s)", "PX", int)
     )
     """Height of a body in pixels."""
-    is_played: bool = False
-    """Whether both motions are left beside ``out`` and told of, for a player."""
+    played: Path | None = None
+    """Where both motions are left as a run, for a player."""
     has_video: bool = True
 
 
@@ -86,7 +89,6 @@ def show_mechanism(
     from model.measures.error_growth import measure_error_growth
     from model.motion.altered import noisy_motions
     from model.motion.kinematics import open_body_skeleton
-    from model.motion.motion import save_motion
     from model.motion.tracks import moving_chain
 
     _check(request)
@@ -98,15 +100,25 @@ def show_mechanism(
     )
     on_local, on_global = noisy_motions(found.motion, request.noise_rad, request.seed)
     noisy: dict[str, Motion] = dict(zip(NAMES, (on_local, on_global), strict=True))
-    if request.is_played:
-        for name, motion in noisy.items():
-            path = request.out.with_name(f"{file_stem(name)}.npz")
-            save_motion(motion, path)
-            on_event(Artefact("motion", name, path))
+    if request.played is not None:
+        _play(request, request.played, noisy, on_event)
     if request.has_video:
         _draw(request, found.motion, noisy, share_teller("video", on_event, should_cancel))
     sentences = (*found.notes, *_told(growth, request.noise_rad))
     return request.out if request.has_video else None, sentences
+
+
+def _play(
+    request: MechanismRequest, out: Path, noisy: Mapping[str, Motion], on_event: OnEvent
+) -> None:
+    tip = choose_tip_source(get_body(request.body), request.body, TIP)
+    record = RunRecord(
+        kind="given", point=TIP, layout=picture_layout("front", request.size, ("hands",), "knees")
+    )
+    with ResultFolder(out, is_kept=True) as folder, RunWriter(folder, record, on_event) as run:
+        run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
+        run.find_plans(noisy)
+        run.finish("")
 
 
 def _draw(

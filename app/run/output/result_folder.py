@@ -137,8 +137,14 @@ class ResultFolder:
     is told as a `RunError`.
     """
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, *, is_kept: bool = False) -> None:
+        """
+        Args:
+            is_kept: whether each file is there as soon as it is whole, and stays whatever becomes
+                of the run; by default all are there in the end, or none.
+        """
         self.out = out
+        self.is_kept = is_kept
         self._names: list[str] = []
         self._held = held_folder(out)
         self._staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
@@ -155,11 +161,34 @@ class ResultFolder:
             ) from error
         return self
 
-    def path(self, name: str) -> Path:
-        """Where to write the file that will be called ``name``."""
+    def path(self, name: str, *, grows: bool = False) -> Path:
+        """Where to write the file that will be called ``name``.
+
+        Args:
+            grows: whether it is of use before it is whole.
+        """
         if name not in self._names:
             self._names.append(name)
-        return self._staging / name
+        path = (self.out if grows and self.is_kept else self._staging) / name
+        path.parent.mkdir(exist_ok=True)
+        return path
+
+    def whole(self, path: Path) -> str:
+        """Note that what was written where `path` said is whole; returns its name."""
+        below = self._staging if path.is_relative_to(self._staging) else self.out
+        name = path.relative_to(below).as_posix()
+        if self.is_kept and below == self._staging:
+            self._move(name)
+        return name
+
+    def at(self, name: str) -> Path:
+        """Where a file is that was written."""
+        path = self._staging / name
+        return path if path.exists() else self.out / name
+
+    def _move(self, name: str) -> None:
+        (self.out / name).parent.mkdir(exist_ok=True)
+        os.replace(self._staging / name, self.out / name)
 
     def scratch(self, name: str) -> Path:
         """Where to write a file that only the run itself needs."""
@@ -168,7 +197,8 @@ class ResultFolder:
     def publish(self) -> tuple[Path, ...]:
         """Move every file to its final name and return those names."""
         for name in self._names:
-            os.replace(self._staging / name, self.out / name)
+            if not self.is_kept or (self._staging / name).exists():
+                self._move(name)
         return tuple(self.out / name for name in self._names)
 
     def __exit__(

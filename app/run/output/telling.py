@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
 from app.run.requests.request import (
     Artefact,
     ArtefactKind,
-    Measured,
     OnEvent,
-    Piece,
     Progress,
     ShouldCancel,
     Stage,
 )
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
 
 
 class Reporter:
@@ -36,14 +30,6 @@ class Reporter:
     def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
         """Tell of a file that is whole."""
         self._on_event(Artefact(kind, name, path))
-
-    def piece(self, piece: Piece) -> None:
-        """Tell of motion that is not whole yet."""
-        self._on_event(piece)
-
-    def measured(self, diagnostics: Diagnostics) -> None:
-        """Tell of numbers that nothing will change any more."""
-        self._on_event(Measured(diagnostics))
 
     def note(self, *sentences: str) -> None:
         """Keep what the person should read; each sentence once."""

@@ -36,6 +36,8 @@ Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 ArtefactKind = Literal[
     "motion",
+    "speech",
+    "timeline",
     "plan",
     "video",
     "poster",
@@ -43,7 +45,7 @@ ArtefactKind = Literal[
     "figure",
     "diagnostics",
     "provenance",
-    "reference",
+    "numbers",
 ]
 
 
@@ -335,8 +337,6 @@ class GenerateRequest:
     has_figures: bool = field(
         default=True, metadata=flag("neither Figure 6 nor jitter", name="--no-figures")
     )
-    has_posters: bool = False
-    """Whether the first picture of each video is told of too, to be shown while the video comes."""
     max_speech_s: float = field(
         default=600.0,
         metadata=flag(
@@ -348,6 +348,9 @@ class GenerateRequest:
     )
     take: Take | None = None
     """Motion of the one system that is named, instead of generating it."""
+    is_kept: bool = False
+    """Whether each file is there as soon as it is whole, and stays where the run fails; by default
+    all are there in the end, or none."""
 
 
 def check_request(request: GenerateRequest) -> None:
@@ -411,30 +414,13 @@ class Artefact:
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Motion that goes on with the piece before, told as soon as its window is made."""
+class Grown:
+    """A run's folder holds more than before: its `run.json` says what."""
 
-    name: str
-    """Of the row."""
-    frames: bytes
-    """As `app.run.pieces.frames_message` has them."""
-    end: int
-    """Frames of the row so far, these among them."""
-    num_frames: int
-    """Of the whole row."""
-    turn_rad: float
-    """With the shift how the row is laid onto the others; that of the last piece counts."""
-    shift_m: tuple[float, float, float]
+    folder: Path
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """All motions have been measured; figures are still to come."""
-
-    diagnostics: Diagnostics
-
-
-Event = Progress | Artefact | Piece | Measured
+Event = Progress | Artefact | Grown
 OnEvent = Callable[[Event], None]
 ShouldCancel = Callable[[], bool]
 

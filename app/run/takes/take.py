@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun, RunError
 from app.run.output.result_folder import ResultFolder, require_free_space
-from app.run.output.telling import Reporter
-from app.run.pieces import PieceTeller
+from app.run.output.run_folder import RunRecord
 from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel, steps_of
+from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
@@ -91,20 +91,19 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
         )
     done = edited(plan, request.edits, request.words, request.locked)
-    reporter = Reporter(on_event, should_cancel)
     request.out.mkdir(parents=True, exist_ok=True)
     require_free_space(request.out, int(_BYTES_A_SECOND * plan.duration_s))
-    with ResultFolder(request.out) as folder:
-        stem = file_stem(request.name)
-        path = folder.path(f"{stem}.plan.json")
-        done.plan.write(path)
-        written = read_plan(path)
-        told = folder.path(f"{stem}.told.json")
+    record = RunRecord(kind="generated", title=request.name, point=request.run.joint)
+    with (
+        ResultFolder(request.out, is_kept=True) as folder,
+        RunWriter(folder, record, on_event, should_cancel) as run,
+    ):
+        run.rows([request.name])
+        written = run.performed(request.name, done.plan)
+        told = folder.path(f"{file_stem(request.name)}.told.json")
         told.write_text(json.dumps(told_of(written, request.words), allow_nan=False))
-        take = _performed(request, written, folder, stem, reporter)
-        reporter.file("plan", request.name, path)
-        names = {each.name for each in folder.publish()}
-    assert {take.files.plan.name, take.told.name} <= names
+        take = _performed(request, written, folder, file_stem(request.name), run)
+        run.finish("")
     return Take(take.files, take.told, done.notes, take.fresh_s)
 
 
@@ -113,7 +112,7 @@ def _performed(
     plan: GesturePlan,
     folder: ResultFolder,
     stem: str,
-    reporter: Reporter,
+    run: RunWriter,
 ) -> Take:
     from app.run.models import get_system
     from conventions.rates import FPS
@@ -126,39 +125,36 @@ def _performed(
     )
     from model.generation.windows import Cancelled
     from model.motion.filtering import smooth_motion
-    from model.motion.motion import load_motion, save_motion
+    from model.motion.motion import load_motion
     from model.plan.plan import read_plan
     from model.speech.audio import SpeechLimits, load_speech
 
-    run = request.run
-    system = get_system(request.system, run.weights)
-    speech = load_speech(run.speech, SpeechLimits(max_s=run.max_speech_s))
+    asked = request.run
+    system = get_system(request.system, asked.weights)
+    speech = load_speech(asked.speech, SpeechLimits(max_s=asked.max_speech_s))
     options = options_of(request, system, plan)
-    is_smoothed = run.post_filter == "savgol"
-    teller = PieceTeller(
-        request.name, speech.num_frames, reporter, like=load_motion(request.beside)
-    )
+    is_smoothed = asked.post_filter == "savgol"
+    beside = load_motion(request.beside)
 
     def on_piece(motion: Motion) -> None:
         if not is_smoothed:
-            teller.go_on(motion)
+            run.grow(request.name, motion, speech.num_frames, like=beside)
 
     try:
         if request.before is None:
-            made = perform(system, speech, options, reporter.should_cancel, on_piece)
+            made = perform(system, speech, options, run.should_cancel, on_piece)
         else:
             kept = request.before
             old = load_performance(
                 kept.windows, system, read_plan(kept.plan), load_motion(kept.motion)
             )
-            made = perform_again(system, speech, options, old, reporter.should_cancel, on_piece)
+            made = perform_again(system, speech, options, old, run.should_cancel, on_piece)
     except Cancelled as error:
         raise CancelledRun from error
-    windows, motion = folder.path(f"{stem}{ENDING}"), folder.path(f"{stem}.npz")
-    save_performance(made, windows)
-    save_motion(smooth_motion(made.motion) if is_smoothed else made.motion, motion)
-    reporter.file("motion", request.name, motion)
-    names = (f"{stem}.plan.json", motion.name, windows.name)
+    save_performance(made, folder.path(f"{stem}{ENDING}"))
+    shown = smooth_motion(made.motion) if is_smoothed else made.motion
+    run.motion(request.name, shown, f"{stem}.npz")
+    names = (f"{stem}.plan.json", f"{stem}.npz", f"{stem}{ENDING}")
     files = TakeFiles(*(request.out / name for name in names))
     fresh = tuple((part.start / FPS, part.stop / FPS) for part in made.fresh)
     return Take(files, request.out / f"{stem}.told.json", (), fresh)

@@ -181,7 +181,7 @@ def draw_all(
     results = draw_videos(
         jobs,
         on_progress=lambda part: reporter.progress("video", part),
-        on_done=lambda job: _tell_of_video(job, named, request.has_posters, folder, reporter),
+        on_done=lambda job: _tell_of_video(job, named, folder, reporter),
         should_cancel=reporter.should_cancel,
     )
     reporter.progress("video", 1.0)
@@ -198,17 +198,15 @@ def draw_all(
 def _tell_of_video(
     job: str,
     named: Mapping[str, str],
-    has_poster: bool,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:
     if job not in named:
         return
     video = folder.path(job)
-    if has_poster:
-        poster = folder.scratch(video.with_suffix(POSTER_SUFFIX).name)
-        write_poster(video, poster)
-        reporter.file("poster", named[job], poster)
+    poster = folder.path(f"shown/{video.with_suffix(POSTER_SUFFIX).name}")
+    write_poster(video, poster)
+    reporter.file("poster", named[job], poster)
     reporter.file("video", named[job], video)
 
 
@@ -230,7 +228,7 @@ def joined_side_by_side(
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
-            [folder.path(f"{file_stem(name)}.mp4") for name in names],
+            [folder.at(f"{file_stem(name)}.mp4") for name in names],
             names,
             out,
             wav,

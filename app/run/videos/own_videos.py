@@ -90,8 +90,6 @@ class VideoOptions:
     """Height of the body in pixels."""
     framing: Framing = "knees"
     close_ups: tuple[CloseUp, ...] = CLOSE_UPS
-    has_posters: bool = False
-    """Whether the first picture of each video is told of too."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +99,6 @@ class Pictured:
     motions: Mapping[str, Motion]
     """As they stand in the videos, but for exaggeration."""
     notes: tuple[str, ...]
-
-    def tell(self, folder: ResultFolder, on_file: OnFile) -> None:
-        """Leave each motion for a player, and tell of it."""
-        from model.motion.motion import save_motion
-
-        shown = _beside(folder)
-        for name, motion in self.motions.items():
-            path = shown / f"{file_stem(name)}.npz"
-            save_motion(motion, path)
-            on_file(Artefact("motion", name, path))
 
 
 def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
@@ -160,7 +148,6 @@ def draw_own_videos(
     )
     posed = [body_motion(motion) for motion in motions.values()]
     stage = stage_for(body, posed, settings)
-    shown = _beside(folder)
     jobs: dict[str, Any] = {}
     for name, motion in motions.items():
         jobs[name] = RenderJob(
@@ -174,10 +161,9 @@ def draw_own_videos(
         )
 
     def on_done(name: str) -> None:
-        if options.has_posters:
-            poster = shown / f"{file_stem(name)}{POSTER_SUFFIX}"
-            write_poster(jobs[name].out, poster)
-            on_file(Artefact("poster", name, poster))
+        poster = folder.path(f"shown/{file_stem(name)}{POSTER_SUFFIX}")
+        write_poster(jobs[name].out, poster)
+        on_file(Artefact("poster", name, poster))
         on_file(Artefact("video", name, jobs[name].out))
 
     draw_videos(
@@ -186,10 +172,3 @@ def draw_own_videos(
         on_done=on_done,
         should_cancel=lambda: False,  # on_share ends it
     )
-
-
-def _beside(folder: ResultFolder) -> Path:
-    """Where that lies which a player shows and nobody downloads."""
-    shown = folder.scratch("shown")
-    shown.mkdir(exist_ok=True)
-    return shown

@@ -85,9 +85,10 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     assert main(argv) == 0
     said = capsys.readouterr()
     listed = [Path(line) for line in said.out.splitlines()]
-    assert sorted(listed) == sorted(out.iterdir())
+    assert sorted(listed) == sorted(path for path in out.iterdir() if path.is_file())
     assert {path.name for path in listed} == {
         *("globaldiff-global.npz", "diagnostics.json", "diagnostics.csv", "provenance.json"),
+        *("run.json", "speech.wav", "timeline.json"),
     }
     assert "8 channels" in said.err and "96,000 Hz" in said.err
     found = json.loads((out / "diagnostics.json").read_text())

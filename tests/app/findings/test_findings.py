@@ -321,7 +321,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
     (look,) = STORED.iterdir()
-    motions = (look / "A.npz", look / "B.npz")
+    motions = (look / "shown" / "A.npz", look / "shown" / "B.npz")
     request = DiagnoseRequest(motions, tmp_path / "out", names=("A", "B"), has_pictures=False)
     diagnostics = diagnose_files(request, lambda share: None).diagnostics
     verdict = verdict_of(diagnostics)

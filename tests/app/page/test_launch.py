@@ -195,6 +195,42 @@ main(sys.argv[1:])
 """
 
 
+RUN = """
+import json, sys
+from pathlib import Path
+from types import SimpleNamespace
+from app.config import AppConfig
+from app.page.launch import launch
+speech, weights, temp = map(Path, sys.argv[1:])
+page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
+asks = {each.api_name: each.fn for each in page.fns.values() if each.fn is not None}
+nobody = {"cookies": {}, "client": None, "headers": {}, "query_params": None}
+visitor = SimpleNamespace(session_hash="v", **nobody)
+one = str(speech), ["globaldiff/local"], None, 0, 1, "1", "", False, None
+own = "right_middle", 0
+*_, made = asks["generate"](visitor, *one, *own, None)
+listed = next(update for update in made.values() if isinstance(update, list))
+motion = next(each for each in listed if each.endswith(".npz"))
+*_, last = asks["own_motion"](visitor, [motion], None, str(speech), *own, None, None, None, False)
+heavy = sorted({"torch", "librosa", "matplotlib", "numba"} & set(sys.modules))
+told = [str(update) for each in (made, last) for update in each.values()]
+print(json.dumps([heavy, "Done in" in str(told), "Measured 1 motion" in str(told)]), flush=True)
+page.close()
+"""
+
+
+def test_runs_are_shown_by_a_process_that_reads_files_and_computes_nothing(
+    weights, speech, tmp_path
+):
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, speech, weights, tmp_path / "page"],
+        check=False, cwd=ROOT, capture_output=True, text=True, timeout=110,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (told,) = (line for line in done.stdout.splitlines() if line.startswith("[["))
+    assert json.loads(told) == [[], True, True]
+
+
 def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_however_it_is_ended(
     weights, tmp_path
 ):

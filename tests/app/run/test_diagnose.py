@@ -18,6 +18,7 @@ from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import read_run
 from app.run.videos.own_videos import VideoOptions
 from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
@@ -59,6 +60,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     shares = heard.shares
     assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
+        *("run.json", "speech.wav", "timeline.json", "shown"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
     }
     # There is a point to stop at between all files, measures and figures.
@@ -76,11 +78,11 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert (told["joint"], told["tip"]) == ("left_wrist", None)
     assert len(raw["local_rotation_error_deg"]) == 55
     assert raw["beat_align"] is raw["beat_align_chance"] is None  # no onset is 2 s from the ends
-    assert told["words_origin"] == found.said.origin == "aligned"  # a text is better than none
+    assert told["words_origin"] == "aligned"  # a text is better than none
     assert [word["text"] for word in told["words"]] == ["There", "are", "three", "reasons"]
-    assert len(told["phones"]) == len(found.said.phones) > 2 * len(found.said.words)
+    assert len(told["phones"]) > 2 * len(told["words"])
     growth = json.loads((request.out / "error_growth.json").read_text())
-    assert growth["joint"] == "left_wrist" and growth == found.error_growth
+    assert growth["joint"] == "left_wrist"
     assert set(growth["motions"]) == {"clip", "again", "reference"}
     assert growth["motions"]["clip"]["ratio"] > 1
     with (request.out / "diagnostics.csv").open() as file:
@@ -115,7 +117,7 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
     kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
-    assert diagnosis.error_growth is None and not list(request.out.glob("error_growth*"))
+    assert not list(request.out.glob("error_growth*"))
     assert any("one frame has 1 frame; speed needs 2" in note for note in diagnosis.notes)
 
 
@@ -268,14 +270,15 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         out=tmp_path / "out",
         reference=tmp_path / "clean.npz",
         has_pictures=False,
-        videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
-        is_played=True,
+        videos=VideoOptions(size=256, close_ups=("hands",)),
     )
     found = diagnose_files(request, heard.take)
-    shares, told = heard.shares, heard.files
+    shares = heard.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
-    names, kinds = (name, "reference"), ("motion", "poster", "video")
-    assert {(each.kind, each.name) for each in told} == {(k, n) for k in kinds for n in names}
+    names, told = (name, "reference"), read_run(request.out)
+    kinds = {"motion", "frames", "plan", "poster", "video"}
+    assert {each.name: set(each.files) for each in told.rows} == dict.fromkeys(names, kinds)
+    assert all((request.out / each).is_file() for each in told.named)
     videos = [path for path in found.files if path.suffix == ".mp4"]
     assert {path.stem for path in videos} == set(names)
     assert all(read_facts(path).num_frames == frames for path in videos)

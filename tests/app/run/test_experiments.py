@@ -16,6 +16,7 @@ from app.run.experiments.hearing import HearingRequest, measure_hearing
 from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
 from app.run.experiments.step_curve import MAX_S, StepCurveRequest, measure_step_curve
 from app.run.models import get_system
+from app.run.output.run_folder import read_run
 from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
@@ -180,14 +181,13 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
 
 
 def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequest) -> None:
-    heard = Heard()
-    played = replace(asked, is_played=True, has_video=False, noise_rad=0.05)
-    path, sentences = show_mechanism(played, heard.take)
-    told = heard.files
+    out = asked.out.with_name("played")
+    path, sentences = show_mechanism(replace(asked, played=out, has_video=False, noise_rad=0.05))
     assert path is None and not asked.out.exists() and "0.05 rad" in " ".join(sentences)
-    assert [(each.kind, each.name) for each in told] == [("motion", name) for name in NAMES]
+    told = read_run(out)
+    assert [row.name for row in told.rows] == list(NAMES) and told.sound and told.timeline
     clean = load_motion(asked.motion)
-    on_local, on_global = (load_motion(each.path) for each in told)
+    on_local, on_global = (load_motion(out / row.files["motion"]) for row in told.rows)
     pelvis = slice(0, 3)
     for motion in (on_local, on_global):
         assert motion.num_frames == 12 and abs(motion.poses - clean.poses).max() > 0.02

@@ -18,7 +18,7 @@ def test_what_is_stored_is_what_the_bundled_weights_make(tmp_path: Path) -> None
     assert [each.name for each in STORED.iterdir()] == [taken.folder.name], "nothing older"
     assert taken.beginning.read_bytes() == made.beginning.read_bytes()
     for name in (STEADY, TREMBLING):
-        own, stored = (load_motion(look.folder / f"{name}.npz") for look in (made, taken))
+        own, stored = (load_motion(look.folder / "shown" / f"{name}.npz") for look in (made, taken))
         assert own.num_frames == stored.num_frames == 201
         # Processors differ in the last digits, which ten steps of a flow make larger.
         apart = np.abs(own.local_rotations().numpy() - stored.local_rotations().numpy())

@@ -14,15 +14,14 @@ from PIL import Image
 
 from app.errors import CancelledRun, sentence_of
 from app.run.models import get_system, warming_up
+from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import generate_all
 from app.run.requests.request import (
-    Artefact,
     Event,
     GenerateRequest,
     GenerateResult,
-    Measured,
-    Piece,
+    Grown,
     Progress,
     Take,
 )
@@ -42,11 +41,18 @@ SHORT, LONG = 16, 113
 """Frames: half a second and a little, and two windows with a rest."""
 WITHOUT_VIDEO = {
     *("globaldiff-global.npz", "diagnostics.json", "diagnostics.csv", "provenance.json"),
+    *("run.json", "speech.wav", "timeline.json"),
 }
+Told = list[Event | RunRecord]
+"""With what the folder said in place of the news that it says more."""
+
+
+def noted(told: Told) -> Callable[[Event], None]:
+    return lambda event: told.append(read_run(event.folder) if isinstance(event, Grown) else event)
 
 
 def names_in(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
+    return {path.name for path in folder.iterdir() if path.is_file()}
 
 
 def poses(result: GenerateResult, name: str) -> np.ndarray:
@@ -65,31 +71,34 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "speech.wav"
 
 
-Whole = tuple[GenerateResult, list[Event]]
+Whole = tuple[GenerateResult, Told]
 
 
 @pytest.fixture(scope="module")
 def whole(short: Path, weights: Path) -> Whole:
     """One run with everything, and all that it told."""
-    events: list[Event] = []
+    events: Told = []
     request = GenerateRequest(
         short, short.with_name("out"), weights, (WORLD,), steps=1, seed=5, post_filter="savgol",
         joint="left_elbow", start_frame=5, reference=short.with_name("reference.npz"),
         size=256, views=("front", "side"),
     )  # fmt: skip
-    return generate_all(request, events.append), events
+    return generate_all(request, noted(events)), events
 
 
 @pytest.mark.gl
 def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(whole: Whole) -> None:
-    result, events = whole
+    result, _ = whole
     videos = {
         f"{name}{view}.mp4" for name in ("globaldiff-global", "reference") for view in ("", ".side")
     }
     figures = {f"{name}.{kind}" for name in ("figure6", "jitter") for kind in ("png", "svg", "pdf")}
     assert names_in(result.out) == WITHOUT_VIDEO | figures | videos | {"comparison.mp4"}
     assert names_in(result.out) == {file.name for file in result.files}
-    assert names_in(result.out) == {e.path.name for e in events if isinstance(e, Artefact)}
+    told = read_run(result.out)
+    assert names_in(result.out) == {name for name in told.files if "/" not in name} | {"run.json"}
+    assert told.state == "done" and all((result.out / name).is_file() for name in told.named)
+    assert [row.files["video"] for row in told.rows] == ["globaldiff-global.mp4", "reference.mp4"]
     assert (result.names, result.num_frames) == ((WORLD, "reference"), SHORT)
     for name in (*videos, "comparison.mp4"):
         with av.open(str(result.out / name)) as video:
@@ -107,11 +116,23 @@ def test_a_whole_run_tells_how_far_it_is_and_of_numbers_before_pictures(whole: W
     for stage in ("speech", "motion", "numbers", "video", "comparison", "figure"):
         fractions = [e.fraction for e in events if isinstance(e, Progress) and e.stage == stage]
         assert fractions == sorted(fractions) and fractions[-1] == 1.0, stage
-    (measured,) = (i for i, event in enumerate(events) if isinstance(event, Measured))
-    assert events[measured].diagnostics.as_json() == result.diagnostics.as_json()
-    kinds = [event.kind if isinstance(event, Artefact) else None for event in events]
-    assert kinds.index("figure") > measured > len(kinds) - kinds[::-1].index("motion") - 1
-    assert not any(isinstance(event, Piece) for event in events), "filtered as a whole only"
+    told = [event for event in events if isinstance(event, RunRecord)]
+    has = [
+        (
+            all("motion" in row.files for row in each.rows) and bool(each.rows),
+            each.timeline is not None,
+            bool(each.numbers),
+            any(name.endswith(".png") for name in each.files),
+            each.state == "done",
+        )
+        for each in told
+    ]
+    assert has == sorted(has), "motion, time line, numbers, pictures, end"
+    assert told[-1].numbers[WORLD]["raw"]["Followed point: Jerk"] == pytest.approx(
+        result.diagnostics.systems[WORLD].raw.point.tip_jerk_m_s3
+    )
+    growing = [row.there for each in told for row in each.rows if row.there is not None]
+    assert {there.end for there in growing} == {SHORT}, "filtered as a whole only"
 
 
 @pytest.mark.gl
@@ -243,46 +264,61 @@ def parts(message: bytes) -> tuple[bytes, ...]:
 
 def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Ask, long: Path) -> None:
     """All systems begin before any goes on, and files come when they are whole."""
-    events: list[Event] = []
-    result = generate_all(ask(speech=long, samples=2), events.append)
-    told = [
-        (event.name, event.end if isinstance(event, Piece) else "whole")
-        for event in events
-        if isinstance(event, Piece) or (isinstance(event, Artefact) and event.kind == "motion")
+    events: Told = []
+    result = generate_all(ask(speech=long, samples=2), noted(events))
+    grown = [event for event in events if isinstance(event, RunRecord)]
+    each = [
+        (row.name, end)
+        for record in grown
+        for row in record.rows
+        for end in (row.there and row.there.end, "motion" in row.files and "whole")
+        if end
     ]
+    told = list(dict.fromkeys(each))
     rows = {name: (name, f"{name}.s2") for name in (LOCAL, WORLD)}
     windows = [(row, end) for end in (52, 104) for name in rows for row in rows[name]]
     ends = [(row, end) for name in rows for end in (LONG, "whole") for row in rows[name]]
     assert told == windows + ends
-    for name in (row for both in rows.values() for row in both):
-        pieces = [event for event in events if isinstance(event, Piece) and event.name == name]
-        assert {piece.num_frames for piece in pieces} == {LONG}
-        assert [HEADER.unpack_from(piece.frames)[0] for piece in pieces] == [0, 52, 104]
-        motion = load_motion(result.out / f"{name.replace('/', '-')}.npz")
-        each = zip(*(parts(piece.frames) for piece in pieces), strict=True)
+    for row in grown[-1].rows:
+        content = (result.out / row.files["frames"]).read_bytes()
+        assert row.there is not None and len(content) == row.there.bytes
+        messages = []
+        while content:
+            first, count, faces, *_ = HEADER.unpack_from(content)
+            assert first == 52 * len(messages)
+            size = HEADER.size + (12 + 440 + faces) * count
+            messages.append(parts(content[:size]))
+            content = content[size:]
+        motion = load_motion(result.out / row.files["motion"])
+        each = zip(*messages, strict=True)
         assert tuple(map(b"".join, each)) == parts(frames_message(0, motion)), "to the bit"
         place = register_of(motion)
-        assert (pieces[-1].turn_rad, pieces[-1].shift_m) == (place.turn_rad, place.shift_m)
+        assert row.there.place == (place.turn_rad, *place.shift_m)
+
+
+def _frames(record: RunRecord, name: str) -> int:
+    row = record.row(name)
+    return row.there.end if row is not None and row.there is not None else 0
 
 
 @pytest.mark.parametrize(
     "is_time",
     [
         lambda events: True,
-        lambda events: sum(isinstance(e, Piece) and e.name == WORLD for e in events) == 2,
+        lambda events: any(isinstance(e, RunRecord) and _frames(e, WORLD) == 104 for e in events),
         lambda events: any(isinstance(e, Progress) and e.stage == "numbers" for e in events[:-1]),
     ],
     ids=["at once", "amid the windows", "amid the numbers"],
 )
 def test_a_run_that_is_cancelled_leaves_nothing(
-    ask: Ask, long: Path, is_time: Callable[[list[Event]], bool], request: pytest.FixtureRequest
+    ask: Ask, long: Path, is_time: Callable[[Told], bool], request: pytest.FixtureRequest
 ) -> None:
-    events: list[Event] = []
+    events: Told = []
     asked = ask(speech=long)
     with pytest.raises(CancelledRun):
-        generate_all(asked, events.append, lambda: is_time(events))
+        generate_all(asked, noted(events), lambda: is_time(events))
     assert not asked.out.exists()
-    is_whole = any(isinstance(event, Artefact) and event.kind == "motion" for event in events)
+    is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
     shares = [e.fraction for e in events if isinstance(e, Progress) and e.stage == "numbers"]
     assert max(shares, default=0.0) < 1.0
@@ -315,12 +351,10 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     plan.write(tmp_path / "live.plan.json")
     facts = {"frames_heard_ahead": 10, "speech_level": "running"}
     take = Take(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
-    kinds: list[str] = []
-    result = generate_all(
-        ask(systems=(WORLD,), take=take),
-        lambda event: kinds.append(event.kind) if isinstance(event, Artefact) else None,
-    )
-    assert kinds[:2] == ["plan", "motion"] and kinds.count("plan") == 1, "no other is sought"
+    result = generate_all(ask(systems=(WORLD,), take=take))
+    (row,) = read_run(result.out).rows
+    shown = json.loads((result.out / row.files["plan"]).read_text())
+    assert shown["origin"] == "planned", "no other is sought"
     assert (result.names, result.num_frames) == ((WORLD,), 37)
     kept = load_motion(result.out / "globaldiff-global.npz")
     np.testing.assert_array_equal(kept.poses, seen.poses)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
+from app.run.output.run_folder import RunRecord, read_run
 from app.run.pipeline import generate_all
-from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
+from app.run.requests.request import Event, GenerateRequest, Grown
 from app.run.takes.apply import edited
 from app.run.takes.edits import MAX_EDITS, Edit, edits_of, locked_of
 from app.run.takes.take import TakeRequest, make_take, row_of
@@ -210,20 +211,27 @@ def test_a_take_changes_what_was_edited_and_keeps_the_rest(
     old = load_motion(first.files.motion)
     for name in ("poses", "trans", "expressions"):  # the plan as it is: the motion of the run
         np.testing.assert_array_equal(getattr(load_motion(made.beside), name), getattr(old, name))
-    events: list[Event] = []
+    records: list[RunRecord] = []
+
+    def noted(event: Event) -> None:
+        if isinstance(event, Grown):
+            records.append(read_run(event.folder))
+
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
     asked = replace(made, name="x.take1", out=tmp_path / "out", before=first.files, edits=(edit,))
-    take = make_take(asked, events.append, lambda: False)
+    take = make_take(asked, noted, lambda: False)
     (part,) = take.fresh_s
     assert 5 < part[0] < 9 and part[1] == SPOKEN
     new = load_motion(take.files.motion)
     stays = round(30 * part[0])
     np.testing.assert_array_equal(old.poses[:stays], new.poses[:stays])
     assert not np.array_equal(old.poses[stays:], new.poses[stays:])
-    pieces = [event for event in events if isinstance(event, Piece)]
-    assert pieces[-1].end == old.num_frames and {one.name for one in pieces} == {"x.take1"}
-    assert len({(one.turn_rad, one.shift_m) for one in pieces}) == 1  # where the run's stands
-    assert {one.kind for one in events if isinstance(one, Artefact)} == {"plan", "motion"}
+    rows = [row for record in records for row in record.rows]
+    there = [row.there for row in rows if row.there is not None]
+    assert there[-1].end == old.num_frames and {row.name for row in rows} == {"x.take1"}
+    assert len({one.end for one in there}) > 1, "it comes window by window"
+    assert len({one.place for one in there}) == 1  # where the run's stands
+    assert {"plan", "performed", "motion"} <= rows[-1].files.keys()
     assert [one.lands_s for one in gestures(read_plan(take.files.plan), "right")] == [9.5]
     (gesture,) = json.loads(take.told.read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)

@@ -16,10 +16,11 @@ from app import text
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click, shown
+from app.page.player.player import Address, browser_addresses
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.queue.worker import Task
-from app.page.results.result_parts import FiguresShown
+from app.page.results.result_parts import figures_html
 from app.page.tabs.services import Services
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
@@ -142,7 +143,7 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.request(values, job.folder / "results")
-        yield _Work(self, asked, FiguresShown(self._addresses, cookie))
+        yield _Work(self, asked, browser_addresses(self._addresses, cookie))
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")
@@ -174,7 +175,7 @@ class _Work(Generic[Asked, Found]):
 
     runner: FigureRunner[Asked, Found]
     asked: Asked
-    figures: FiguresShown
+    address: Address
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Found:
         return self.runner.measure(self.asked, on_event, should_cancel)
@@ -186,9 +187,8 @@ class _Work(Generic[Asked, Found]):
         return {self.runner.parts.status: markup.sentence_status(MEASURING.format(share=share))}
 
     def finished(self, result: Found) -> Updates:
-        self.figures.take_files(result.files)
         return {
             self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
             self.runner.parts.message: shown(self.runner.details(result)),
-            self.runner.parts.figure: shown(self.figures.html()),
+            self.runner.parts.figure: shown(figures_html(result.files, self.address)),
         }

@@ -15,15 +15,15 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import AT_ONCE, in_turn, player_part, reveal_on_click, shown
-from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
+from app.page.player.player import NOTHING, Showing
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.routes.media import MediaAddresses
+from app.page.tabs.motion_run import showing_of
 from app.page.tabs.services import Services
-from app.run.diagnose import DiagnoseRequest
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest, show_mechanism
-from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.experiments.mechanism import NOISE_RAD, MechanismRequest, show_mechanism
+from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
@@ -129,15 +129,10 @@ class MechanismRunner(TabRunner[Shown]):
             noise_rad=float(noise),
             body=self._services.config.body,
             size=SIZE_PX,
-            is_played=True,
+            played=job.folder / "results",
             has_video=needs_video is True,
         )
-        showing = Showing(
-            *(NAMES, NAMES, picture_layout("front", SIZE_PX, ("hands",), "knees")),
-            own_writers(DiagnoseRequest((), job.folder), job.folder),
-            *(job.folder, self._services.addresses, cookie),
-        )
-        showing.is_drawn = False
+        showing = showing_of(job, self._services.addresses, cookie, is_drawn=False)
         show = partial(self._services.worker.do, show_mechanism)
         yield _Work(show, asked, self._services.addresses, cookie, self._parts, showing)
 
@@ -169,18 +164,16 @@ class _Work:
 
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}
-        for event in events:
-            if isinstance(event, Artefact):
-                self.showing.take(event)
-                updates[self.parts.player] = self._played()
+        if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
+            updates[self.parts.player] = self._played()
         share = last_share(events)
         if share is not None and self.asked.has_video:
             line = DRAWING.format(share=share)
             updates[self.parts.status] = markup.sentence_status(line)
         return updates
 
-    def _played(self, is_over: bool = False) -> dict[str, Any]:
-        return self.showing.value(is_over) | {"plays": True}
+    def _played(self) -> dict[str, Any]:
+        return self.showing.value() | {"plays": True}
 
     def finished(self, result: Shown) -> Updates:
         path, sentences = result
@@ -195,6 +188,6 @@ class _Work:
             )
         return {
             self.parts.status: markup.sentence_status(line),
-            self.parts.player: self._played(is_over=True),
+            self.parts.player: self._played(),
             self.parts.says: shown(f'{video}<div class="says">{told}</div>'),
         }

@@ -11,7 +11,7 @@ import pytest
 from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.queue.worker import Limits, Worker
 from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.requests.request import Artefact, Event, Progress
+from app.run.requests.request import Artefact, Event, Grown, Progress
 from model.motion.motion import save_motion
 from processes import ended
 from tests.app.page.queue import ends
@@ -29,7 +29,7 @@ def worker() -> Iterator[Worker]:
 def small(tmp_path: Path) -> DiagnoseRequest:
     path = tmp_path / "small.npz"
     save_motion(smooth_motion_example(60), path)
-    return DiagnoseRequest((path,), tmp_path / "results", has_pictures=False, is_played=True)
+    return DiagnoseRequest((path,), tmp_path / "results", has_pictures=False)
 
 
 def pid_of(worker: Worker) -> int:
@@ -51,7 +51,8 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
 
     diagnosis = worker.do(diagnose_files, small(tmp_path), on_event)
     assert diagnosis.files and all(path.is_file() for path in diagnosis.files)
-    assert {type(event) for event in events} == {Progress, Artefact}
+    worker.do(ends.leave, tmp_path / "left", on_event)
+    assert {type(event) for event in events} == {Progress, Grown, Artefact}
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
         worker.do(ends.say_no, "")

@@ -1,31 +1,67 @@
-"""Runs that have ended, without any files but those that a test lays down."""
+"""Runs that have ended, with the folders that the real ones leave, of motions that hardly move."""
 
 from pathlib import Path
+from typing import Any
 
+from app.page.player.player import Showing, browser_addresses
 from app.page.queue.jobs import Job, Tab
-from app.page.results.kept_runs import EndedRun, KeptRun, KeptRuns
-from app.page.results.result_parts import FiguresShown
+from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.routes.media import MediaAddresses
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord
+from app.run.run_writer import RunWriter
 from model.diagnostics import Diagnostics
-from tests.app.fakes import measures
+from model.speech.transcript import NOTHING_SAID, Transcript
+from tests.app.fakes import made_motion, measures
 from tests.app.measured import diagnostics_of
+from tests.model.made import made_waveform
+
+SPEECH_SHA256 = "ab" * 32
+LAYOUT = {"aspect": 1.0, "body": [0, 1]}
 
 
-def ended_run(folder: Path, title: str = "speech: local; seed 0", **changes) -> EndedRun:
-    values = {
-        "title": title,
-        "settings": {"speech": "speech", "systems": "local", "seed": "0"},
-        "speech_sha256": "abc",
-        "line": "Done.",
-        "notes": (),
-        "verdict": "",
-        "diagnostics": numbers(local=100.0),
-        "showing": None,
-        "figures": FiguresShown(MediaAddresses(), ""),
-        "bundle": folder / "bundle.zip",
-        "files": (),
-    }
-    return EndedRun(**{**values, **changes})
+def made_run(
+    job: Path,
+    title: str = "speech: local; seed 0",
+    reference: float | None = None,
+    jerk: dict[str, float] | None = None,
+    settings: dict[str, str] | None = None,
+    duration_s: float = 2.0,
+    said: Transcript = NOTHING_SAID,
+    out: str = "results",
+    **changes: Any,
+) -> Showing:
+    """A row with a motion and a video for each jerk, and a time line in which each jerks once."""
+    jerk = jerk or {"local": 100.0}
+    usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "usual"}
+    values = {"kind": "generated", "title": title, "point": "right_middle", "layout": LAYOUT}
+    values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
+    job.mkdir(exist_ok=True)
+    with ResultFolder(job / out, is_kept=True) as folder:
+        run = RunWriter(folder, RunRecord(**{**values, **changes}))
+        run.rows(jerk)
+        run.sound(made_waveform(round(16_000 * duration_s)))
+        for name in jerk:
+            run.motion(name, made_motion(8))
+            video = folder.path(f"{name.replace('/', '-')}.mp4")
+            video.touch()
+            run.file("video", name, video)
+        worst = [
+            {"start_s": 0.5, "end_s": 1.5, "name": name, "jerk_m_s3": value}
+            for name, value in jerk.items()
+        ]
+        line = {"duration_s": duration_s, "fps": 30, "peaks": [1], "onsets_s": []}
+        line |= {"curves": {name: {"raw": {}} for name in jerk}, "worst": worst}
+        run.timeline(line | {"point": "Right middle fingertip"}, said)
+        run.measured(numbers(reference, **jerk))
+        run.finish("Done.")
+    return showing_in(job)
+
+
+def showing_in(job: Path, addresses: MediaAddresses | None = None, cookie: str = "") -> Showing:
+    """Of the run that a job's folder holds."""
+    address = browser_addresses(addresses or MediaAddresses(), cookie)
+    return Showing(job / "results", address, job.name)
 
 
 def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:
@@ -36,7 +72,11 @@ def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:
 
 
 def keep(
-    runs: KeptRuns, folder: Path, cookie: str, run: EndedRun | None = None, tab: Tab = "generate"
+    runs: KeptRuns,
+    job: Path,
+    cookie: str,
+    tab: Tab = "generate",
+    form: dict[str, Any] | None = None,
+    **made: Any,
 ) -> KeptRun:
-    folder.mkdir(exist_ok=True)
-    return runs.keep(Job("visitor", tab, folder), cookie, run or ended_run(folder))
+    return runs.keep(Job("visitor", tab, job), cookie, made_run(job, **made), form)

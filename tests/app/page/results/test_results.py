@@ -1,9 +1,11 @@
 """What is shown of runs that have ended: numbers, figures, settings, links; two of them in one."""
 
 import base64
+import itertools
 import json
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -15,10 +17,10 @@ from app import text
 from app.findings.measure_rows import nearest, written
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
-from app.page.player.player import NOTHING, Showing, Writers
-from app.page.results.kept_runs import EndedRun, KeptRuns, address_of
+from app.page.player.player import Showing
+from app.page.results.kept_runs import KeptRuns, address_of
 from app.page.results.measures_table import measures_table
-from app.page.results.result_parts import FiguresShown
+from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import (
     RunPair,
     jerk_line,
@@ -28,24 +30,28 @@ from app.page.results.run_pair import (
     told_settings,
     told_speech,
 )
-from app.page.results.settings import NONE, differing, settings_of_own, settings_of_run
-from app.page.routes.media import MediaAddresses
-from app.run.diagnose import DiagnoseRequest
-from app.run.requests.request import Artefact, GenerateRequest
+from app.run.diagnose import DiagnoseRequest, settings_of_own
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord
+from app.run.requests.request import GenerateRequest
+from app.run.requests.settings import NONE, differing, settings_of_run
+from app.run.run_writer import RunWriter
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
-from model.motion.motion import save_motion
-from tests.app.fakes import made_motion, measures
-from tests.app.measured import both, diagnostics_of
-from tests.app.page.results.made_run import ended_run, keep, numbers
+from model.speech.transcript import Transcript, Word
+from tests.app.measured import both
+from tests.app.page.results.made_run import keep, made_run, numbers
 
+OTHER = "cd" * 32
 EVIL = "<script>alert(1)</script>"
 
 
-def diagnostics(**systems: float) -> Diagnostics:
-    return diagnostics_of(
-        measures(104.0), **{name: measures(jerk) for name, jerk in systems.items()}
-    )
+def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
+    """As the page shows what the worker has measured."""
+    with ResultFolder(tmp_path / "results") as folder:
+        run = RunWriter(folder, RunRecord(kind="given", point="right_middle"))
+        run.measured(diagnostics)
+        return measures_table(run.record)
 
 
 def row(table: str, title: str) -> str:
@@ -53,16 +59,16 @@ def row(table: str, title: str) -> str:
     return found
 
 
-def test_the_nearest_to_the_reference_is_marked_not_the_lowest():
-    numbers = diagnostics(a=30.0, b=110.0)
-    cells = re.findall("<td.*?</td>", row(measures_table(numbers), "Jerk"))
+def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
+    measured = numbers(104.0, a=30.0, b=110.0)
+    cells = re.findall("<td.*?</td>", row(table(measured, tmp_path), "Jerk"))
     assert ["near" in cell for cell in cells] == [False, False, True]
     assert "104" in cells[0] and 'class="reference"' in cells[0]
-    numbers.systems["a"] = both(tip_jerk_m_s3=1.0)
-    table = measures_table(replace(numbers, reference=None))
-    assert 'class="raw near"' not in table and 'class="reference"' not in table
-    assert "SPARC" not in table, "what no motion has takes no row"
-    assert '<span class="raw">n/a</span>' in row(table, "Peak jerk at joins")
+    measured.systems["a"] = both(tip_jerk_m_s3=1.0)
+    alone = table(replace(measured, reference=None), tmp_path)
+    assert 'class="raw near"' not in alone and 'class="reference"' not in alone
+    assert "SPARC" not in alone, "what no motion has takes no row"
+    assert '<span class="raw">n/a</span>' in row(alone, "Peak jerk at joins")
     for values, target, names in (
         ({"a": 1.0, "b": 5.0}, 4.0, ("b",)),
         ({"a": 3.0, "b": 5.0, "c": 9.0}, 4.0, ("a", "b")),
@@ -76,36 +82,36 @@ def test_the_nearest_to_the_reference_is_marked_not_the_lowest():
     assert (written(-3.214), written(2.5e-7)) == ("-3.21", "2.5e-07")
 
 
-def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says():
-    table = measures_table(diagnostics(a=300.0))
-    jerk = row(table, "Jerk")
+def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
+    whole = table(numbers(104.0, a=300.0), tmp_path)
+    jerk = row(whole, "Jerk")
     assert 'data-raw="300.0" data-savgol="100.0"' in jerk
     assert '<span class="raw">300</span><span class="savgol">100</span>' in jerk
-    power = row(table, "Power above 5 Hz")
+    power = row(whole, "Power above 5 Hz")
     assert 'data-unit="%"' in power and ">1.23<" in power  # a share of 0.0123
-    rows = re.findall("<tr data-measure.*?</tr>", table)
+    rows = re.findall("<tr data-measure.*?</tr>", whole)
     first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
-    assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} measures" in table
-    slide = row(table, "Slide on the ground")
+    assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} measures" in whole
+    slide = row(whole, "Slide on the ground")
     assert 'data-unit="cm/s"' in slide and '<span class="raw">1</span>' in slide  # 0.01 m/s
 
 
-def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst():
-    numbers = diagnostics(a=1.0)
+def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst(tmp_path):
+    measured = numbers(104.0, a=1.0)
     grave = Finding("g", "Grave.", {}, gravity=3, worst_frame=45)
     slight = [Finding("s", f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
-    numbers.findings["a"] = [*slight, grave]
-    table = measures_table(numbers)
-    places = [table.index(words) for words in ("Grave.", "Slight 1.", "Also found", "Slight 2.")]
+    measured.findings["a"] = [*slight, grave]
+    whole = table(measured, tmp_path)
+    places = [whole.index(words) for words in ("Grave.", "Slight 1.", "Also found", "Slight 2.")]
     assert places == sorted(places)
-    assert 'data-at="1.500">Show 0:01.5<' in table and table.count("data-at") == 1
+    assert 'data-at="1.500">Show 0:01.5<' in whole and whole.count("data-at") == 1
 
 
-def test_names_and_findings_cannot_bring_markup():
-    numbers = diagnostics(**{EVIL: 1.0})
-    numbers.findings[EVIL] = [Finding("x", EVIL, {})]
+def test_names_and_findings_cannot_bring_markup(tmp_path):
+    measured = numbers(104.0, **{EVIL: 1.0})
+    measured.findings[EVIL] = [Finding("x", EVIL, {})]
     for piece in (
-        measures_table(numbers),
+        table(measured, tmp_path),
         markup.header(EVIL),
         markup.status(EVIL, {"motion": 0.5}, {"motion": EVIL}),
         markup.error_message(EVIL),
@@ -123,26 +129,16 @@ def test_names_and_findings_cannot_bring_markup():
     assert explained("jerk") == f'<abbr title="{WORDS["jerk"]}">jerk</abbr>'
 
 
-def figures(tmp_path: Path, *files: str) -> FiguresShown:
-    shown = FiguresShown(MediaAddresses(), "")
-    for file in files:
-        path = tmp_path / file
-        path.touch()
-        kind = "diagnostics" if path.stem == "diagnostics" else "figure"
-        shown.take(Artefact(kind, path.stem, path))
-    return shown
+def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files():
+    def html(*files: str, said: Mapping[str, str] = NO_WORDS) -> str:
+        return figures_html(map(Path, files), str, said)
 
-
-def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):
-    assert figures(tmp_path, "figure6.svg", "diagnostics.png").html() == ""
-    html = figures(tmp_path, "figure6.svg", "figure6.png", "jitter.png").html()
-    assert html.count("<img") == 2
-    assert html.count("download=") == 3 and 'download="figure6.svg"' in html
-    assert html.index(text.FIGURES["figure6"].title) < html.index(text.FIGURES["jitter"].title)
-    for local, other, words in ((300.0, 100.0, "local has 3"), (100.0, 300.0, "global has 3")):
-        systems = {"local": measures(local), "global": measures(other)}
-        shown = figures(tmp_path, "figure6.png").html(diagnostics_of(**systems))
-        assert f"{words}.0 times" in shown, "its sentences come with the numbers"
+    assert html("figure6.svg", "diagnostics.json") == ""
+    told = html("figure6.svg", "figure6.png", "jitter.png")
+    assert told.count("<img") == 2
+    assert told.count("download=") == 3 and 'download="figure6.svg"' in told
+    assert told.index(text.FIGURES["figure6"].title) < told.index(text.FIGURES["jitter"].title)
+    assert "local has &lt;3" in html("figure6.png", said={"trajectory": "local has <3"})
 
 
 def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path):
@@ -159,7 +155,7 @@ def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path):
 def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
     runs = KeptRuns(3600.0)
     mine, yours, nobodys = (
-        keep(runs, tmp_path / name, cookie, ended_run(tmp_path, "a < b"))
+        keep(runs, tmp_path / name, cookie, title="a < b")
         for name, cookie in (("a", "mine"), ("b", "yours"), ("c", ""))
     )
     assert runs.of("mine") == [mine] and runs.of("") == []
@@ -193,60 +189,33 @@ def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     assert differing(first, own)["seed"] == ("3", "none") and "speech" not in differing(first, own)
 
 
-LAYOUT = {"aspect": 1.0, "body": [0, 1]}
+STEPS = {"seed": "7", "steps": "25"}
 Run = Any
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
     """An ended run of a test's own, whose settings are the usual ones but for those named."""
+    count = itertools.count()
 
-    def make(settings: dict[str, str] | None = None, **changes: Any) -> EndedRun:
-        usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "usual"}
-        return ended_run(tmp_path, settings={**usual, **(settings or {})}, **changes)
+    def make(settings: dict[str, str] | None = None, **changes: Any) -> Showing:
+        return made_run(tmp_path / str(next(count)), settings=settings, **changes)
 
     return make
 
 
-def showing(
-    folder: Path, jerk: dict[str, float], duration_s: float = 2.0, words: list | None = None
-) -> Showing:
-    """Of rows with a motion and a video each, and a time line in which each jerks once."""
-    folder.mkdir()
-
-    def write_timeline(paths: Any) -> Path:
-        line = {"duration_s": duration_s, "fps": 30, "peaks": [1], "onsets_s": []}
-        line |= {"words": words or [], "point": "Right middle fingertip"}
-        line["curves"] = {name: {"raw": {}} for name in jerk}
-        line["worst"] = [
-            {"start_s": 0.5, "end_s": 1.5, "name": name, "jerk_m_s3": value}
-            for name, value in jerk.items()
-        ]
-        path = folder / "timeline.json"
-        path.write_text(json.dumps(line))
-        return path
-
-    write = Writers(lambda paths: folder / "speech.wav", write_timeline)
-    made = Showing(list(jerk), list(jerk), LAYOUT, write, folder, MediaAddresses(), "")
-    save_motion(made_motion(8), folder / "a.npz")
-    for name in jerk:
-        made.take(Artefact("motion", name, folder / "a.npz"))
-        made.take(Artefact("video", name, folder / "a.mp4"))
-    return made
-
-
 def test_the_settings_that_differ_are_told_in_one_sentence(run):
-    a, b = run({"seed": "3", "steps": "10"}), run({"seed": "7", "steps": "25"})
+    a, b = (run(each).record for each in ({"seed": "3", "steps": "10"}, STEPS))
     assert told_settings(a, b) == "Seed 3 against 7; steps 10 against 25."
     assert told_settings(a, a) == text.PAIR_SAME_SETTINGS
-    own = replace(run(), settings={"motions": "mine", "words": "said.txt"})
+    own = a.model_copy(update={"settings": {"motions": "mine", "words": "said.txt"}})
     told = f"{text.PAIR_BROUGHT.format(run='B')} Words none against said.txt."
-    assert told_settings(run({"words": "none"}), own) == told
-    other = run({"speech": "another"})
-    assert told_settings(run(), other) == text.PAIR_SAME_SETTINGS  # told apart from the settings
-    assert told_speech(run(), run({"seed": "1"}), True) == text.PAIR_ONLY_SEED
-    assert "play together" in told_speech(run(), run({"steps": "9"}), True)
-    told = told_speech(run(), other, False)
+    assert told_settings(run({"words": "none"}).record, own) == told
+    usual, other = run().record, run({"speech": "another"}).record
+    assert told_settings(usual, other) == text.PAIR_SAME_SETTINGS  # told apart from the settings
+    assert told_speech(usual, run({"seed": "1"}).record, True) == text.PAIR_ONLY_SEED
+    assert "play together" in told_speech(usual, run({"steps": "9"}).record, True)
+    told = told_speech(usual, other, False)
     assert "speech against another" in told and "choose whose sound plays" in told
 
 
@@ -264,8 +233,9 @@ def test_equal_names_stand_beside_each_other(a, b, pairs):
 
 
 def test_the_table_has_both_and_their_difference(run):
-    a = run(diagnostics=numbers(104.0, **{"globaldiff/local": 120.0, "globaldiff/full": 90.0}))
-    b = run(diagnostics=numbers(104.0, **{"globaldiff/local": 100.0}))
+    jerk = {"globaldiff/local": 120.0, "globaldiff/full": 90.0}
+    a = run(reference=104.0, jerk=jerk).record
+    b = run(reference=104.0, jerk={"globaldiff/local": 100.0}).record
     table = pair_table(a, b)
     heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)</th>", table)
     minus = text.PAIR_DIFFERENCE
@@ -279,16 +249,16 @@ def test_the_table_has_both_and_their_difference(run):
     assert "<button" not in jerk  # columns keep their places
     start = "Right middle fingertip jerk in m/s³:"
     assert jerk_line(a, b) == f"{start} local 120 in A and 100 in B; full 90 in A."
-    full = run(diagnostics=numbers(105.0, **{"globaldiff/full": 100.0}))
+    full = run(reference=105.0, jerk={"globaldiff/full": 100.0}).record
     assert jerk_line(b, full) == f"{start} local 100 in A and full 100 in B."
     table = pair_table(b, full)
     assert "reference (A)" in table and "reference (B)" in table, "they are not the same"
     assert 'class="raw near"' not in table
 
 
-def test_both_are_in_one_player_with_one_time_line(run, tmp_path):
-    a = run(showing=showing(tmp_path / "a", {"f/x": 5.0, "f/y": 9.0}))
-    b = run({"seed": "1"}, showing=showing(tmp_path / "b", {"f/x": 7.0}, duration_s=3.0))
+def test_both_are_in_one_player_with_one_time_line(run):
+    a = run(jerk={"f/x": 5.0, "f/y": 9.0})
+    b = run({"seed": "1"}, jerk={"f/x": 7.0}, duration_s=3.0)
     value = joined(a, b)
     assert [row["name"] for row in value["rows"]] == ["f/x (A)", "f/x (B)", "f/y (A)"]
     assert [row["label"] for row in value["rows"]] == ["x (A)", "x (B)", "y (A)"]
@@ -300,9 +270,7 @@ def test_both_are_in_one_player_with_one_time_line(run, tmp_path):
     assert head == "data:application/json;base64" and line["duration_s"] == 3.0
     assert list(line["curves"]) == ["f/x (A)", "f/y (A)", "f/x (B)"]
     assert [each["name"] for each in line["worst"]] == ["f/y (A)"]  # the others overlap it
-    assert joined(a, run()) == NOTHING  # nothing was drawn of the other
-    folder, silent = tmp_path / "c", {"speech": NONE}
-    own = run(silent, speech_sha256="", showing=showing(folder, {"take": 7.0}, duration_s=9.0))
+    own = run({"speech": NONE}, speech_sha256="", jerk={"take": 7.0}, duration_s=9.0)
     for first, second in ((a, own), (own, a)):  # what has no speech moves under the other's
         value = joined(first, second)
         assert "sounds" not in value and line_of(value["timeline"])["duration_s"] == 2.0
@@ -313,14 +281,10 @@ def line_of(address: str) -> dict[str, Any]:
     return json.loads(base64.b64decode(address.partition(",")[2]))
 
 
-def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run, tmp_path):
+def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run):
     said = [[0.1, 0.4, "hello"]]
-    a = run(showing=showing(tmp_path / "a", {"f/x": 5.0}, words=said))
-    b = run(
-        {"speech": "another"},
-        speech_sha256="other",
-        showing=showing(tmp_path / "b", {"f/x": 7.0}, duration_s=3.0),
-    )
+    a = run(jerk={"f/x": 5.0}, said=Transcript((Word(0.1, 0.4, "hello"),)))
+    b = run({"speech": "another"}, speech_sha256=OTHER, jerk={"f/x": 7.0}, duration_s=3.0)
     value = joined(a, b)
     assert [sound["label"] for sound in value["sounds"]] == ["A: speech", "B: another"]
     first, second = value["sounds"]
@@ -332,12 +296,12 @@ def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run, tmp_pat
     assert lines[0]["curves"].keys() == lines[1]["curves"].keys() == {"f/x (A)", "f/x (B)"}
 
 
-def test_the_earlier_is_a_and_only_one_speech_plays_together(run, tmp_path):
+def test_the_earlier_is_a_and_only_one_speech_plays_together(tmp_path):
     runs = KeptRuns(3600.0)
-    first = keep(runs, tmp_path / "1", "", run())
-    second = keep(runs, tmp_path / "2", "", run({"seed": "1"}))
-    other = keep(runs, tmp_path / "3", "", run(speech_sha256="other"))
-    silent = keep(runs, tmp_path / "4", "", run(speech_sha256=""))
+    first = keep(runs, tmp_path / "1", "")
+    second = keep(runs, tmp_path / "2", "", settings={"seed": "1"})
+    other = keep(runs, tmp_path / "3", "", speech_sha256=OTHER)
+    silent = keep(runs, tmp_path / "4", "", speech_sha256="")
     assert RunPair.of(second, first) == RunPair(first, second)
     assert RunPair(first, second).has_one_speech
     assert not RunPair(first, other).has_one_speech

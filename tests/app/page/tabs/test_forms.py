@@ -11,12 +11,13 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.catalogue import default_systems
-from app.page.tabs.motion import Form, fresh_copy, kept_values, request_from_form, row_names
-from app.page.tabs.motion_run import RunView
+from app.page.tabs.motion import Form, fresh_copy, kept_values, request_from_form
+from app.page.tabs.motion_run import StageLine
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, display_names
 from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, StudyForm, collect_files, plan_text
+from app.run.pipeline import row_names
 from app.run.requests.display import Display
-from app.run.requests.request import Artefact, GenerateRequest, Progress
+from app.run.requests.request import GenerateRequest, Progress
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
 from model.systems.globaldiff.config import BEST, SYSTEMS
@@ -69,9 +70,8 @@ def test_every_field_of_the_form_reaches_the_run():
         display=Display(has_trail=True),
         has_video=False,
         has_poses=True,
-        has_posters=True,
     )
-    assert row_names(request) == (
+    assert tuple(row_names(request, request.systems)) == (
         *("globaldiff/local", "globaldiff/local.s2"),
         *("globaldiff/global", "globaldiff/global.s2"),
         "reference",
@@ -147,12 +147,10 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
         assert copy.read_bytes() == b"sound" and copy.stat().st_mtime > 10**9
         os.utime(copy, (0, 0))
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
-    view, figure = RunView(), Artefact("figure", "figure6", Path("a.png"))
-    assert view.line == text.STARTING
-    for event in (Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local"), figure):
-        view.take(event)
-    assert view.line.startswith(text.STAGE_NAMES["motion"])
-    assert view.fractions == {"speech": 1.0, "motion": 0.5} and view.artefacts == [figure]
+    line = StageLine()
+    assert text.STARTING in line.html([])
+    told = line.html([Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local")])
+    assert text.STAGE_NAMES["motion"] in told and "50 %" in told
 
 
 def own(*motions: str, **changes: Any) -> OwnMotionForm:

@@ -19,34 +19,31 @@ from app.errors import RunError
 from app.live.session import LiveAsk
 from app.live.sessions import LiveSessions
 from app.page.parts import markup
-from app.page.player.player import Showing, Writers
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
-from app.page.results.kept_runs import KeptRuns
+from app.page.results.kept_runs import KeptRuns, keep_own
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.live import LiveRunner, offered
 from app.page.tabs.motion import FormParts
-from app.page.tabs.motion_run import Opening
+from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind, Wanted
-from app.run.diagnose import DiagnoseRequest, Diagnosis
+from app.run.diagnose import DiagnoseRequest
 from app.run.many.sets import Sets, SetsRequest
-from app.run.output.result_folder import zip_files
-from app.run.requests.request import Artefact, OnEvent, Progress, ShouldCancel
+from app.run.requests.request import OnEvent, Progress, ShouldCancel
 from app.run.videos.behind import VideosRequest, names_that_fit
 from conventions.views import CLOSE_UPS
-from model.motion.motion import load_motion, save_motion
+from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from tests.app import fakes
-from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate, measures
+from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate
 from tests.app.live.test_live import ByHand, nothing, sound
-from tests.app.measured import diagnostics_of
 from tests.app.page.made import VISITOR, browser, updates_of
-from tests.app.page.results.made_run import ended_run, keep
+from tests.app.page.results.made_run import keep, made_run
 
 ONE = (None, None, "right_middle", 0)
 """The rest of a form: no reference, no speech, point and start."""
@@ -58,7 +55,7 @@ class Own:
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
         with gr.Blocks():
             self.parts, sets = build_results(), build_sets()
-        does = {"diagnose_files": diagnose, "draw_behind": fakes.make_draw()}
+        does = {"diagnose_opened": diagnose, "draw_behind": fakes.make_draw()}
         services = fakes.made_services(folder, does, config=AppConfig())
         tools = SetsTools(measure_sets, sets, KeptSets())
         self.sets_shown = sets.shown
@@ -67,18 +64,8 @@ class Own:
         self.opener = ClipRunner(services, self.parts, videos, tools)
 
 
-def diagnose(request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
-    on_event(Progress("numbers", 0.5))
-    request.out.mkdir()
-    files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
-    for file in files:
-        file.write_bytes(b"0")
-    diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
-    return Diagnosis(files, ("A <note>.",), diagnostics, None)
-
-
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
-    own = Own(tmp_path, diagnose)
+    own = Own(tmp_path, fakes.diagnose)
     *_, last = updates_of(own.runner, own.parts, ["/up/<b>.npz"], *ONE)
     assert "Measured 1 motion." in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
@@ -86,8 +73,27 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert "?run=" in last["runs"]["value"]
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
     assert last["downloads_part"]["visible"]
-    assert [Path(file).name for file in last["files"]] == ["diagnostics.json", "jitter.png"]
+    names = [Path(file).name for file in last["files"]]
+    assert names == ["diagnostics.json", "jitter.png"]
     assert Path(last["bundle"]["value"]).stat().st_size > 0
+
+
+def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
+    with gr.Blocks():
+        form, parts = FormParts((), gr.Button(), gr.Button()), build_results()
+    failing = make_generate(late_error=RunError("The disk is full."))
+    services = made_services(tmp_path, {"generate_all": failing})
+    runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
+    values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
+    *_, last = updates_of(runner, parts, *values, None)
+    assert "The disk is full." in last["message"]["value"] and text.STOPPED in last["status"]
+    (row,) = last["player"]["rows"]
+    assert row["there"]["end"] == 30 and not last["player"]["running"]
+    assert "globaldiff-local.npz" in {Path(file).name for file in last["files"]}
+    early = make_generate(error=RunError("No such system."))
+    services = made_services(tmp_path / "early", {"generate_all": early})
+    runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
+    assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
 
 class Measured:
@@ -123,9 +129,9 @@ class Measured:
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     opened: list[DiagnoseRequest] = []
 
-    def noted(request: DiagnoseRequest, *how: Any) -> Diagnosis:
+    def noted(request: DiagnoseRequest, *how: Any) -> None:
         opened.append(request)
-        return diagnose(request, *how)
+        fakes.diagnose(request, *how)
 
     measured = Measured(tmp_path)
     own = Own(tmp_path / "jobs", noted, measured)
@@ -178,7 +184,7 @@ def test_nobody_but_the_worker_opens_a_zip(tmp_path, monkeypatch):
     with zipfile.ZipFile(upload, "w") as archive:
         archive.writestr("a.npz", b"")
     monkeypatch.setattr(zipfile, "ZipFile", Watched)
-    own = Own(tmp_path / "jobs", diagnose, Measured(tmp_path))
+    own = Own(tmp_path / "jobs", fakes.diagnose, Measured(tmp_path))
     *_, last = updates_of(own.runner, own.parts, 4 * [str(upload)], *ONE)
     assert "Measured 2 clips" in last["status"] and not opened
 
@@ -218,7 +224,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     asked = keeps.asked(job, "mine", (session.token,))
     assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
     assert asked.speech.parent == job.folder and asked.take is not None
-    assert asked.close_ups == CLOSE_UPS and asked.has_posters  # as any other run on the page
+    assert asked.close_ups == CLOSE_UPS  # as any other run on the page
     assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
     speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
     kept = session.kept()
@@ -319,7 +325,7 @@ def test_a_link_opens_the_run_in_its_own_tab_and_fills_in_the_form_that_asked_fo
     tmp_path, tab, place
 ):
     page = Page(tmp_path)
-    run = keep(page.runs, tmp_path / "job", "mine", ended_run(tmp_path, form={"seed": 7}), tab)
+    run = keep(page.runs, tmp_path / "job", "mine", tab, {"seed": 7})
     updates = page.opened("of a stranger", run.token)
     tabs, *_ = page.opening.outputs
     assert updates[tabs].selected == place
@@ -333,10 +339,29 @@ def test_a_link_opens_the_run_in_its_own_tab_and_fills_in_the_form_that_asked_fo
     assert {page.seed, page.samples} <= set(page.opening.outputs)
 
 
+def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
+    """Made elsewhere; a visitor's link comes first."""
+    made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
+    page = Page(tmp_path / "page")
+    own = keep_own(page.runs, made.folder, tmp_path / "opened", MediaAddresses())
+    page.opening._opened = (own,)
+    updates = page.opened("of anybody")
+    assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
+    assert "made elsewhere" not in updates[page.own.runs]["value"], "it is nobody's own"
+    assert "data-measure" in updates[page.own.numbers]["value"]
+    listed = [Path(path) for path in updates[page.own.files]]
+    assert listed and all(tmp_path / "opened" in path.parents for path in listed)
+    mine = keep(page.runs, tmp_path / "job", "mine")
+    assert page.own.player not in page.opened("mine", mine.token)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RunError, match=r"run\.json is missing"):
+        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", MediaAddresses())
+
+
 def test_two_runs_open_beside_each_other(tmp_path):
     page = Page(tmp_path)
-    first = keep(page.runs, tmp_path / "1", "mine", ended_run(tmp_path, "first"))
-    second = keep(page.runs, tmp_path / "2", "mine", ended_run(tmp_path, "second"), "own_motion")
+    first = keep(page.runs, tmp_path / "1", "mine", title="first")
+    second = keep(page.runs, tmp_path / "2", "mine", "own_motion", title="second")
     updates = page.opened("mine", second.token, first.token)
     assert text.PAIR_SAME_SETTINGS in updates[page.first.verdict]["value"]
     assert "local (B)" in updates[page.first.numbers]["value"]
@@ -370,19 +395,11 @@ class Tab:
         services = fakes.made_services(folder, {"draw_behind": draw})
         self.jobs, self.kept = services.jobs, services.kept
         self.videos = VideosBehind(services, self.parts, "videos")
-        run_folder = folder / "run"
-        run_folder.mkdir()
-        writers = Writers(lambda paths: run_folder, lambda paths: run_folder)
-        self.showing = Showing(NAMES, NAMES, {}, writers, run_folder, MediaAddresses(), "")
-        for name in NAMES:
-            path = run_folder / f"{name.rsplit('/', 1)[-1]}.npz"
-            save_motion(fakes.made_motion(30), path)
-            self.showing.take(Artefact("motion", name, path))
-        files = tuple(self.showing.drawn().values())
-        bundle = zip_files(files, run_folder / "all.zip")
-        run = ended_run(run_folder, showing=self.showing, files=files, bundle=bundle)
-        self.run = keep(self.kept, run_folder, "cookie", run)
-        self.videos.want("visitor", Wanted(self.run, VideosRequest(self.showing.drawn(), folder)))
+        self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
+        for row in self.run.record.rows:
+            (self.run.showing.folder / row.files["video"]).unlink()
+        self.wanted = Wanted(self.run, VideosRequest(self.run.showing.motions(), folder))
+        self.videos.want("visitor", self.wanted)
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)
@@ -392,14 +409,15 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     tab = Tab(tmp_path, fakes.make_draw(seconds=0.2))
     told = list(tab.updates())
     assert text.VIDEOS_DONE in told[-1][tab.parts.status] and "Done." in told[-1][tab.parts.status]
-    names = ["local.npz", "global.npz"]
-    names += ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
-    assert [Path(path).name for path in told[-1][tab.parts.files]] == names
+    names = ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
+    listed = [Path(path).name for path in told[-1][tab.parts.files]]
+    assert [name for name in listed if name.endswith(".mp4")] == names
     players = [each[tab.parts.player] for each in told if tab.parts.player in each]
     assert all("video" in row for row in players[-1]["rows"]) and not players[-1]["begins"]
     opened = tab.kept.find(tab.run.token)
-    assert opened is not None and [path.name for path in opened.run.files] == names
-    assert opened.run.bundle.stat().st_size > sum(path.stat().st_size for path in opened.run.files)
+    assert opened is not None
+    with zipfile.ZipFile(opened.bundle) as bundle:
+        assert {"run.json", "shown/globaldiff-local.frames", *names} <= set(bundle.namelist())
     assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
     assert not tab.jobs.in_use()
 
@@ -418,13 +436,13 @@ def test_videos_give_way_to_whoever_waits_for_a_run_and_begin_anew(tmp_path):
         line = next(
             each[tab.parts.status] for each in updates if each[tab.parts.status] != gr.skip()
         )
-        assert text.VIDEOS_WAIT in line and set(drawn) == {0}
+        assert "Videos are drawn once" in line and set(drawn) == {0}
     may_draw.set()
     assert text.VIDEOS_DONE in list(updates)[-1][tab.parts.status] and drawn[-2:] == [0, 1]
-    tab.videos.want("visitor", Wanted(tab.run, VideosRequest(tab.showing.drawn(), tmp_path)))
+    tab.videos.want("visitor", tab.wanted)
     with tab.jobs.opened("another", "generate"):
         updates = tab.updates()
-        assert text.VIDEOS_WAIT in next(updates)[tab.parts.status]
+        assert "Videos are drawn once" in next(updates)[tab.parts.status]
         tab.videos.give_up("visitor")
         assert list(updates) == [], "another run of the visitor has begun"
 

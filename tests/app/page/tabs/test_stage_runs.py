@@ -10,24 +10,27 @@ import pytest
 from app import text
 from app.errors import RunError
 from app.page.player.edited_runs import EditedRuns
-from app.page.player.player import Showing
 from app.page.results.result_parts import build_results
-from app.page.routes.media import MediaAddresses
 from app.page.tabs import takes_run, videos_run
 from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
 from app.page.tabs.videos_run import DrawSeen, SeenRunner
-from app.run.output.telling import Reporter
-from app.run.pieces import PieceTeller
-from app.run.requests.request import Artefact, GenerateRequest, OnEvent, Progress, ShouldCancel
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import read_run
+from app.run.requests.request import (
+    GenerateRequest,
+    Grown,
+    OnEvent,
+    Progress,
+    ShouldCancel,
+)
+from app.run.run_writer import RunWriter
 from app.run.takes.take import Take, TakeFiles, TakeRequest
 from app.run.videos.seen_video import SeenRequest, SeenVideo
-from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, PlanError
-from model.speech.audio import write_wav
-from model.speech.transcript import Word
-from tests.app.fakes import made_motion, made_services
+from model.speech.transcript import Transcript, Word
+from tests.app.fakes import made_services
 from tests.app.page.made import browser
-from tests.model.made import made_waveform
+from tests.app.page.results.made_run import made_run
 from tests.model.plan.made import phase
 
 COOKIE = "a browser"
@@ -164,14 +167,12 @@ NOD = {"do": "nod", "at": 1.0}
 
 
 def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
-    request.out.mkdir()
-    motion = request.out / f"{request.name.replace('/', '-')}.npz"
-    save_motion(made_motion(FRAMES), motion)
-    PieceTeller(request.name, FRAMES, Reporter(on_event, should_cancel)).go_on(made_motion(FRAMES))
+    made_run(request.out.parent, jerk={request.name: 1.0}, out=request.out.name)
+    on_event(Grown(request.out))
     written = request.out / "told.json"
     written.write_text("{}")
-    on_event(Artefact("motion", request.name, motion))
-    files = TakeFiles(request.plan, motion, written)
+    stem = request.name.replace("/", "-")
+    files = TakeFiles(request.plan, request.out / "shown" / f"{stem}.npz", written)
     return Take(files, written, ("It was mended.",), ((0.5, 1.0),))
 
 
@@ -184,18 +185,13 @@ class Editor:
         runs = EditedRuns()
         services = made_services(folder, {"make_take": make})
         self.runner = TakesRunner(services, runs, self.parts)
-        run = folder / "run"
-        run.mkdir()
-        write_wav(folder / "talk.wav", made_waveform(16_000 * FRAMES // 30))
-        request = GenerateRequest(folder / "talk.wav", run / "results", folder, (ROW,))
-        self.showing = Showing.of_run(request, (ROW,), run, MediaAddresses(), COOKIE)
-        self.showing.begin()
-        plan, motion = run / "x.plan.json", run / "x.npz"
-        GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)).write(plan)
-        save_motion(made_motion(FRAMES), motion)
-        self.showing.take(Artefact("plan", ROW, plan))
-        self.showing.take(Artefact("motion", ROW, motion))
-        runs.keep(COOKIE, run, request, self.showing, (Word(0.2, 0.5, "you"),))
+        said = Transcript((Word(0.2, 0.5, "you"),))
+        self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
+        with ResultFolder(self.showing.folder, is_kept=True) as results:
+            run = RunWriter(results, read_run(self.showing.folder))
+            run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
+        request = GenerateRequest(folder / "talk.wav", self.showing.folder, folder, (ROW,))
+        runs.keep(COOKIE, folder / "run", request, self.showing)
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
@@ -222,7 +218,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
     assert (take["label"], take["take"], take["of"]) == ("take 1", 1, ROW)
-    assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == FRAMES
+    assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == 8
     editing = last["editing"]
     assert editing["said"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
     assert editing["known"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
@@ -232,7 +228,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert not first.edits and first.before is None
     assert one.before is not None and one.words[0].text == "you"
     assert two.before is not None and "take1" in two.before.motion.name
-    assert editor.showing.drawn().keys() == {ROW}  # videos and pairs are of the run
+    assert editor.showing.motions().keys() == {ROW}  # videos and pairs are of the run
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path):
@@ -259,8 +255,8 @@ def test_nobody_reaches_the_run_of_another(tmp_path):
     for cookie in ("another", ""):
         with pytest.raises(gr.Error, match="is another browser's"):
             editor.ask(NOD, cookie=cookie)
-    assert "editing" not in editor.showing.for_visitor("another").value(is_over=True)
-    assert "editing" in editor.showing.for_visitor(COOKIE).value(is_over=True)
+    assert "editing" not in editor.showing.for_browser(str).value()
+    assert "editing" in editor.showing.value()
 
 
 def edits(**changes: Any) -> str:

@@ -15,13 +15,13 @@ from app.run.examples import CLEAN
 from app.run.experiments.hearing import Heard, Hearing, HearingRequest
 from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
 from app.run.experiments.step_curve import StepCurve, StepCurveRequest, StepPoint
-from app.run.requests.request import Artefact, OnEvent, Progress, ShouldCancel
+from app.run.requests.request import Grown, OnEvent, Progress, ShouldCancel
 from model.measures.hearing import Decided
-from model.motion.motion import save_motion
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff.ladder import EXPLAINED
-from tests.app.fakes import catalogue_of, made_motion, made_services
+from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
+from tests.app.page.results.made_run import made_run
 
 EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
 
@@ -112,17 +112,17 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path, needs_video):
         request: MechanismRequest, on_event: OnEvent, should_cancel: ShouldCancel
     ) -> tuple[Path | None, tuple[str, ...]]:
         asked.append(request)
-        for name in NAMES:
-            path = request.out.with_name(f"{name}.npz")
-            save_motion(made_motion(10), path)
-            on_event(Artefact("motion", name, path))
+        made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
+        on_event(Grown(request.out.parent / "results"))
         on_event(Progress("numbers", 0.5))
         request.out.write_bytes(b"0")
         return request.out if request.has_video else None, ("Moved by <1> cm.",)
 
     *_, last = shown(show, tmp_path, 0.05, None, needs_video)
     assert (asked[0].motion, asked[0].noise_rad) == (CLEAN, 0.05) and CLEAN.is_file()
-    assert asked[0].is_played and asked[0].has_video == needs_video
+    assert (
+        asked[0].played == asked[0].out.with_name("results") and asked[0].has_video == needs_video
+    )
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]

@@ -1,16 +1,14 @@
-"""What the page draws under the videos, speech and motion over time, and the worst seconds."""
+"""What is drawn under the bodies: speech and motion over time, and the worst seconds."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
-from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,17 +58,6 @@ def worst_seconds(
     return found
 
 
-def worst_of_both(
-    first: list[dict[str, Any]], second: list[dict[str, Any]], count: int = NUM_SECONDS
-) -> list[dict[str, Any]]:
-    """The worst of two such lists, without overlap."""
-    kept: list[dict[str, Any]] = []
-    for each in sorted([*first, *second], key=lambda one: -one["jerk_m_s3"]):
-        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
-            kept.append(each)
-    return kept[:count]
-
-
 def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:
     """Mean jerk of the stretch that begins at each frame, over what lies whole within it."""
     entries = min(num_frames - 3, len(jerk))
@@ -88,26 +75,6 @@ CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 """By name of a curve the order of the derivative and the decimals kept."""
 
 Curve = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class SeriesLook:
-    """How the curve and the label of one motion look, here and in the figures."""
-
-    color: str
-    dashes: tuple[float, ...]
-    """On and off lengths in line widths; empty means solid."""
-
-
-def series_looks(names: tuple[str, ...]) -> dict[str, SeriesLook]:
-    """The figures' own styles: the reference black, the others by their order."""
-    from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
-
-    systems = [name for name in names if name != REFERENCE_NAME]
-    styles = {name: SYSTEM_STYLES[i % len(SYSTEM_STYLES)] for i, name in enumerate(systems)}
-    if REFERENCE_NAME in names:
-        styles[REFERENCE_NAME] = REFERENCE_STYLE
-    return {name: SeriesLook(style.color, style.dashes) for name, style in styles.items()}
 
 
 def make_timeline(
@@ -229,3 +196,17 @@ def derivative_curve(
         "step_s": round(stride / FPS, 5),
         "values": np.round(values, decimals).tolist(),
     }
+
+
+def longest_s(motions: Mapping[str, Motion]) -> float:
+    """As long as all that is shown."""
+    return max(motion.duration_s for motion in motions.values())
+
+
+def waveform_of(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
+    """Speech, with silence as far as the longest motion goes; silence alone where there is none."""
+    from conventions.rates import SAMPLE_RATE
+
+    waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
+    missing = round(longest_s(motions) * SAMPLE_RATE) - len(waveform)
+    return np.pad(waveform, (0, max(0, missing)))

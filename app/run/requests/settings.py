@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from app.findings.comparison import point_title
 from app.findings.verdict import short_names
-from app.run.requests.request import GenerateRequest, Steps
+from app.run.requests.request import GenerateRequest, Steps, WordsAsked
 from model.systems.registry import sampler_title
-
-if TYPE_CHECKING:
-    from app.run.diagnose import DiagnoseRequest
 
 Settings = Mapping[str, str]
 """By name of a setting its value, both for a person."""
@@ -38,21 +35,14 @@ def settings_of_run(asked: GenerateRequest) -> Settings:
         "strength of the speech": USUAL if asked.guidance is None else f"{asked.guidance:g}",
         "filter": _FILTERS[asked.post_filter],
         "reference": reference.name if reference else NONE,
-        "words": _words(asked),
+        "words": words_asked(asked.transcript, asked.words),
         "followed point": point_title(asked.joint).lower(),
     }
 
 
-def settings_of_own(asked: DiagnoseRequest) -> Settings:
-    """Of motion files that somebody brought."""
-    return {
-        SPEECH: asked.speech.stem if asked.speech else NONE,
-        MOTIONS: ", ".join(asked.names),
-        "reference": asked.reference.name if asked.reference else NONE,
-        "words": _words(asked),
-        "followed point": point_title(asked.joint).lower(),
-        "windows": f"{asked.window} frames, {asked.overlap} shared" if asked.window else NONE,
-    }
+def title_of(asked: GenerateRequest, systems: Sequence[str]) -> str:
+    """What a run is made of, in a few words."""
+    return f"{asked.speech.stem}: {', '.join(short_names(systems).values())}; seed {asked.seed}"
 
 
 def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
@@ -62,10 +52,11 @@ def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def _words(asked: GenerateRequest | DiagnoseRequest) -> str:
-    if asked.transcript is not None:
-        return asked.transcript.name
-    return "recognised" if asked.words == "recognise" else NONE
+def words_asked(transcript: Path | None, asked: WordsAsked) -> str:
+    """Where words come from."""
+    if transcript is not None:
+        return transcript.name
+    return "recognised" if asked == "recognise" else NONE
 
 
 def _steps(asked: Steps) -> str:

@@ -1,0 +1,149 @@
+"""A run's folder from somewhere else, measured anew: nobody is shown numbers that were never
+measured."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, Field, ValidationError
+
+from app.errors import RunError
+from app.run.diagnose import DiagnoseRequest, Diagnosis, OpenedRun, diagnose_files
+from app.run.many.unpacked import Limits, is_packed, unpacked
+from app.run.output.run_folder import NO_RUN, RUN, RunRecord, Text, file_of, read_run
+from app.run.requests.request import MAX_COMPARED, OnEvent, ShouldCancel
+from conventions.names import REFERENCE_NAME, printable
+from model.speech.transcript import (
+    NOTHING_SAID,
+    Accent,
+    GestureTier,
+    Interval,
+    Origin,
+    Transcript,
+    Word,
+)
+
+LIMITS = Limits(files=2_000, total_bytes=10**9)
+ENDINGS = (".json", ".npz", ".wav")
+SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".png", ".svg", ".pdf", ".mp4", ".jpg")
+"""With all that is only looked at."""
+_MAX_LINE_BYTES = 20_000_000
+Seconds = Annotated[float, Field(ge=0, le=1e5)]
+Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
+
+
+class _Line(BaseModel):
+    """What was said, of a time line."""
+
+    words_origin: Origin = "given"
+    words: Parts = []
+    phones: Parts = []
+    accents: Annotated[list[tuple[Seconds, Seconds]], Field(max_length=50_000)] = []
+    gestures: Annotated[dict[Text, Parts], Field(max_length=20)] = {}
+
+    @property
+    def said(self) -> Transcript:
+        tiers = self.gestures.items()
+        return Transcript(
+            tuple(Word(*part) for part in self.words),
+            tuple(GestureTier(name, tuple(Interval(*each) for each in of)) for name, of in tiers),
+            self.words_origin,
+            tuple(Interval(*part) for part in self.phones),
+            tuple(Accent(*accent) for accent in self.accents),
+        )
+
+
+def diagnose_opened(
+    request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel
+) -> Diagnosis:
+    """As `diagnose_files`; a request for one run's folder, or its zip, is for what that run shows.
+
+    Raises:
+        RunError: if it is none.
+    """
+    if request.is_run:
+        request = opened(request, request.out.parent / "opened")
+    return diagnose_files(request, on_event, should_cancel)
+
+
+def opened(request: DiagnoseRequest, into: Path) -> DiagnoseRequest:
+    """The same of the motions that a run shows, as many as fit, with its speech, words and plans.
+
+    Args:
+        into: where a zip is unpacked; not there yet.
+    """
+    (path,) = request.motions
+    folder, name = run_folder(path, into), printable(path.name)
+    record = read_run(folder)
+    motions = {
+        row.name: file
+        for row in record.rows
+        if (file := file_of(folder, row.files.get("motion"))) is not None
+    }
+    others = [each for each in motions if each != REFERENCE_NAME]
+    if not others:
+        raise RunError(NO_RUN.format(name=name, why="it has no motion"))
+    shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
+    speech = file_of(folder, record.sound) if record.speech_sha256 else None
+    plans = {
+        row.name: file
+        for row in record.rows
+        if (file := file_of(folder, row.files.get("performed"))) is not None
+    }
+    return replace(
+        request,
+        motions=tuple(motions[each] for each in shown),
+        names=tuple(shown),
+        reference=motions.get(REFERENCE_NAME),
+        speech=speech,
+        joint=record.point,
+        opened=OpenedRun(record, _said(folder, record), plans),
+    )
+
+
+def run_folder(
+    path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: Limits = LIMITS
+) -> Path:
+    """Where a run lies: the folder itself, or what a zip of it holds.
+
+    Raises:
+        RunError: as `unpacked`, or if there is none.
+    """
+    if not is_packed(path):
+        return path
+    into.mkdir(parents=True)
+    unpacked(path, into, endings, limits)
+    found = [each for each in (into, *into.iterdir()) if (each / RUN).is_file()]
+    if len(found) != 1:
+        raise RunError(NO_RUN.format(name=printable(path.name), why=f"{RUN} is missing"))
+    return found[0]
+
+
+def copied_run(path: Path, into: Path) -> Path:
+    """A run of one's own, or its zip, as it is; in ``into``, which is not there yet.
+
+    Raises:
+        RunError: if it is none.
+    """
+    folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, Limits())
+    record = read_run(folder)
+    for name in (RUN, *record.named):
+        file, copy = file_of(folder, name), into / "results" / name
+        if file is not None:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
+    return into / "results"
+
+
+def _said(folder: Path, record: RunRecord) -> Transcript:
+    path = file_of(folder, record.timeline)
+    if path is None or path.stat().st_size > _MAX_LINE_BYTES:
+        return NOTHING_SAID
+    try:
+        return _Line.model_validate_json(path.read_bytes()).said
+    except (ValidationError, ValueError):
+        return NOTHING_SAID

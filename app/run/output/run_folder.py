@@ -1,0 +1,338 @@
+"""What a run's folder holds, as its `run.json` says it: written while the run goes, and read by
+whoever shows it (docs/formats.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import struct
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from app.errors import RunError
+from app.findings.verdict import short_names
+from app.run.output.result_folder import zip_files
+from app.run.requests.request import Artefact
+from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
+from model.storage.files import written_atomically
+
+RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
+SHOWN = "shown"
+"""Folder of what only a player shows."""
+RESULTS_ZIP = "co-speech-motion.zip"
+NO_RUN = (
+    "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
+    "this version has written, or its zip."
+)
+_MAX_BYTES = 20_000_000
+MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
+_OWN = {"out", "weights", "body", "is_kept", "is_run", "opened", "take", "title", "max_frames"}
+"""Of a request, what is nobody's business or no choice."""
+_MAX_STEM_BYTES = 200
+_MAX_LIST_BYTES = 300_000
+"""Of the list of files at the end of a zip that is looked at."""
+
+Name = Annotated[str, Field(min_length=1, max_length=520), AfterValidator(printable)]
+Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(printable)]
+
+
+def _stays_inside(name: str) -> str:
+    own = name.removeprefix(f"{SHOWN}/")
+    if own in ("", ".", "..") or "/" in own or "\0" in own:
+        raise ValueError("it leads elsewhere")
+    return name
+
+
+FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
+Count = Annotated[int, Field(ge=0, le=2**40)]
+Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+RowKind = Literal["motion", "frames", "plan", "performed", "video", "poster"]
+"""``plan`` is what a player shows, ``performed`` what the system was given."""
+Kind = Literal["generated", "given"]
+State = Literal["running", "done", "failed", "cancelled"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class There(_Strict):
+    """How much of a row's frames there is, and how they are laid onto the others."""
+
+    end: Count
+    num_frames: Count
+    bytes: Count
+    place: tuple[Number, Number, Number, Number]
+    """Radians about the vertical, then metres."""
+
+
+class Row(_Strict):
+    """One motion."""
+
+    name: Name
+    label: Name
+    color: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+    dashes: Annotated[list[Number], Field(max_length=8)]
+    files: dict[RowKind, FileName] = {}
+    there: There | None = None
+    assumed: Annotated[list[dict[Name, Any]], Field(max_length=40)] = []
+    """As what its file was understood, where it came from one."""
+
+
+class Told(_Strict):
+    """A finding."""
+
+    name: Name
+    sentence: Text
+    at: Number | None = None
+    """The second at which it is worst."""
+
+
+class Verdict(_Strict):
+    numbers: Text
+    judgement: Text
+
+
+class RunRecord(_Strict):
+    """What ``run.json`` says."""
+
+    format: Literal[1] = 1
+    state: State = "running"
+    sentence: Text = ""
+    """How it went, or why it failed."""
+    kind: Kind
+    title: Text = ""
+    asked: Annotated[dict[Name, Any], Field(max_length=80)] = {}
+    """As the command or the form asked for it; of files only their names."""
+    settings: Annotated[dict[Name, Text], Field(max_length=60)] = {}
+    """The same in words, as two runs are compared by."""
+    speech_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    """Of the file of speech; empty without any."""
+    point: Name
+    """The fingertip or joint that the numbers follow."""
+    layout: Annotated[dict[Name, Number | list[Number]], Field(max_length=8)] = {}
+    """Where body and close-ups stand in a video."""
+    rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
+    sound: FileName | None = None
+    timeline: FileName | None = None
+    verdict: Verdict | None = None
+    findings: Annotated[list[Told], Field(max_length=MAX_TOLD)] = []
+    """The gravest first."""
+    says: dict[Name, Text] = {}
+    """Sentences of the numbers, by figure."""
+    numbers: Annotated[
+        dict[Name, dict[Version, dict[Name, Number]]], Field(max_length=MAX_ROWS)
+    ] = {}
+    """By motion, filter and measure, as tables show them; what was not measured is not there."""
+    notes: Annotated[list[Text], Field(max_length=MAX_TOLD)] = []
+    files: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
+    """That are whole."""
+
+    @model_validator(mode="after")
+    def _each_once(self) -> RunRecord:
+        names = [row.name for row in self.rows]
+        if len(set(names)) < len(names):
+            raise ValueError("two rows have one name")
+        return self
+
+    def row(self, name: str) -> Row | None:
+        return next((row for row in self.rows if row.name == name), None)
+
+    @property
+    def named(self) -> list[str]:
+        """All its files."""
+        frames = [row.files["frames"] for row in self.rows if "frames" in row.files]
+        return list(dict.fromkeys([*self.files, *frames]))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether there is anything to be seen."""
+        return any(row.files for row in self.rows)
+
+    def write(self, path: Path) -> None:
+        with written_atomically(path) as part:
+            part.write_text(self.model_dump_json(exclude_none=True), encoding="utf-8")
+
+
+def noise_of(name: str) -> str | None:
+    """What rows have in common that were drawn from the same noise in the same way: what stands
+    before the slash, and the sample; None of a motion whose noise, if any, is not known."""
+    sample = SampleName.parse(name)
+    family, slash, _ = sample.system.partition("/")
+    return f"{family} {sample.number}" if slash else None
+
+
+def rows_of(names: Sequence[str]) -> list[Row]:
+    """As they look in players and figures."""
+    looks, labels = series_looks(names), short_names(names)
+    return [
+        Row(name=name, label=labels[name], color=look.color, dashes=list(look.dashes))
+        for name, look in looks.items()
+    ]
+
+
+@dataclass(frozen=True)
+class SeriesLook:
+    """How the curve and the label of one motion look, here and in the figures."""
+
+    color: str
+    dashes: tuple[float, ...]
+    """On and off lengths in line widths; empty means solid."""
+
+
+def series_looks(names: Iterable[str]) -> dict[str, SeriesLook]:
+    """The figures' own styles: the reference black, the others by their order."""
+    from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
+
+    names = list(names)
+    systems = [name for name in names if name != REFERENCE_NAME]
+    styles = {name: SYSTEM_STYLES[i % len(SYSTEM_STYLES)] for i, name in enumerate(systems)}
+    styles[REFERENCE_NAME] = REFERENCE_STYLE
+    return {name: SeriesLook(styles[name].color, styles[name].dashes) for name in names}
+
+
+def read_run(folder: Path) -> RunRecord:
+    """What its ``run.json`` says.
+
+    Raises:
+        RunError: if it is none that a run of this version has written.
+    """
+    path, name = folder / RUN, printable(folder.name)
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+        if len(content) > _MAX_BYTES:
+            raise ValueError("it is too long")
+        return RunRecord.model_validate_json(content)
+    except OSError as error:
+        raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing")) from error
+    except ValidationError as error:
+        where = ".".join(map(str, error.errors()[0]["loc"]))
+        why = f"{RUN} is damaged at {printable(where)[:80] or 'its start'}"
+        raise RunError(NO_RUN.format(name=name, why=why)) from None
+    except (ValueError, OverflowError, RecursionError) as error:
+        raise RunError(NO_RUN.format(name=name, why=f"{RUN} is damaged")) from error
+
+
+def file_of(folder: Path, name: str | None) -> Path | None:
+    """A file that ``run.json`` names; None where it is not there, or a link leads out of it."""
+    path = None if name is None else folder / name
+    if path is None or not path.is_file():
+        return None
+    return path if path.resolve().is_relative_to(folder.resolve()) else None
+
+
+_CHANGING = threading.Lock()
+
+
+def add_files(folder: Path, artefacts: Sequence[Artefact]) -> None:
+    """Take files that were made after a run had ended into its folder."""
+    with _CHANGING:
+        record = read_run(folder)
+        for artefact in artefacts:
+            name = artefact.path.name
+            if artefact.kind == "poster":
+                name = f"{SHOWN}/{name}"
+            (folder / name).unlink(missing_ok=True)
+            os.link(artefact.path, folder / name)
+            row = record.row(artefact.name)
+            if row is not None and artefact.kind in ("video", "poster"):
+                row.files[artefact.kind] = name
+            if name not in record.files:
+                record.files.append(name)
+        record.write(folder / RUN)
+
+
+def end_run(folder: Path, sentence: str) -> bool:
+    """Say of a run that has failed why, as a visitor is told; whether it has left any motion."""
+    try:
+        with _CHANGING:
+            record = read_run(folder)
+            record.state, record.sentence = "failed", cut(sentence)
+            record.write(folder / RUN)
+    except RunError:
+        return False  # it had not begun
+    return any("motion" in row.files for row in record.rows)
+
+
+def zip_run(folder: Path, out: Path) -> Path:
+    """All that its ``run.json`` names, that first: `is_run_zip` looks at the start."""
+    named = RUN, *read_run(folder).named
+    files = [path for name in named if (path := file_of(folder, name)) is not None]
+    return zip_files(files, out, below=folder)
+
+
+def is_run_zip(path: Path) -> bool:
+    """Whether a zip holds one run, as far as its short list of files tells; nothing is unpacked."""
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            start = max(0, size - _MAX_LIST_BYTES)
+            file.seek(start)
+            tail = file.read()
+    except OSError:
+        return False
+    end = tail.rfind(b"PK\x05\x06")
+    if end < 0 or len(tail) < end + 22:
+        return False
+    length, at = struct.unpack_from("<II", tail, end + 12)
+    at, found = at - start, 0
+    if at < 0 or at + length > end:
+        return False
+    while at + 46 <= end and tail[at : at + 4] == b"PK\x01\x02":
+        name_bytes, *others = struct.unpack_from("<HHH", tail, at + 28)
+        name = tail[at + 46 : at + 46 + name_bytes]
+        found += name.split(b"/")[-1] == RUN.encode() and name.count(b"/") <= 1
+        at += 46 + name_bytes + sum(others)
+    return found == 1
+
+
+def begun(
+    request: object,
+    kind: Kind,
+    title: str,
+    settings: Mapping[str, str],
+    point: str,
+    layout: Mapping[str, Any],
+) -> RunRecord:
+    """Of a run of which nothing is there yet, but what was asked for."""
+    asked = {key: each for key, each in vars(request).items() if key not in _OWN}
+    return RunRecord(
+        kind=kind,
+        title=cut(title),
+        asked={key: _jsonable(each) for key, each in asked.items() if each is not None},
+        settings={key: cut(value) for key, value in settings.items()},
+        point=point,
+        layout=dict(layout),
+    )
+
+
+def cut(told: str) -> str:
+    """As long as it may be in ``run.json``."""
+    return printable(told)[:MAX_TEXT]
+
+
+def _jsonable(value: Any) -> Any:
+    """Of paths only their names, so that no folder is told."""
+    if isinstance(value, Path):
+        return printable(value.name)
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(each) for each in value]
+    if hasattr(value, "__dataclass_fields__"):
+        return {key: _jsonable(each) for key, each in vars(value).items()}
+    return value if isinstance(value, int | float | None) else printable(str(value))
+
+
+def shown_file(name: str, ending: str) -> str:
+    """Of a row, for a player; short, however long the name is."""
+    stem = file_stem(name)
+    if len(stem.encode()) > _MAX_STEM_BYTES:
+        stem = f"{stem[:40]}-{hashlib.sha256(stem.encode()).hexdigest()[:8]}"
+    return f"{SHOWN}/{stem}{ending}"

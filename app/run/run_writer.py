@@ -1,0 +1,335 @@
+"""Writes a run's folder while the run goes on: what viewers need beside the results, and the
+`run.json` that names all of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from app.errors import CancelledRun, sentence_of
+from app.findings.measure_rows import numbers_of
+from app.findings.sentences import sentences_of
+from app.findings.verdict import verdict_of
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import (
+    MAX_ROWS,
+    MAX_TOLD,
+    RUN,
+    SHOWN,
+    SPEECH,
+    TIMELINE,
+    Row,
+    RunRecord,
+    There,
+    Told,
+    Verdict,
+    cut,
+    rows_of,
+    shown_file,
+)
+from app.run.output.telling import Reporter
+from app.run.pieces import MAX_FRAMES, frames_message
+from app.run.requests.request import ArtefactKind, Grown, OnEvent, ShouldCancel
+from app.run.timeline import (
+    heard_accents,
+    longest_s,
+    make_timeline,
+    tiers_of,
+    waveform_of,
+    waveform_peaks,
+)
+from app.run.videos.own_videos import Register, register_of
+from conventions.names import REFERENCE_NAME, VERSIONS, file_stem
+from conventions.views import CloseUp, Framing, View
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from app.run.followed_point import TipSource
+    from model.diagnostics import Diagnostics
+    from model.faults.evidence import Finding
+    from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
+    from model.speech.audio import Speech
+    from model.speech.transcript import Transcript
+
+_GROWN = 1.2
+"""So many times as long, a motion may stand elsewhere among the others."""
+FAULT = "The program failed in the middle of this run."
+
+
+@dataclass
+class _Growing:
+    """One row's motion while it is made."""
+
+    path: Path
+    register: Register | None
+    is_placed: bool
+    parts: list[Motion] = field(default_factory=list)
+    end: int = 0
+    register_at: int = 0
+
+    def placed(self, num_frames: int) -> Register:
+        """Of the whole at its end; before it from time to time, as it takes all frames so far."""
+        from model.motion.motion import put_together
+
+        is_due = self.end >= min(_GROWN * self.register_at, num_frames)
+        if self.register is None or (is_due and not self.is_placed):
+            self.register = register_of(put_together(self.parts))
+            self.register_at = self.end
+        return self.register
+
+
+class RunWriter(Reporter):
+    """Tells of a run by its folder. As a context it says in ``run.json`` how the run ended."""
+
+    def __init__(
+        self,
+        folder: ResultFolder,
+        record: RunRecord,
+        on_event: OnEvent = lambda event: None,
+        should_cancel: ShouldCancel = lambda: False,
+    ) -> None:
+        super().__init__(on_event, should_cancel)
+        self.folder = folder
+        self.record = record
+        self._path = folder.path(RUN, grows=True)
+        self._growing: dict[str, _Growing] = {}
+        self.tell()
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            return
+        is_cancelled = isinstance(error, CancelledRun)
+        self.record.state = "cancelled" if is_cancelled else "failed"
+        self.record.sentence = "" if is_cancelled else cut(sentence_of(error) or FAULT)
+        with suppress(Exception):
+            self.tell()
+
+    def tell(self) -> None:
+        """Write what is known, and say so."""
+        self.record.notes = [cut(note) for note in self.notes[:MAX_TOLD]]
+        self.record.write(self._path)
+        self._on_event(Grown(self._path.parent))
+
+    def finish(self, sentence: str) -> tuple[Path, ...]:
+        """All has come; returns the files but those that only a player shows."""
+        self.record.state, self.record.sentence = "done", cut(sentence)
+        self.tell()
+        return tuple(path for path in self.folder.publish() if path.parent.name != SHOWN)
+
+    def rows(self, names: Iterable[str]) -> None:
+        """All that there will be, in their order."""
+        self.record.rows = rows_of(list(names)[:MAX_ROWS])
+
+    def _row(self, name: str) -> Row:
+        row = self.record.row(name)
+        assert row is not None
+        return row
+
+    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
+        """Note a file that is whole; of a row's videos the first is shown."""
+        whole = self.folder.whole(path)
+        if whole not in self.record.files:
+            self.record.files.append(whole)
+        row = self.record.row(name)
+        if row is not None and kind in ("motion", "video", "poster"):
+            row.files.setdefault(kind, whole)
+        self.tell()
+
+    def files(self, kind: ArtefactKind, paths: Iterable[Path]) -> None:
+        for path in paths:
+            self.file(kind, path.stem, path)
+
+    def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
+        """Motion that goes on with what there is of a row, which is to have so many frames.
+
+        Args:
+            like: a motion as which it is laid onto the others; None is by itself.
+        """
+        if num_frames > MAX_FRAMES:
+            return
+        row = self._row(name)
+        if name not in self._growing:
+            path = self.folder.path(shown_file(name, ".frames"), grows=True)
+            path.unlink(missing_ok=True)
+            register = None if like is None else register_of(like)
+            self._growing[name] = _Growing(path, register, like is not None)
+        growing = self._growing[name]
+        with growing.path.open("ab") as file:
+            file.write(frames_message(growing.end, motion))
+            size = file.tell()
+        growing.parts.append(motion)
+        growing.end += motion.num_frames
+        place = growing.placed(num_frames)
+        row.files["frames"] = self.folder.whole(growing.path)
+        row.there = There(
+            end=growing.end,
+            num_frames=num_frames,
+            bytes=size,
+            place=(place.turn_rad, *place.shift_m),
+        )
+        self.tell()
+
+    def motion(self, name: str, motion: Motion, file_name: str = "") -> None:
+        """A row's whole motion, as it is shown.
+
+        Args:
+            file_name: where it is kept; by default among what only a player shows.
+        """
+        from model.motion.motion import save_motion
+
+        path = self.folder.path(file_name or shown_file(name, ".npz"))
+        save_motion(motion, path)
+        if name not in self._growing:
+            self.grow(name, motion, motion.num_frames)
+        self.file("motion", name, path)
+
+    def sound(self, waveform: np.ndarray) -> Path:
+        """What is heard: 16 kHz."""
+        from model.speech.audio import write_wav
+
+        path = self.folder.path(SPEECH)
+        write_wav(path, waveform)
+        self.record.sound = SPEECH
+        self.file("speech", SPEECH, path)
+        return self.folder.at(SPEECH)
+
+    def show(
+        self,
+        motions: Mapping[str, Motion],
+        speech: Speech | None,
+        tip: TipSource,
+        weights: Path | None = None,
+        plans: Mapping[str, Path] | None = None,
+    ) -> dict[str, Any]:
+        """Motions that are there, and what is heard: as long as the longest of them, silent without
+        speech. Returns their time line.
+
+        Args:
+            weights: where the speech encoder is whose accents are told; None tells none.
+            plans: that they performed, by name.
+        """
+        from model.plan.plan import read_plan
+
+        self.rows(motions)
+        waveform = waveform_of(speech, motions)
+        self.sound(waveform)
+        for name in sorted(motions.keys() & (plans or {}).keys()):
+            self.performed(name, read_plan((plans or {})[name]))
+        for name, motion in motions.items():
+            self.motion(name, motion)
+        timeline = make_timeline(speech, motions, "raw", tip)
+        timeline["duration_s"] = round(max(longest_s(motions), timeline["duration_s"]), 4)
+        timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
+        if speech is not None:
+            timeline["peaks"] = waveform_peaks(waveform)
+            timeline["heard_accents"] = [] if weights is None else heard_accents(speech, weights)
+        return timeline
+
+    def timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
+        """What is seen under the bodies; also again, with words that were looked for."""
+        path = self.folder.path(TIMELINE)
+        whole = {**timeline, **tiers_of(said)}
+        path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
+        self.record.timeline = TIMELINE
+        self.file("timeline", TIMELINE, path)
+
+    def performed(self, name: str, plan: GesturePlan) -> GesturePlan:
+        """Leave a row's plan beside its motion; given back with the decimals that anybody finds in
+        the file."""
+        from model.plan.plan import read_plan
+
+        path = self.folder.path(f"{file_stem(name)}.plan.json")
+        plan.write(path)
+        written = read_plan(path)
+        row = self.record.row(name)
+        if row is not None:
+            row.files["performed"] = f"{file_stem(name)}.plan.json"
+        self.plan(name, written, "planned")
+        self.file("plan", name, path)
+        return written
+
+    def plan(self, name: str, plan: GesturePlan, origin: str) -> None:
+        """What a player shows of a row."""
+        path = self.folder.path(shown_file(name, ".tiers.json"))
+        told = {"origin": origin, **json.loads(plan.as_json())}
+        path.write_text(json.dumps(told, allow_nan=False, separators=(",", ":")))
+        self._row(name).files["plan"] = shown_file(name, ".tiers.json")
+        self.file("plan", "", path)
+
+    def find_plans(self, motions: Mapping[str, Motion]) -> None:
+        """What those rows seem to follow that performed no plan."""
+        from model.motion.kinematics import open_body_skeleton
+        from model.plan.found import found_plan
+
+        for name, motion in motions.items():
+            if "plan" not in self._row(name).files:
+                self.plan(name, found_plan(motion, open_body_skeleton()), "found")
+
+    def measured(self, diagnostics: Diagnostics) -> None:
+        """Numbers that nothing will change any more, and what they say."""
+        record, verdict = self.record, verdict_of(diagnostics)
+        record.point = diagnostics.point
+        of_all = dict(diagnostics.systems)
+        if diagnostics.reference is not None:
+            of_all = {REFERENCE_NAME: diagnostics.reference, **of_all}
+        record.numbers = {
+            name: {kind: numbers_of(versions.of(kind)) for kind in VERSIONS}
+            for name, versions in list(of_all.items())[:MAX_ROWS]
+        }
+        record.findings = findings_told(diagnostics.findings)
+        if verdict is not None:
+            record.verdict = Verdict(numbers=cut(verdict.numbers), judgement=cut(verdict.judgement))
+        record.says = {key: cut(said) for key, said in sentences_of(diagnostics).items()}
+        for row in record.rows:
+            row.assumed = diagnostics.assumed.get(row.name, [])
+        self.tell()
+
+
+def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
+    """Of several motions, the gravest first."""
+    from model.faults.evidence import ranked
+
+    return [
+        Told(name=name, sentence=cut(finding.sentence), at=finding.worst_s)
+        for name, finding in ranked(findings)[:MAX_TOLD]
+    ]
+
+
+def picture_layout(
+    view: View, size: int, close_ups: tuple[CloseUp, ...], framing: Framing
+) -> dict[str, Any]:
+    """Where in a video the body and its close-ups stand.
+
+    Returns:
+        ``aspect``, width by height of the whole; for ``body`` and for each close-up by its name
+        its upper and lower edge, as shares of the height.
+    """
+    from app.run.videos.export import render_settings
+    from renderer.scene.panels import CLOSE_UP_VIEWS
+
+    settings = render_settings(view, size, close_ups=close_ups, framing=framing)
+    width, height = settings.picture_size
+    body, *beside = settings.panels
+    edges = {
+        name: next(panel for panel in beside if panel.view in CLOSE_UP_VIEWS[name])
+        for name in close_ups
+    }
+    return {"aspect": width / height} | {
+        name: [panel.top / height, (panel.top + panel.height) / height]
+        for name, panel in {"body": body, **edges}.items()
+    }

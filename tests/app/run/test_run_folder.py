@@ -1,0 +1,264 @@
+"""A run's folder: what is written while a run goes on and when it fails, and what is read of it."""
+
+import json
+import zipfile
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.errors import CancelledRun, RunError
+from app.run.diagnose import DiagnoseRequest, diagnose_files, record_of
+from app.run.many.opened import copied_run, opened
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import (
+    RUN,
+    RunRecord,
+    file_of,
+    is_run_zip,
+    noise_of,
+    read_run,
+    series_looks,
+    zip_run,
+)
+from app.run.pieces import HEADER
+from app.run.requests.request import Event, Grown
+from app.run.run_writer import RunWriter, findings_told, picture_layout
+from model.faults.evidence import SEEN, WRONG, Finding
+from model.motion.motion import load_motion, save_motion
+from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
+from model.speech.audio import load_speech
+from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
+from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
+from tests.app.fakes import made_motion
+from tests.helpers import smooth_motion_example
+
+NAMES = ("globaldiff/local", "globaldiff/global", "reference")
+RECORD: dict[str, Any] = {"format": 1, "kind": "given", "point": "right_middle"}
+ROW = {"name": "a", "label": "a", "color": "#000000", "dashes": []}
+REST = HandPhase(0.0, 2.0, "rest", (0.2, -0.2, 0.2))
+SAID = Transcript(
+    (Word(0.2, 0.5, "<b>hello"),),
+    (GestureTier("gesture_left", (Interval(0.3, 0.6, "stroke beat"),)),),
+    "aligned",
+    (Interval(0.2, 0.3, "HH"),),
+    (Accent(0.4, 1.5),),
+)
+
+
+def row(**changes: Any) -> dict[str, Any]:
+    return {**RECORD, "rows": [{**ROW, **changes}]}
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        b"", b"{}", b"[]", b"null", b"\xff", b"[" * 200_000, b'{"format":' * 5_000,
+        json.dumps({**RECORD, "point": "\ud800"}), json.dumps({**RECORD, "layout": {"a": 10**400}}),
+        json.dumps({**RECORD, "layout": {"a": float("nan")}}), json.dumps({**RECORD, "format": 2}),
+        json.dumps({**RECORD, "html": "<script>"}), json.dumps({**RECORD, "title": "x" * 3_000}),
+        json.dumps({**RECORD, "rows": [ROW] * 2}), json.dumps({**RECORD, "rows": [ROW] * 600}),
+        json.dumps({**RECORD, "speech_sha256": "../x"}), json.dumps(row(color="red;x")),
+        *(
+            json.dumps(row(files={"motion": name}))
+            for name in ("../a.npz", "/a.npz", "shown/../../a", "shown/", "", "..", "a\0", "b/c")
+        ),
+        b'{"title": "' + b"x" * 21_000_000 + b'"}',
+    ],
+    ids=lambda told: "",
+)  # fmt: skip
+def test_anything_else_is_refused_with_a_sentence(told, tmp_path):
+    (tmp_path / RUN).write_bytes(told if isinstance(told, bytes) else told.encode())
+    with pytest.raises(RunError, match=r"holds no run that can be shown \(run\.json is damaged"):
+        read_run(tmp_path)
+
+
+def test_names_are_harmless_and_no_link_leads_out(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with pytest.raises(RunError, match=r"run\.json is missing"):
+        read_run(folder)
+    (folder / RUN).write_text(json.dumps(row(name="a\u202e\x1b", files={"motion": "a.npz"})))
+    (read,) = read_run(folder).rows
+    assert read.name == "a??"
+    (tmp_path / "secret").touch()
+    assert file_of(folder, "a.npz") is None and file_of(folder, None) is None
+    (folder / "a.npz").symlink_to(tmp_path / "secret")
+    assert file_of(folder, "a.npz") is None
+    assert file_of(folder, RUN) == folder / RUN
+
+
+def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_path):
+    events: list[Event] = []
+    motion = made_motion(37)
+    with ResultFolder(tmp_path, is_kept=True) as folder:
+        run = RunWriter(folder, RunRecord(**RECORD), events.append)
+        run.rows(NAMES)
+        for start, end in pairwise([0, 10, 11, 37]):
+            run.grow(NAMES[0], motion.part(slice(start, end)), 37)
+            told = read_run(tmp_path)
+            first, second, _ = told.rows
+            path = file_of(tmp_path, first.files["frames"])
+            assert path is not None and first.there is not None and told.state == "running"
+            size = path.stat().st_size
+            assert (first.there.end, first.there.bytes) == (end, size) and second.there is None
+        assert size == 3 * HEADER.size + 37 * 504
+        run.motion(NAMES[0], motion, "first.npz")
+        run.motion(NAMES[1], motion)
+        first, second, _ = read_run(tmp_path).rows
+        assert first.there is not None and first.there.bytes == size, "it is not written again"
+        assert second.there is not None and second.there.bytes == HEADER.size + 37 * 504
+        assert second.there.place == pytest.approx(first.there.place)
+        run.finish("Done.")
+    assert (tmp_path / "first.npz").is_file() and read_run(tmp_path).state == "done"
+    assert set(events) == {Grown(tmp_path)}
+
+
+@pytest.mark.parametrize(
+    ("error", "state", "sentence"),
+    [(RunError("No room."), "failed", "No room."), (CancelledRun(), "cancelled", "")],
+)
+def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for(
+    tmp_path, error, state, sentence
+):
+    for is_kept in (True, False):
+        out = tmp_path / str(is_kept)
+        with (
+            pytest.raises(type(error)),
+            ResultFolder(out, is_kept=is_kept) as folder,
+            RunWriter(folder, RunRecord(**RECORD)) as run,
+        ):
+            run.rows(["a"])
+            run.motion("a", made_motion(8), "a.npz")
+            folder.path("half.npz").touch()
+            raise error
+        assert out.is_dir() == is_kept
+    told = read_run(tmp_path / "True")
+    assert (told.state, told.sentence) == (state, sentence)
+    left = {path.name for path in (tmp_path / "True").iterdir()}
+    assert left == {RUN, "a.npz", "shown"} and load_motion(tmp_path / "True/a.npz").num_frames == 8
+
+
+def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(tmp_path):
+    plan = GesturePlan(
+        2.0,
+        right=(HandPhase(0.5, 1.0, "stroke", (0.2, -0.1, 0.3), "offer", "never"),),
+        nods=(Nod(1.25, 6.0),),
+    )
+    with ResultFolder(tmp_path, is_kept=True) as folder:
+        run = RunWriter(folder, RunRecord(**RECORD))
+        run.rows(NAMES[:2])
+        assert run.performed(NAMES[0], plan) == plan
+        run.find_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
+    shown = [json.loads((tmp_path / each.files["plan"]).read_text()) for each in run.record.rows]
+    assert [each.pop("origin") for each in shown] == ["planned", "found"]
+    assert read_plan(tmp_path / run.record.rows[0].files["performed"]) == plan
+    assert shown[0]["nods"] == [{"time_s": 1.25, "depth_deg": 6.0}]
+    assert shown[1]["duration_s"] == 1.5 and "performed" not in run.record.rows[1].files
+    assert (shown[1]["right"][0]["start_s"], shown[1]["right"][-1]["end_s"]) == (0.0, 1.5)
+
+
+def test_the_gravest_findings_come_first_each_with_its_second():
+    findings = {
+        "a": [Finding("seam", "It jumps.", {}, excess=3.0, worst_frame=45, gravity=SEEN)],
+        "b": [
+            Finding("through", "A hand is in the chest.", {}, gravity=WRONG),
+            Finding("noise", "It trembles.", {}, excess=9.0, gravity=SEEN),
+        ],
+    }
+    told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
+    assert told == [
+        ("b", "A hand is in the chest.", None),
+        ("b", "It trembles.", None),
+        ("a", "It jumps.", 1.5),
+    ]
+
+
+def test_rows_look_as_in_the_figures_and_close_ups_stand_where_they_do_in_a_video():
+    looks = series_looks(("x", "y", "reference"))
+    assert [look.color for look in looks.values()] == [
+        *(style.color for style in SYSTEM_STYLES[:2]),
+        REFERENCE_STYLE.color,
+    ]
+    assert noise_of("a/b") == noise_of("a/c") != noise_of("a/b.s2") and noise_of("b") is None
+    beside = {"body": [0.25, 0.75], "face": [0.0, 0.25], "hands": [0.75, 1.0]}
+    assert picture_layout("front", 400, ("face", "hands"), "whole") == {"aspect": 0.5, **beside}
+    alone = picture_layout("front", 400, (), "knees")
+    assert alone == {"aspect": 0.75, "body": [0.0, 1.0]}
+
+
+@pytest.fixture
+def results(speech: Path, tmp_path: Path) -> Path:
+    """Of a system that performed a plan, and a reference; as `diagnose` leaves its folder."""
+    out = tmp_path / "made"
+    for number, name in enumerate(("a", "recorded")):
+        save_motion(smooth_motion_example(60, number), tmp_path / f"{name}.npz")
+    asked = DiagnoseRequest(
+        (tmp_path / "a.npz",), out, names=("gan/5",), reference=tmp_path / "recorded.npz",
+        speech=speech, title="made elsewhere", has_pictures=False,
+    )  # fmt: skip
+    diagnose_files(asked)
+    with ResultFolder(out, is_kept=True) as folder:
+        run = RunWriter(folder, read_run(out))
+        run.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
+        run.timeline(json.loads((out / "timeline.json").read_text()), SAID)
+        run.finish("Done.")
+    return out
+
+
+def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_words_and_plans(
+    results, tmp_path
+):
+    packed = zip_run(results, tmp_path / "x.zip")
+    assert is_run_zip(packed)
+    asked = DiagnoseRequest((packed,), tmp_path / "again", is_run=True, has_pictures=False)
+    anew = opened(asked, tmp_path / "opened")
+    assert anew.names == ("gan/5",) and anew.opened is not None and anew.opened.said == SAID
+    assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
+    told = record_of(anew)
+    assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
+    old = read_run(results)
+    assert (told.title, told.settings) == ("made elsewhere", old.settings)
+    assert told.speech_sha256 == old.speech_sha256 != ""
+    result = diagnose_files(anew)
+    shown = read_run(tmp_path / "again")
+    assert [each.name for each in shown.rows] == ["gan/5", "reference"]
+    assert "performed" in shown.rows[0].files and "measured anew" in shown.sentence
+    words = json.loads((tmp_path / "again/timeline.json").read_text())["words"]
+    assert words == [[0.2, 0.5, "<b>hello"]] and result.diagnostics.reference is not None
+    kept, again = (
+        np.load(each / "shown/gan-5.npz")["poses"] for each in (results, tmp_path / "again")
+    )
+    np.testing.assert_allclose(again, kept, atol=1e-5)
+
+
+def test_only_a_zip_of_one_run_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_it_is(
+    results, tmp_path
+):
+    def packed(name: str, *files: str) -> Path:
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            for file in files:
+                archive.writestr(file, (results / RUN).read_bytes())
+        return tmp_path / name
+
+    found = {
+        name: is_run_zip(packed(f"{name}.zip", *files))
+        for name, files in {
+            "flat": ("a.npz", RUN),
+            "folder": ("x/a.npz", f"x/{RUN}"),
+            "many": (f"x/{RUN}", f"y/{RUN}"),
+            "deep": (f"x/y/{RUN}",),
+            "other": ("overrun.json", "a.npz"),
+        }.items()
+    }
+    assert found == {"flat": True, "folder": True, "many": False, "deep": False, "other": False}
+    assert not is_run_zip(tmp_path / "none.zip") and not is_run_zip(results / RUN)
+    hollow = DiagnoseRequest((packed("hollow.zip", RUN),), tmp_path / "out", is_run=True)
+    with pytest.raises(RunError, match="it has no motion"):
+        opened(hollow, tmp_path / "hollow")
+    for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):
+        copy = copied_run(own, tmp_path / str(number))
+        assert read_run(copy) == read_run(results)
+        assert (copy / "shown/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
