@@ -116,6 +116,11 @@ def record_of(request: GenerateRequest) -> RunRecord:
     return begun(request, "generated", *told)
 
 
+def generate_run(request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    """As `generate_all`, for whom all that comes of it is in the folder."""
+    generate_all(request, on_event, should_cancel)
+
+
 def _as_far_as_anything_draws(request: GenerateRequest, reporter: Reporter) -> GenerateRequest:
     """Motion, numbers and trajectories need no OpenGL."""
     if not (request.has_video or (request.has_poses and request.has_figures)):

@@ -254,7 +254,7 @@ class Fake:
     @property
     def does(self) -> dict[str, Any]:
         return {
-            "generate_all": self.generate,
+            "generate_run": self.generate,
             "draw_behind": self.draw_behind,
             "export_planned": _of_noise,
         }

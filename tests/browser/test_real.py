@@ -475,7 +475,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file_and_a_page(
     runs = page.locator("#own-runs")
     kept = saved(page, runs.get_by_role("link", name=text.SAVE_RUN), tmp_path)
     alone = saved(page, runs.get_by_role("link", name=text.SAVE_PAGE), tmp_path)
-    assert kept.name.endswith(".run.zip") and alone.name.endswith(".run.html")
+    assert kept.name.endswith(".zip") and alone.name.endswith(".html")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
     expect(other.locator("#own-status")).to_contain_text("Opened from its file")

@@ -30,7 +30,7 @@ from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.page.visitors.visitors import cookie_of, is_same
 from app.run.diagnose import PLAYED
 from app.run.output.run_folder import end_run
-from app.run.pipeline import generate_all
+from app.run.pipeline import generate_run
 from app.run.requests.request import (
     Event,
     GenerateRequest,
@@ -110,7 +110,7 @@ class GenerateRunner(TabRunner[None]):
         def do(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
             line.started = time.monotonic()  # now, after the waiting
             request = replace(asked, has_video=False, is_kept=True)
-            services.worker.do(generate_all, request, on_event, should_cancel)
+            services.worker.do(generate_run, request, on_event, should_cancel)
 
         def ended(kept: KeptRun) -> None:
             if self._edited is not None:

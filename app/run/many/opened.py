@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
-from app.run.diagnose import DiagnoseRequest, Diagnosis, OpenedRun, diagnose_files
+from app.run.diagnose import DiagnoseRequest, OpenedRun, diagnose_files
 from app.run.many.unpacked import Limits, is_packed, unpacked
 from app.run.output.run_folder import NO_RUN, RUN, RunRecord, Text, file_of, read_run
 from app.run.requests.request import MAX_COMPARED, OnEvent, ShouldCancel
@@ -59,15 +59,16 @@ class _Line(BaseModel):
 
 def diagnose_opened(
     request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel
-) -> Diagnosis:
+) -> None:
     """As `diagnose_files`; a request for one run's folder, or its zip, is for what that run shows.
+    All that comes of it is in the folder.
 
     Raises:
         RunError: if it is none.
     """
     if request.is_run:
         request = opened(request, request.out.parent / "opened")
-    return diagnose_files(request, on_event, should_cancel)
+    diagnose_files(request, on_event, should_cancel)
 
 
 def opened(request: DiagnoseRequest, into: Path) -> DiagnoseRequest:

@@ -82,7 +82,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     with gr.Blocks():
         form, parts = FormParts((), gr.Button(), gr.Button()), build_results()
     failing = make_generate(late_error=RunError("The disk is full."))
-    services = made_services(tmp_path, {"generate_all": failing})
+    services = made_services(tmp_path, {"generate_run": failing})
     runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
     values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
     *_, last = updates_of(runner, parts, *values, None)
@@ -91,7 +91,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     assert row["there"]["end"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in {Path(file).name for file in last["files"]}
     early = make_generate(error=RunError("No such system."))
-    services = made_services(tmp_path / "early", {"generate_all": early})
+    services = made_services(tmp_path / "early", {"generate_run": early})
     runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
@@ -203,7 +203,7 @@ def keeps(live: LiveSessions, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts((), gr.Button(), gr.Button())
         results = build_results("live-")
-    does = {"generate_all": make_generate(), "draw_behind": make_draw()}
+    does = {"generate_run": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))
