@@ -39,13 +39,14 @@ from app.run.videos.comparison import Snapshots, draw_poses
 from app.run.videos.own_videos import SOLE_M, OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.reading import MOTIONS, Reading, Told, apart, lengths_apart
+from model.formats.reading import MOTIONS, Assumption, Reading, Told, apart, lengths_apart
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from model.diagnostics import Diagnostics
+    from model.faults.evidence import Finding
     from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -244,7 +245,7 @@ def _diagnose(
         if request.videos is not None:
             draw_own_videos(
                 *(pictured.motions, request.videos, body, request.body, tip),
-                *(request.speech, folder),
+                *(_heard_alone(request, folder), folder),
                 lambda part: on_progress(measured + (1.0 - measured) * part),
                 on_file,
             )
@@ -328,6 +329,8 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 
     names = request.names or unique_names(request.motions)
     _check_names(names)
+    files = [*request.motions, *filter(None, [request.reference])]
+    request.told.check(files, *names)
     notes: list[str] = []
     motions: dict[str, Motion] = {}
     readings: dict[str, Reading] = {}
@@ -398,11 +401,34 @@ def _measure(
             name: without(found, readings[name].lacks) for name, found in measured.findings.items()
         },
         assumed={
-            name: [each.as_json() for each in reading.assumptions]
+            name: [
+                each.as_json()
+                for each in (*reading.assumptions, *_in_step(measured.findings.get(name, ())))
+            ]
             for name, reading in readings.items()
         },
         lacks={name: sorted(reading.lacks) for name, reading in readings.items()},
     )
+
+
+def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
+    """That a motion is in step with the speech, where it does not seem so."""
+    for finding in findings:
+        numbers = finding.numbers
+        if finding.kind == "time_shift" and numbers.get("lag_drift_s") == 0.0:
+            late = f"{numbers['lag_s']:.2f}"
+            yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
+
+
+def _heard_alone(request: DiagnoseRequest, folder: ResultFolder) -> Path | None:
+    """The sound for videos: of one channel where one was chosen."""
+    from model.speech.audio import SpeechLimits, load_speech, write_wav
+
+    if request.speech is None or request.channel is None:
+        return request.speech
+    wav = folder.scratch("channel.wav")
+    write_wav(wav, load_speech(request.speech, SpeechLimits(channel=request.channel)).waveform)
+    return wav
 
 
 def _durations(motions: Mapping[str, Motion]) -> dict[str, float]:
