@@ -139,21 +139,21 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         value = "flat" if is_flat else "mean"
         sure = "unsure" if bend > CURL_OFFSET and moves else "likely"
         why = (
-            f"fingers bend by {bend:.2f} rad in the mean, as from the flat hand, though files of"
+            f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
             " this layout are told from the mean one"
             if is_flat
             else "files of this layout are told from the mean hand, and so do the fingers bend"
         )
     elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, sure = "mean", "unsure"
-        why = f"fingers bend by {bend:.2f} rad in the mean, which no flat hand does"
+        why = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
     elif not moves:
         draft.lacks.add("hands")
         draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
         return
     else:
         value, sure = "flat", "sure" if bend > CURL_FLAT else "likely"
-        why = f"fingers bend by {bend:.2f} rad in the mean"
+        why = f"fingers bend by {bend:z.2f} rad"
     if value == "mean":
         offset = RELAXED_HANDS if mean_hands is None else mean_hands
         draft.poses = draft.poses.copy()

@@ -119,6 +119,8 @@ class Showing:
         """Whether each row will have a video."""
         self.findings: list[dict[str, Any]] = []
         """What stands beside the stage, as `gravest_of` gives it."""
+        self.assumed: Mapping[str, dict[str, Any]] = {}
+        """By row how its file was understood."""
         self._frames: dict[str, dict[str, Any]] = {}
         self._sound: Future[Path] | None = None
         self._timeline: Future[Path] | None = None
@@ -291,6 +293,7 @@ class Showing:
                 "is_reference": name == REFERENCE_NAME,
                 "noise": noise_of(row.get("of", name)),
                 "is_drawn": self.is_drawn,
+                **({"assumed": self.assumed[name]} if name in self.assumed else {}),
             }
             for name, row in self._rows.items()
         ]
@@ -485,10 +488,11 @@ def _write_own_timeline(
     Args:
         paths: motion files by row, the reference among them.
     """
-    from model.speech.audio import load_speech
+    from model.speech.audio import SpeechLimits, load_speech
 
     motions = {name: _load(path) for name, path in paths.items()}
-    speech = load_speech(request.speech) if request.speech is not None else None
+    limits = SpeechLimits(channel=request.channel)
+    speech = load_speech(request.speech, limits) if request.speech is not None else None
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, "raw", tip)
     longest_s = _longest_s(paths)
@@ -504,11 +508,11 @@ def _own_waveform(request: DiagnoseRequest, longest_s: float) -> np.ndarray:
     import numpy as np
 
     from conventions.rates import SAMPLE_RATE
-    from model.speech.audio import load_speech
+    from model.speech.audio import SpeechLimits, load_speech
 
     waveform = np.zeros(0, np.float32)
     if request.speech is not None:
-        waveform = load_speech(request.speech).waveform
+        waveform = load_speech(request.speech, SpeechLimits(channel=request.channel)).waveform
     missing = round(longest_s * SAMPLE_RATE) - len(waveform)
     return np.pad(waveform, (0, max(0, missing)))
 

@@ -12,7 +12,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import RunError
+from app.errors import RunError, page_sentence
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
@@ -28,6 +28,7 @@ from app.page.routes.media import MediaAddresses
 from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools, is_zip
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
+from app.run.many.unpacked import stem_of
 from app.run.output.result_folder import zip_files
 from app.run.output.telling import share_teller
 from app.run.requests.request import (
@@ -37,6 +38,7 @@ from app.run.requests.request import (
     OnEvent,
     ShouldCancel,
     read_assumptions,
+    read_channel,
 )
 from app.run.videos.behind import VideosRequest
 from app.run.videos.own_videos import OnFile, VideoOptions
@@ -85,6 +87,8 @@ class OwnMotionForm:
     """Recognised, where there is no transcript."""
     assume: str = ""
     """How files are to be read, as `--assume` takes it."""
+    channel: str = ""
+    """Of the speech, as `--channel` takes it; nothing mixes all."""
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -107,11 +111,14 @@ class OwnMotionForm:
         start = self.start_frame or 0
         if start < 0 or start != int(start):
             raise RunError(BAD_START.format(value=self.start_frame))
+        names = display_names([path.stem for path in paths])
+        reference = Path(self.reference) if self.reference else None
+        files = [*paths, *filter(None, [reference])]
         return DiagnoseRequest(
             motions=tuple(paths),
             out=out,
-            names=display_names([path.stem for path in paths]),
-            reference=Path(self.reference) if self.reference else None,
+            names=names,
+            reference=reference,
             speech=Path(self.speech) if self.speech else None,
             transcript=Path(self.transcript) if self.transcript else None,
             words="recognise" if self.has_words else "none",
@@ -123,7 +130,8 @@ class OwnMotionForm:
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
-            told=read_assumptions(self.assume),
+            told=read_assumptions(self.assume).known(files, *names),
+            channel=read_channel(self.channel) if self.channel else None,
         )
 
     @property
@@ -156,10 +164,12 @@ class OwnMotionForm:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(paths)))
         return SetsRequest(
             tuple(paths),
-            display_names([path.stem for path in paths]),
+            display_names([stem_of(path) for path in paths]),
             out,
             Path(self.reference) if self.reference else None,
             Path(self.speech) if self.speech else None,
+            read_assumptions(self.assume),
+            read_channel(self.channel) if self.channel else None,
         )
 
 
@@ -294,6 +304,8 @@ class ClipRunner(OwnMotionRunner):
         self._videos.give_up(job.visitor)
         config = self._services.config
         asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
+        told = clip.asked.told.known(asked.motions, *asked.names)
+        asked = replace(asked, told=told, channel=clip.asked.channel)
         title = f"{clip.name} of {', '.join(asked.names)}"
         yield self._work(asked, job, cookie, title, has_videos=False)
 
@@ -389,6 +401,7 @@ class _Work:
         else:
             self.showing.tell_words(self.opened.said)
         self.showing.findings = gravest_of(result.diagnostics.findings)
+        self.showing.assumed = _assumed(self.asked, result.diagnostics.assumed)
         count, saved = len(result.diagnostics.systems), self.opened
         motions = f"{count} motion{'s' if count > 1 else ''}"
         line = MEASURED.format(motions=motions)
@@ -405,6 +418,19 @@ class _Work:
             bundle=zip_files(result.files, self.job.folder / "own-motion.zip"),
             files=result.files,
         )
+
+
+def _assumed(asked: DiagnoseRequest, assumed: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What chips are told: by motion the kind of its file, as `Told` has it, and its reading."""
+    files = dict(zip(asked.names, asked.motions, strict=True))
+    files |= {REFERENCE_NAME: asked.reference} if asked.reference else {}
+    return {
+        name: {
+            "kind": f"*{files[name].suffix.lower()}",
+            "read": [{**each, "why": page_sentence(each["why"])} for each in read],
+        }
+        for name, read in assumed.items()
+    }
 
 
 def _title(asked: DiagnoseRequest) -> str:

@@ -74,7 +74,9 @@ def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) ->
     for file in files:
         file.write_bytes(b"0")
     diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
-    return Diagnosis(files, ("A <note>.",), diagnostics, None)
+    read = [{"what": "up", "why": "so (--up)"}]
+    assumed = {name: read for name in request.names}
+    return Diagnosis(files, ("A <note>.",), replace(diagnostics, assumed=assumed), None)
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
@@ -86,6 +88,8 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert "?run=" in last["runs"]["value"]
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
     assert last["downloads_part"]["visible"]
+    read = [{"what": "up", "why": "so"}]
+    assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
     assert [Path(file).name for file in last["files"]] == ["diagnostics.json", "jitter.png"]
     assert Path(last["bundle"]["value"]).stat().st_size > 0
 
@@ -115,7 +119,7 @@ class Measured:
             name: {clip: self._folder / f"{name} {clip}.npz" for clip in told["clips"]}
             for name in ("<i>mine", "reference")
         }
-        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"})
+        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"}, request)
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
@@ -127,7 +131,8 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
 
     measured = Measured(tmp_path)
     own = Own(tmp_path / "jobs", noted, measured)
-    asked = ["/up/<i>mine.zip"], "/up/gt.zip", None, "right_middle", 0
+    more = None, None, None, False, None, False, "motions:up=z,*.bvh:up=x", "left"
+    asked = ["/up/<i>mine.tar.gz"], "/up/gt.zip", None, "right_middle", 0, *more
     mine, stranger = browser("mine" * 20, "mine"), browser("else" * 20, "else")
     first, *_, last = updates_of(own.runner, own.parts, *asked, visitor=mine)
     assert first[own.sets_shown] == {"value": "", "visible": False, "__type__": "update"}
@@ -146,6 +151,7 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     (one,) = opened
     assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
     assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
+    assert (one.told.says, one.channel) == ((("motions", "up", "z"),), 0)
     assert all(own.sets_shown not in update for update in (*updates, end)), "the sets stay"
     assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 
