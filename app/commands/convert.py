@@ -15,6 +15,7 @@ from app.commands.said import name_file, say
 from app.errors import RunError, sentence_of
 from app.flags import add_flags, flag, read_flags
 from app.run.body_motion import body_motion
+from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from app.run.requests.request import ASSUME, BODY
 from conventions.names import printable
@@ -111,6 +112,7 @@ def convert(request: ConvertRequest) -> list[dict[str, Any]]:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
         if not found:
             raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
+        request.told.check([path for path, _ in found], *(str(name) for _, name in found))
         outs = [request.out] if is_file else _outs(request, [name for _, name in found])
         return [
             _told(path, name, out, request) for (path, name), out in zip(found, outs, strict=True)
@@ -127,9 +129,7 @@ def _found(
             yield given, Path(given.name)
             continue
         for path in sorted(folder.rglob("*")):
-            name = path.relative_to(folder)
-            is_hidden = any(part.startswith((".", "__MACOSX")) for part in name.parts)
-            if path.suffix.lower() in endings and path.is_file() and not is_hidden:
+            if ends_in(endings, name := path.relative_to(folder)) and path.is_file():
                 yield path, name
 
 

@@ -26,6 +26,7 @@ from app.run.diagnostics import (
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body, nothing_draws
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import RunRecord, begun
 from app.run.output.telling import share_teller
 from app.run.requests.request import (
@@ -49,13 +50,14 @@ from app.run.videos.comparison import Snapshots, draw_poses
 from app.run.videos.own_videos import SOLE_M, VideoOptions, draw_own_videos, picture_motions
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.reading import MOTIONS, Reading, Told, apart, lengths_apart
+from model.formats.reading import MOTIONS, Assumption, Reading, Told, apart, lengths_apart
 from model.speech.transcript import Transcript
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from model.diagnostics import Diagnostics
+    from model.faults.evidence import Finding
     from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -318,6 +320,10 @@ def _diagnose(
     run.timeline(timeline, given)
     diagnostics = _measure(request, read, tip, speech, on_measured)
     run.note(*diagnostics.notes, *pictured.notes)
+    files = dict(zip(_names_of(request), request.motions, strict=True))
+    files |= {REFERENCE_NAME: request.reference} if request.reference else {}
+    for row in run.record.rows:
+        row.ending = files[row.name].suffix.lower()
     run.measured(diagnostics)
     run.find_plans(pictured.motions)
     errors = _grow_errors(read.all, request.joint, on_measured)
@@ -336,7 +342,7 @@ def _diagnose(
     if request.videos is not None:
         draw_own_videos(
             *(pictured.motions, request.videos, body, request.body, tip),
-            *(request.speech, folder),
+            *(request.speech if request.channel is None else folder.at(HEARD), folder),
             lambda part: on_progress(measured + (1.0 - measured) * part),
             lambda made: run.file(made.kind, made.name, made.path),
         )
@@ -437,6 +443,8 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 
     names = _names_of(request)
     _check_names(names)
+    files = [*request.motions, *filter(None, [request.reference])]
+    request.told.check(files, *names)
     notes: list[str] = []
     motions: dict[str, Motion] = {}
     readings: dict[str, Reading] = {}
@@ -504,11 +512,23 @@ def _measure(
             name: without(found, readings[name].lacks) for name, found in measured.findings.items()
         },
         assumed={
-            name: [each.as_json() for each in reading.assumptions]
+            name: [
+                each.as_json()
+                for each in (*reading.assumptions, *_in_step(measured.findings.get(name, ())))
+            ]
             for name, reading in readings.items()
         },
         lacks={name: sorted(reading.lacks) for name, reading in readings.items()},
     )
+
+
+def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
+    """That a motion is in step with the speech, where it does not seem so."""
+    for finding in findings:
+        numbers = finding.numbers
+        if finding.kind == "time_shift" and numbers.get("lag_drift_s") == 0.0:
+            late = f"{numbers['lag_s']:.2f}"
+            yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
 
 
 def _durations(motions: Mapping[str, Motion]) -> dict[str, float]:

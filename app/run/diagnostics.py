@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _KEPT_CLIPS = 8
-_ONSETS: dict[str, np.ndarray] = {}
-"""Of the last clips, by the sha256 of their files."""
+_ONSETS: dict[int, np.ndarray] = {}
+"""Of the last sounds."""
 _FINDING = threading.Lock()
 
 
@@ -94,11 +94,12 @@ def onsets_of(speech: Speech) -> np.ndarray:
     from model.measures.beats import speech_onsets
 
     with _FINDING:
-        if speech.sha256 not in _ONSETS:
+        sound = hash(speech.waveform.tobytes())  # one file has several channels
+        if sound not in _ONSETS:
             while len(_ONSETS) >= _KEPT_CLIPS:
                 del _ONSETS[next(iter(_ONSETS))]
-            _ONSETS[speech.sha256] = speech_onsets(speech.waveform)
-        return _ONSETS[speech.sha256]
+            _ONSETS[sound] = speech_onsets(speech.waveform)
+        return _ONSETS[sound]
 
 
 def write_diagnostics(

@@ -194,6 +194,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter
     from model.formats.read import read_any_motion
     from model.motion.motion import first_frames
 
+    request.told.check([request.reference])
     read = read_any_motion(request.reference, request.told, request.body, REFERENCE_NAME)
     for note in read.notes:
         reporter.note(note)

@@ -84,6 +84,7 @@ def find_plan(motion: Path, out: Path, told: Told | None = None) -> list[str]:
     from model.plan.found import found_plan
 
     check_ending(out)
+    (told or Told()).check([motion])
     read = read_any_motion(motion, told)
     write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
     return list(read.notes)

@@ -19,7 +19,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.bvh_text import Joint, Text, read_text
 from model.formats.numbers import Draft
 from model.formats.numpy_reader import made_30
-from model.formats.reading import AXES, METRES, Sure, axis_of
+from model.formats.reading import AXES, METRES, USUAL_RATES, Kind, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError
@@ -66,13 +66,21 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     draft = Draft(path.name, told, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
     for what in text.said:
         draft.assume("frames", str(len(text.rows)), what)
-    turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
     world = skeleton.moved(text.rows)
-    turns = {} if is_ours else _rest_turns(skeleton.rest @ turn.as_matrix().T, found)
+    pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
+    is_posed = not is_ours and not skeleton.stands(found)
+    if is_posed:
+        world = skeleton.begin_at_rest(text.rows, world)
+        found, _ = skeleton.found()
+        why = "its rest pose is no person's; its first frame was taken for it, so limbs may twist"
+        draft.assume("layout", "first frame", why, "unsure")
+    turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
+    places = skeleton.rest @ turn.as_matrix().T
+    turns = {} if is_ours else _rest_turns(places, found)
+    turns |= _trunk_turns(places, found) if is_posed else {}
     draft.poses = _poses(world, found, turns, turn)
     scale = _scale(skeleton.rest, found, draft)
     rest = open_body_skeleton().rest_joints.double().numpy()
-    pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
     if pelvis is not None:
         draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
@@ -90,7 +98,7 @@ def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) ->
     why = f"laid onto ours by their tree; {unused} have no place, {without} of ours stay at rest"
     draft.assume("joints", str(len(text.joints)), why)
     degrees = {name: float(np.degrees(turn.magnitude())) for name, turn in turns.items()}
-    if degrees:
+    if degrees and all(each.kind != "layout" for each in draft.assumptions):
         most = max(degrees, key=lambda name: degrees[name])
         limbs = [value for name, value in degrees.items() if not name[-1].isdigit()]
         sure: Sure = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
@@ -101,6 +109,8 @@ def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) ->
         draft.assume("layout", "rest pose", why, sure)
     if not any(name[-1].isdigit() and found.get(f"left_{name}") for name in ("index1", "middle1")):
         draft.lacks.add("hands")
+    if not found.get("left_hip"):
+        draft.lacks.add("legs")
     draft.lacks.add("face")
     draft.assume("face", "none", "a BVH has none; it stays at rest")
 
@@ -109,7 +119,8 @@ def _rate(draft: Draft, frame_s: float) -> None:
     draft.fps = float(draft.told.get("rate", round(1 / frame_s, 3)))
     why, sure = ("as you say", "told") if "rate" in draft.told else ("as the file says", "stated")
     is_ours = sure == "stated" and abs(draft.fps - 30) < 0.01
-    draft.assume("rate", f"{draft.fps:g}", why + made_30(draft.fps), sure, (), is_ours)
+    rate = f"{draft.fps:g}"
+    draft.assume("rate", rate, why + made_30(draft.fps), sure, USUAL_RATES, is_ours)
 
 
 class _Skeleton:
@@ -145,36 +156,47 @@ class _Skeleton:
 
     def _by_structure(self) -> Found:
         """Two limbs and a trunk from the pelvis, two limbs and a neck from the upper trunk."""
-        pelvis = next((at for at in self._down(0) if len(self._limbs(at)) >= 3), None)
-        if pelvis is None:
-            raise self._unknown("no joint from which two legs and a trunk go")
+        forks = (at for at in self._down(0) if len(self._limbs(at)) >= 3)
+        pelvis = next((at for at in forks if self._trunk(at) is not None), 0)
         trunk = self._trunk(pelvis)
+        if trunk is None:
+            raise self._unknown("no trunk from which two arms go")
         chest = next((at for at in self._down(trunk) if len(self._limbs(at)) >= 2), None)
         if chest is None:
             raise self._unknown("no joint from which two arms go")
-        two = self._mirrored([each for each in self._limbs(pelvis) if each != trunk])
+        below = range(trunk, trunk + self._sizes[trunk])
+        branches = (
+            [each for each in self._limbs(at) if each != trunk]
+            for at in range(pelvis, len(self._joints))
+            if at not in below
+        )
+        legs = next((self._mirrored(each) for each in branches if len(each) >= 2), ())
+        if not legs and len(self._limbs(chest)) > 3:
+            raise self._unknown("no joint from which two legs and a trunk go")
         arms = self._mirrored(self._limbs(chest))
-        soles = [self._down(leg)[-2:] for leg in two]
-        ahead = sum((self.rest[toe] - self.rest[ankle] for ankle, toe in soles), np.zeros(3))
-        up = self.rest[chest] - self.rest[[sole[-1] for sole in soles]].mean(axis=0)
-        left = np.cross(up, ahead)
+        ahead, left = np.zeros(3), np.zeros(3)
+        if legs:
+            soles = [self._down(leg)[-2:] for leg in legs]
+            ahead = sum((self.rest[toe] - self.rest[ankle] for ankle, toe in soles), ahead)
+            up = self.rest[chest] - self.rest[[sole[-1] for sole in soles]].mean(axis=0)
+            left = np.cross(up, ahead)
         others = [each for each in self._children[chest] if each not in arms]
         head = max(others, key=lambda each: self._sizes[each], default=None)
         spine = self._path(trunk, chest)
         found: Found = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
         found |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
-        limbs = zip(self._sided(two, left), self._sided(arms, left), strict=True)
-        for side, (leg, arm) in zip(("left", "right"), limbs, strict=True):
-            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"))
+        for side, arm in zip(("left", "right"), self._sided(arms, left), strict=True):
             found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""))
             found |= self._fingers(found[f"{side}_wrist"][-1], side, ahead)
+        for side, leg in zip(("left", "right"), self._sided(legs, left) if legs else ()):  # noqa: B905
+            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"))
         return found
 
     def _unknown(self, why: str) -> MotionError:
         names = ", ".join(joint.name[:24] for joint in self._joints[:12])
         return MotionError(
-            f"{self._name} has {len(self._joints)} joints and {why} ({names} …); a whole body is"
-            " needed. Retarget it to a Mixamo or SMPL-X skeleton first."
+            f"{self._name} has {len(self._joints)} joints and {why} ({names} …); a trunk and"
+            " two arms are needed. Retarget it to a Mixamo or SMPL-X skeleton first."
         )
 
     def _down(self, index: int) -> list[int]:
@@ -188,12 +210,12 @@ class _Skeleton:
         """Children of a joint on which at least two joints more hang."""
         return [each for each in self._children[index] if self._sizes[each] >= 3]
 
-    def _trunk(self, pelvis: int) -> int:
+    def _trunk(self, pelvis: int) -> int | None:
         """The branch from which arms go: the one that divides again."""
         for each in sorted(self._limbs(pelvis), key=lambda each: -self._sizes[each]):
             if any(len(self._limbs(at)) >= 2 for at in self._down(each)[:-1]):
                 return each
-        raise self._unknown("no trunk from which two arms go")
+        return None
 
     def _mirrored(self, limbs: list[int]) -> tuple[int, int]:
         """The two branches that are most likely each other's mirror."""
@@ -288,23 +310,50 @@ class _Skeleton:
                 found[f"{side}_{finger}{segment}"] = [joint]
         return found
 
+    def _upright(self, found: Found) -> tuple[np.ndarray, np.ndarray, float]:
+        """Up along the trunk, to the left across it, and how far legs hang below it, to 1; where
+        there are none, how little arms rise."""
+        at = {name: self.rest[theirs[0]] for name, theirs in found.items() if theirs}
+        parts = ("hip", "shoulder") if "left_hip" in at else ("shoulder",)
+        across = sum((at[f"left_{e}"] - at[f"right_{e}"] for e in parts), np.zeros(3))
+
+        def middle(part: str) -> np.ndarray:
+            return (at[f"left_{part}"] + at[f"right_{part}"]) / 2
+
+        hips = middle("hip") if "left_hip" in at else at["pelvis"]
+        trunk = middle("shoulder") - hips
+        up = trunk / max(float(np.linalg.norm(trunk)), 1e-9)
+        across -= up * (across @ up)
+        if "left_hip" in at:
+            below = hips - (middle("knee") + middle("ankle")) / 2
+        else:
+            below = trunk - 2 * (middle("wrist") - middle("shoulder"))
+        hang = float(up @ below) / max(float(np.linalg.norm(below)), 1e-9)
+        return up, across, hang if np.linalg.norm(across) > 1e-6 else 0.0
+
+    def stands(self, found: Found) -> bool:
+        """Whether its rest pose is one of a person who stands."""
+        return self._upright(found)[2] >= 0.5
+
+    def begin_at_rest(
+        self, rows: Float[np.ndarray, "T C"], world: list[Rotation]
+    ) -> list[Rotation]:
+        """Take the first frame for the rest pose; returns what turns joints from it on."""
+        for index, joint in enumerate(self._joints):
+            step = self._step(joint, rows[:1])
+            step = np.array(joint.offset) if step is None else step[0]
+            up = joint.parent
+            self.rest[index] = step if up < 0 else self.rest[up] + world[up][0].apply(step)
+        return [each * each[0].inv() for each in world]
+
     def to_ours(self, found: Found, draft: Draft) -> Rotation:
         """The turn of the file's axes to ours: y up and facing z, in quarters."""
-        at = {name: self.rest[theirs[0]] for name, theirs in found.items() if theirs}
-        across = sum((at[f"left_{e}"] - at[f"right_{e}"] for e in ("hip", "shoulder")), np.zeros(3))
-        hips, shoulders, knees, ankles = (
-            (at[f"left_{each}"] + at[f"right_{each}"]) / 2
-            for each in ("hip", "shoulder", "knee", "ankle")
-        )
-        legs = hips - (knees + ankles) / 2
-        trunk = shoulders - hips
-        up = trunk / max(float(np.linalg.norm(trunk)), 1e-9)
-        stands = float(up @ legs) / max(float(np.linalg.norm(legs)), 1e-9)
-        if stands < 0.5 or not np.linalg.norm(across - up * (across @ up)) > 1e-6:
+        up, across, hang = self._upright(found)
+        if hang < 0.5:
             raise MotionError(
-                f"{self._name}: in its rest pose legs do not hang below the trunk, so limbs cannot"
-                " be laid onto ours; put a T-pose or A-pose into its rest pose first (Blender:"
-                " Apply Pose as Rest Pose)."
+                f"{self._name}: neither in its rest pose nor in its first frame do legs hang below"
+                " the trunk, so limbs cannot be laid onto ours; put a T-pose or A-pose into its"
+                " first frame (or, in Blender, Apply Pose as Rest Pose)."
             )
         y = _nearest_axis(up)
         x = _nearest_axis(across - y * (across @ y))
@@ -320,13 +369,18 @@ class _Skeleton:
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
         )
-        if draft.settled:
-            draft.assume("up", stands, "as you say", "told", AXES)
-            draft.assume("facing", faces, "as you say, or by its rest pose", "told", AXES)
-        elif stands != "y":
-            draft.assume("up", stands, "its rest pose stands along it; turned", "sure", AXES)
-        elif faces != "z":
-            draft.assume("facing", faces, "its rest pose faces it; turned")
+        by_rest: Sure = "sure" if "left_hip" in found else "unsure"
+        tells: tuple[tuple[Kind, str, str, bool], ...] = (
+            ("up", stands, stands + faces, stands == "y"),
+            ("facing", faces, "xyz".replace(stands[-1], ""), faces == "z" or stands != "y"),
+        )
+        for kind, value, axes, is_ours in tells:
+            others = tuple(axis for axis in AXES if axis[-1] in axes)  # with which it can be
+            if draft.told.get(kind) in AXES:
+                draft.assume(kind, value, "as you say", "told", others)
+            elif by_rest == "unsure" or not is_ours:
+                turned = "" if is_ours else "; turned"
+                draft.assume(kind, value, f"by its rest pose{turned}", by_rest, others)
         return Rotation.from_matrix(np.stack([x, y, z]))
 
     def moved(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
@@ -443,6 +497,26 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rot
     return turns
 
 
+def _trunk_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rotation]:
+    """What takes our trunk and head, which no single bone tells, to how they rest in the file."""
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    theirs = {name: places[at[0]] for name, at in found.items() if at}
+    ours = {name: rest[JOINT_INDEX[name]] for name in theirs}
+    turns = {}
+    for part, names in (
+        ("hip", ("pelvis",)),
+        ("shoulder", ("spine1", "spine2", "spine3", "neck", "head")),
+    ):
+        part = part if f"left_{part}" in theirs else "shoulder"
+        across = [at[f"left_{part}"] - at[f"right_{part}"] for at in (theirs, ours)]
+        up = [
+            at["left_shoulder"] + at["right_shoulder"] - 2 * at["pelvis"] for at in (theirs, ours)
+        ]
+        turn = Rotation.align_vectors(*np.stack([across, up], axis=1))[0]
+        turns |= dict.fromkeys(names, turn)
+    return turns
+
+
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> Rotation:
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     axis = np.cross(start, end)
@@ -459,15 +533,17 @@ def _scale(places: Float[np.ndarray, "J 3"], found: Found, draft: Draft) -> floa
         draft.assume("units", told, "as you say", "told", tuple(METRES))
         return METRES[told]
     rest = open_body_skeleton().rest_joints.double().numpy()
-    hip, ankle = (found.get(f"left_{part}") for part in ("hip", "ankle"))
-    if not hip or not ankle:
-        return 1.0
-    theirs = float(np.linalg.norm(places[ankle[0]] - places[hip[0]]))
-    ours = float(np.linalg.norm(rest[JOINT_INDEX["left_ankle"]] - rest[JOINT_INDEX["left_hip"]]))
-    scale = ours / max(theirs, 1e-9)
-    if abs(scale - 1.0) < 0.005:
-        return 1.0
+    limb, parts = "legs", ("left_hip", "left_knee", "left_ankle")
+    if not found.get(parts[0]):
+        limb, parts = "arms", ("left_shoulder", "left_elbow", "left_wrist")
+
+    def length(limb: np.ndarray) -> float:
+        return float(np.linalg.norm(np.diff(limb, axis=0), axis=1).sum())
+
+    theirs = length(places[[found[part][0] for part in parts]])
+    scale = length(rest[[JOINT_INDEX[part] for part in parts]]) / max(theirs, 1e-9)
+    is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
-    why = f"by its legs; lengths multiplied by {scale:.3g}, so that they are as long as ours"
-    draft.assume("units", unit, why, "sure", tuple(METRES))
-    return scale
+    why = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
+    draft.assume("units", unit, why, "sure", tuple(METRES), is_ours)
+    return 1.0 if is_ours else scale

@@ -3,6 +3,8 @@ from what its hands are told, where samples were joined, at which rate it goes."
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.numbers import Draft, at_30_fps, check_fps
-from model.formats.reading import AXES, METRES, Reading, axis_of
+from model.formats.reading import AXES, METRES, Kind, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, in_step
 from model.motion.tracks import Tracks, track_points
@@ -69,6 +71,11 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     if draft.fps <= FPS - 1.0:
         draft.lacks.add("detail")
     motion = _in_step(draft, motion)
+    known = {each.kind for each in draft.assumptions if each.sure == "told"} | {"frames"}
+    for kind in sorted(draft.told.keys() - known):
+        draft.assume(
+            cast(Kind, kind), draft.told[kind], "which does not apply to this file", "told"
+        )
     return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
 
 
@@ -132,21 +139,21 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         value = "flat" if is_flat else "mean"
         sure = "unsure" if bend > CURL_OFFSET and moves else "likely"
         why = (
-            f"fingers bend by {bend:.2f} rad in the mean, as from the flat hand, though files of"
+            f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
             " this layout are told from the mean one"
             if is_flat
             else "files of this layout are told from the mean hand, and so do the fingers bend"
         )
     elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, sure = "mean", "unsure"
-        why = f"fingers bend by {bend:.2f} rad in the mean, which no flat hand does"
+        why = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
     elif not moves:
         draft.lacks.add("hands")
         draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
         return
     else:
         value, sure = "flat", "sure" if bend > CURL_FLAT else "likely"
-        why = f"fingers bend by {bend:.2f} rad in the mean"
+        why = f"fingers bend by {bend:z.2f} rad"
     if value == "mean":
         offset = RELAXED_HANDS if mean_hands is None else mean_hands
         draft.poses = draft.poses.copy()
@@ -234,15 +241,15 @@ def _up_and_facing(draft: Draft) -> None:
     if "up" in draft.told:
         why, sure = "as you say", "told"
     elif draft.is_scaled and best == "y":
-        why, sure = "", "sure"
+        why, sure = "its rest pose stands along it", "sure"
     else:
         why = "spine, head, shanks and soles stand along it" + ("; turned" if up != "y" else "")
         sure = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
     if up != "y":
         _turn(draft, _UPRIGHT[up])
-    if not (draft.is_scaled and up == "y"):
-        others = tuple(ranked[1:]) if sure in ("unsure", "likely", "told") else ()
-        draft.assume("up", up, why, sure, others, is_usual=up == "y" and sure in ("sure", "likely"))
+    is_usual = up == "y" and sure in ("sure", "likely")
+    if up != "y" or all(each.kind != "up" for each in draft.assumptions):
+        draft.assume("up", up, why, sure, tuple(ranked), is_usual)
     _facing(draft)
 
 
@@ -263,6 +270,12 @@ def _facing(draft: Draft) -> None:
         _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[quarter], degrees=True))
         why = f"hips face {degrees:.0f}° from z throughout; turned"
         draft.assume("facing", quarter, why, "likely", (*_FORWARD_DEG, "as-is"))
+    elif all(each.kind != "facing" for each in draft.assumptions):
+        is_z = quarter == "z" and np.hypot(x, z) > 0.9
+        value, why = (
+            ("z", f"hips face {degrees:.0f}° from it") if is_z else ("as-is", "not one way")
+        )
+        draft.assume("facing", value, why, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
 
 
 def _turn(draft: Draft, turn: Rotation) -> None:

@@ -85,6 +85,15 @@ class Draft:
         others = tuple(each for each in others if each != value)
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
+    def turns(
+        self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
+    ) -> Float[np.ndarray, "T J 3"]:
+        """Rotations as axis-angle; of which form they are is noted."""
+        turns, form = axis_angle(rows, joints, self.name, self.told.get("rotations"))
+        if form not in self.assumptions:
+            self.assumptions.append(form)
+        return turns
+
     def keep(self, frames: slice) -> None:
         """These alone."""
         self.poses = self.poses[frames]

@@ -19,11 +19,10 @@ from model.formats.numbers import (
     WIDTHS,
     Draft,
     are_positions,
-    axis_angle,
     laid_out,
     shape_of,
 )
-from model.formats.reading import Assumption
+from model.formats.reading import USUAL_RATES, Assumption
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -221,12 +220,7 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
         block = rows[:, start : start + count]
         start += count
         if isinstance(what, tuple):
-            turns, form = axis_angle(
-                block.reshape(len(rows), -1, layout.width), what, name, told.get("rotations")
-            )
-            poses[:, list(what)] = turns
-            if form not in draft.assumptions:
-                draft.assumptions.append(form)
+            poses[:, list(what)] = draft.turns(block.reshape(len(rows), -1, layout.width), what)
         elif what == "expression":
             draft.expressions = np.pad(block, ((0, 0), (0, NUM_EXPRESSIONS - count)))
         elif what == "trans":
@@ -260,9 +254,7 @@ def _of_rotations(array: np.ndarray, name: str, told: dict[str, str]) -> Draft:
             f"{name} holds positions of joints, no rotations: its bones have constant lengths. Fit"
             " SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the rotations."
         )
-    turns, form = axis_angle(rows[:, : len(joints)], joints, name, told.get("rotations"))
-    draft.poses = laid_out(turns, joints)
-    draft.assumptions.append(form)
+    draft.poses = laid_out(draft.turns(rows[:, : len(joints)], joints), joints)
     _tell_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
     return draft
 
@@ -481,10 +473,7 @@ class _Archive:
         for group in groups:
             these = tuple(joint for of in group for joint in of)
             rows = np.concatenate([found[of][:frames] for of in group], axis=1)
-            turns, form = axis_angle(rows, these, self.name, self.told.get("rotations"))
-            poses[:, list(these)] = turns
-            if form not in draft.assumptions:
-                draft.assumptions.append(form)
+            poses[:, list(these)] = draft.turns(rows, these)
         draft.poses = poses
         draft.assume("layout", "parts", f"{', '.join(keys)}, laid side by side", "stated")
         _tell_joints(draft, joints, "SMPL-X's parameters")
@@ -609,13 +598,12 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
         except ValueError:
             continue
     told = draft.told.get("rate")
-    usual = ("15", "20", "24", "25", "30", "60", "120")
     if told is not None:
         draft.fps = float(told)
-        draft.assume("rate", told, "as you say" + made_30(draft.fps), "told")
+        draft.assume("rate", told, "as you say" + made_30(draft.fps), "told", USUAL_RATES)
     elif not numbers:
         why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
-        draft.assume("rate", f"{FPS}", why, "unsure", usual)
+        draft.assume("rate", f"{FPS}", why, "unsure", USUAL_RATES)
     else:
         key, draft.fps = next(iter(numbers.items()))
         others = {f"{value:g}" for value in numbers.values()}
@@ -625,7 +613,8 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
             return
         is_ours = abs(draft.fps - FPS) < 0.01
         why = f"as `{key}` says"
-        draft.assume("rate", f"{draft.fps:g}", why + made_30(draft.fps), "stated", (), is_ours)
+        rate, why = f"{draft.fps:g}", why + made_30(draft.fps)
+        draft.assume("rate", rate, why, "stated", USUAL_RATES, is_ours)
 
 
 def made_30(fps: float) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -19,25 +19,29 @@ Kind = Literal[
     "layout", "motion", "joints", "rotations", "hands", "up", "facing", "units", "rate", "place",
     "frames", "face", "shape", "lag",
 ]  # fmt: skip
-"""What can be assumed of a file; `lag` is never assumed, only told."""
+"""What can be assumed of a file; of `lag`, against the speech, no file tells anything."""
 Sure = Literal["told", "stated", "sure", "likely", "unsure"]
 """Told by the user, stated by the file, evident from the motion, likely, a guess."""
 Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
 """What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
 is its translation, `detail` what frames that were filled in never had."""
 
-_PARTS: dict[Part, str] = {
-    "hands": "has no fingers",
+LACKS: dict[Part, str] = {
+    "detail": "was filled in from fewer frames a second",
+    "finger_angles": "has hands whose mean is not known",
+    "hands": "has no fingers that move",
     "face": "has no face",
-    "place": "has no translation",
-    "detail": "was filled in from fewer frames",
+    "place": "says nothing of where the body stands",
+    "legs": "has no legs",
 }
+"""Of a motion that lacks some part, what to say of it."""
 Rotations = Literal[
     "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
     "matrix",
 ]  # fmt: skip
 ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
 AXES = ("y", "-y", "z", "-z", "x", "-x")
+USUAL_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 TELLABLE: dict[str, tuple[str, ...]] = {
     "up": AXES,
@@ -55,6 +59,7 @@ file."""
 MOTIONS, REFERENCE = "motions", "reference"
 """Names by which `Told` speaks of all motions but the reference, or of it alone."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
+_SAID = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
 
 
@@ -74,14 +79,9 @@ class Assumption:
     """Half a sentence: what it rests on."""
     sure: Sure = "sure"
     others: tuple[str, ...] = ()
-    """Values that it might have been."""
+    """Values that it can be told to be."""
     is_usual: bool = False
     """Whether it is as our own files are, so that nobody needs to be told."""
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a person had better look."""
-        return self.sure == "unsure"
 
     def sentence(self, name: str) -> str:
         """For a note that names the file."""
@@ -122,18 +122,6 @@ class Reading:
         return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
 
 
-def counted(readings: Iterable[Reading]) -> list[str]:
-    """What was assumed of a set: ``up z in 40 of 40: …``, the most frequent first."""
-    readings = list(readings)
-    assumed = [each for one in readings for each in one.assumptions if not each.is_usual]
-    many = Counter((each.kind, each.value) for each in assumed)
-    why = {(each.kind, each.value): each.why for each in reversed(assumed)}
-    return [
-        f"{kind} {value} in {count} of {len(readings)}: {why[kind, value]}."
-        for (kind, value), count in many.most_common()
-    ]
-
-
 def apart(readings: Mapping[str, Reading]) -> list[str]:
     """What differs between motions that are compared, so that numbers differ by it alone."""
     sentences = []
@@ -143,7 +131,7 @@ def apart(readings: Mapping[str, Reading]) -> list[str]:
         if len(set(values.values())) > 1:
             said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
             sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
-    for part, words in _PARTS.items():
+    for part, words in LACKS.items():
         without = [name for name, each in readings.items() if part in each.lacks]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
@@ -183,13 +171,41 @@ class Told:
     """What the user says of files, where these say too little or lie."""
 
     says: tuple[tuple[str, str, str], ...] = ()
-    """Name of the file, `MOTIONS`, `REFERENCE` or nothing for all; kind; value."""
+    """Name of the file, its kind as ``*.npz``, `MOTIONS`, `REFERENCE` or nothing for all; what;
+    value."""
 
     def of(self, *names: str) -> dict[str, str]:
-        """By kind, for a file of these names; what is said of it alone comes before what is said of
-        all."""
-        said = {kind: value for name, kind, value in self.says if not name}
-        return said | {kind: value for name, kind, value in self.says if name in names}
+        """By what, for a file of these names; what is said of it alone comes before what is said of
+        its kind, and that before what is said of all."""
+        kinds = {f"*{Path(name).suffix.lower()}" for name in names}
+        order: tuple[Collection[str], ...] = ("",), kinds, names
+        return {what: value for of in order for name, what, value in self.says if name in of}
+
+    def known(self, files: Sequence[Path], *names: str) -> Told:
+        """What is said of these files, and of all."""
+        there = {"", MOTIONS, REFERENCE, *names}
+        there |= {
+            each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
+        }
+        return Told(tuple(each for each in self.says if each[0] in there))
+
+    def unknown(self, files: Sequence[Path], *names: str) -> str:
+        """Which file, of which something is said, is not there; nothing where all are."""
+        known = self.known(files, *names).says
+        for name, kind, value in self.says:
+            if (name, kind, value) not in known:
+                there = ", ".join(names or [path.name for path in files[:6]])
+                said = f"of which {kind}={value} is said"
+                return f"No file is called {name[:80]!r}, {said}; there are {there}."
+        return ""
+
+    def check(self, files: Sequence[Path], *names: str) -> None:
+        """
+        Raises:
+            MotionError: as `unknown`.
+        """
+        if wrong := self.unknown(files, *names):
+            raise MotionError(wrong)
 
     def __add__(self, other: Told) -> Told:
         return Told(self.says + other.says)
@@ -202,13 +218,13 @@ def told_as(fps: float | None, rotations: str | None, name: str = "") -> Told:
 
 
 def read_told(written: str) -> Told:
-    """``up=z,units=cm,NAME:rate=25``: what `--assume` takes.
+    """``up=z,units=cm,NAME:rate=25``: what `--assume` takes; a name may have commas.
 
     Raises:
         MotionError: for unknown kinds and values; it lists those that are known.
     """
     says = []
-    for part in filter(None, (part.strip() for part in written.split(","))):
+    for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
         found = _FLAG.match(part)
         if found is None or found["kind"] not in TELLABLE:
             raise MotionError(

@@ -22,7 +22,10 @@ from app.page.tabs import live as live_tab
 from app.page.tabs.own_motion import TAB
 from app.page.tabs.study_run import PREVIEW
 from app.run.examples import CLEAN, slide
+from app.run.videos.own_videos import in_register
 from app.study.leaks import check_study
+from conventions.joints import HANDS
+from model.formats.judged import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
@@ -46,8 +49,10 @@ from tests.browser.conftest import (
     turn_to,
     watched,
 )
+from tests.browser.test_stage import findings
 from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
 from tests.helpers import smooth_motion_example
+from tests.model.formats.made import FROM_Y, Person, joints_of, turned
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
@@ -500,6 +505,53 @@ DROPPED = """async (content) => {
     while (!isTaken()) await new Promise(requestAnimationFrame);
     heading.dispatchEvent(new DragEvent("drop", told));
 }"""
+
+
+def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
+    page: Page, tmp_path: Path
+) -> None:
+    """Z up, in centimetres, with hands told from the mean hand, as no file of this layout has."""
+    truth = Person(3).motion(20)
+    poses, trans = turned(truth, FROM_Y["z"])
+    poses[:, list(HANDS)] -= RELAXED_HANDS
+    theirs = tmp_path / "theirs.npz"
+    arrays = {"poses": poses.reshape(len(poses), -1), "trans": 100 * trans, "betas": truth.betas}
+    np.savez(theirs, **arrays, expressions=truth.expressions, mocap_frame_rate=30)
+    page.get_by_role("tab", name=TAB).click()
+    page.locator("#own-videos input").uncheck()
+    give_motions(page, theirs)
+    chips = page.locator("#own-player .stage .reading summary")
+    expect(chips).to_have_text(["how it was read"])
+    chips.press("Space")
+    told = page.locator("#own-player .stage .reading li")
+    for words in ("z up: spine, head", "cm: in metres", "flat hand: fingers bend by"):
+        expect(told.filter(has_text=words)).to_be_visible()
+    turn_to(page, (390, 844, "dark"))
+    expect_fit(page, page.locator("#own-player .reading ul"))
+    assert findings(page, "#own-player .stage") == []
+    turn_to(page, (1280, 900, "light"))
+    chips.press("Escape")
+    expect(told.first).to_be_hidden()
+
+    chips.click()
+    press(page.locator("#own-player .stage .reading"), "mean hand")
+    expect(chips).to_have_text(["mean hand", "how it was read"])
+    files = page.locator("#own-player .stage .files")
+    shown = []
+    for ending in (".npz", ".bvh"):
+        files.locator("summary").click()
+        shown.append(saved(page, files.locator(f"a[download$='{ending}']").first, tmp_path))
+    npz, bvh = shown
+    wanted = joints_of(load_motion(npz))
+    np.testing.assert_allclose(wanted, joints_of(in_register(truth)), atol=1e-3)
+
+    # What was said of that file is not said of this one.
+    give_motions(page, bvh.rename(tmp_path / "again.bvh"))
+    expect(page.locator("#own-player .stage-tag b")).to_have_text(["again"])
+    expect(chips).to_have_text(["how it was read"])
+    files.locator("summary").click()
+    again = load_motion(saved(page, files.locator("a[download$='.npz']").first, tmp_path))
+    np.testing.assert_allclose(joints_of(again), wanted, atol=1e-3)
 
 
 # ---------------------------------------------------------------- other tabs

@@ -435,9 +435,9 @@ def test_measures_are_filtered_ordered_and_saved_and_a_figure_fills_the_window(
     expect(large).to_be_hidden()
 
 
-def findings(page: Page) -> list[str]:
+def findings(page: Page, place: str = "html") -> list[str]:
     """Of axe's grave ones each rule with the elements that break it."""
-    found: dict[str, Any] = Axe().run(page).response
+    found: dict[str, Any] = Axe().run(page, context=place).response
     return [
         f"{each['id']}: {node['html'][:160]} {node['failureSummary'][:200]}"
         for each in found["violations"]

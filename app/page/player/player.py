@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from app.errors import page_sentence
 from app.findings.sentences import GRAVEST
 from app.page.routes.media import MediaAddresses
 from app.run.output.run_folder import (
@@ -142,6 +143,7 @@ class Showing:
             "is_reference": row.name == REFERENCE_NAME,
             "noise": noise_of(told.get("of", row.name)),
             "is_drawn": self.is_drawn,
+            **({"assumed": _assumed(row)} if row.assumed and row.ending else {}),
         }
 
     def _addresses(self, folder: Path, names: Any) -> dict[str, str]:
@@ -155,6 +157,12 @@ class Showing:
             data = base64.b64encode(path.read_bytes()).decode("ascii")
             return f"data:image/jpeg;base64,{data}"
         return self.address(path)
+
+
+def _assumed(row: Row) -> dict[str, Any]:
+    """What chips are told: the kind of its file, as `Told` has it, and its reading."""
+    read = [{**each, "why": page_sentence(str(each.get("why", "")))} for each in row.assumed]
+    return {"kind": f"*{row.ending}", "read": read}
 
 
 def browser_addresses(addresses: MediaAddresses, cookie: str) -> Address:

@@ -26,9 +26,12 @@ from app.page.tabs.videos_run import VideosBehind
 from app.run.examples import planted_files
 from app.run.followed_point import TIP
 from app.run.many.sets import measure_sets
+from app.run.many.unpacked import stem_of
 from app.run.requests.request import MAX_COMPARED
 
 TAB = "Your motion"
+SETS = (".zip", ".tgz", ".gz", ".tar")
+"""Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
 WINDOWS_HELP = (
     "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
     "period from 2 to 240 frames is tried."
@@ -36,9 +39,11 @@ WINDOWS_HELP = (
 PLANTED_LABEL = "Try an example with planted faults"
 ASSUME_LABEL = "How the files are to be read"
 ASSUME_HELP = (
-    "Where a note says that a file was misunderstood: up=z, facing=x, units=cm, rate=25, "
-    "hands=mean, rotations=6d-columns, motion=2, frames=bridge; NAME:up=z for one file alone."
+    "What chips on the bodies say is kept here for the next files: up=z, facing=x, units=cm, "
+    "rate=25, hands=mean, rotations=6d-columns, motion=2, frames=bridge, lag=.4; of some files "
+    "alone *.bvh:up=z or NAME:up=z."
 )
+CHANNEL_LABEL = "Which side of a dialogue speaks"
 SHOWN_LABEL = "Shown on the stage and in figures"
 SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
@@ -78,7 +83,14 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         **PRIVATE,
         trigger_mode="once",
     ).then(runner.run, **asks, api_visibility="private")
-    for run in (started, planted):
+    otherwise = form.otherwise.click(
+        None,
+        form.assume,
+        form.assume,
+        js="(said) => document.querySelector('#own-player .lockstep').said(said)",
+        api_visibility="private",
+    ).then(runner.run, **asks, api_visibility="private")
+    for run in (started, planted, otherwise):
         videos.follow(run)
     reveal_on_click(of_sets.start, parts.status)
     of_sets.start.click(
@@ -104,6 +116,9 @@ class FormParts:
     planted: gr.Button
     of_planted: list[Any]
     """Fields that the planted example fills in."""
+    assume: gr.Textbox
+    otherwise: gr.Button
+    """Pressed by the chips of a row: says one thing otherwise, and runs anew."""
 
 
 def _build_form(check: UploadCheck) -> FormParts:
@@ -111,7 +126,7 @@ def _build_form(check: UploadCheck) -> FormParts:
     motions = check.file(
         "motions",
         "Motions (.npz, .npy, .bvh), or zips of them",
-        [".npz", ".npy", ".bvh", ".zip"],
+        [".npz", ".npy", ".bvh", *SETS],
         "own-motions",
         height=170,
         file_count="multiple",
@@ -129,17 +144,25 @@ def _build_form(check: UploadCheck) -> FormParts:
     reference = check.file(
         "motions",
         text.REFERENCE_LABEL,
-        [".npz", ".npy", ".bvh", ".zip"],
+        [".npz", ".npy", ".bvh", *SETS],
         "own-reference",
         height=120,
     )
     speech = check.file(
         "sounds",
         "Speech of all of them (optional, for BeatAlign)",
-        ["audio", ".zip"],
+        ["audio", *SETS],
         "own-speech",
         height=120,
     )
+    channel = gr.Dropdown(
+        [("All channels, mixed", ""), ("Left channel", "left"), ("Right channel", "right")],
+        value="",
+        label=CHANNEL_LABEL,
+        elem_id="own-channel",
+        visible=False,
+    )
+    speech.change(lambda path: gr.update(visible=bool(path)), speech, channel, **AT_ONCE)
     transcript = check.file(
         "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "own-transcript", height=120
     )
@@ -152,7 +175,7 @@ def _build_form(check: UploadCheck) -> FormParts:
     )
     with gr.Accordion("Read otherwise?", open=False):
         assume = gr.Textbox(
-            "", max_length=400, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
+            "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
@@ -165,12 +188,14 @@ def _build_form(check: UploadCheck) -> FormParts:
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     check.guard(start, reason)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, transcript, has_words, assume]
-    return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
+    fields += [has_videos, transcript, has_words, assume, channel]
+    otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
+    of_planted = [motions, reference, speech, transcript]
+    return FormParts(fields, start, cancel, planted, of_planted, assume, otherwise)
 
 
 def _choices(paths: list[str] | None) -> Any:
     """The motions that can be chosen; nothing is asked where all fit."""
-    names = display_names([Path(path).stem for path in paths or ()])
+    names = display_names([stem_of(Path(path)) for path in paths or ()])
     first = list(names[:MAX_COMPARED])
     return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)

@@ -26,6 +26,7 @@ from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind
 from app.run.diagnose import DiagnoseRequest
 from app.run.many.opened import diagnose_opened
+from app.run.many.unpacked import stem_of
 from app.run.output.run_folder import is_run_zip
 from app.run.requests.request import (
     MAX_COMPARED,
@@ -33,6 +34,7 @@ from app.run.requests.request import (
     OnEvent,
     ShouldCancel,
     read_assumptions,
+    read_channel,
 )
 from conventions.names import REFERENCE_NAME, printable
 
@@ -71,6 +73,8 @@ class OwnMotionForm:
     """Recognised, where there is no transcript."""
     assume: str = ""
     """How files are to be read, as `--assume` takes it."""
+    channel: str = ""
+    """Of the speech, as `--channel` takes it; nothing mixes all."""
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -93,11 +97,14 @@ class OwnMotionForm:
         start = self.start_frame or 0
         if start < 0 or start != int(start):
             raise RunError(BAD_START.format(value=self.start_frame))
+        names = display_names([path.stem for path in paths])
+        reference = Path(self.reference) if self.reference else None
+        files = [*paths, *filter(None, [reference])]
         return DiagnoseRequest(
             motions=tuple(paths),
             out=out,
-            names=display_names([path.stem for path in paths]),
-            reference=Path(self.reference) if self.reference else None,
+            names=names,
+            reference=reference,
             speech=Path(self.speech) if self.speech else None,
             transcript=Path(self.transcript) if self.transcript else None,
             words="recognise" if self.has_words else "none",
@@ -110,7 +117,8 @@ class OwnMotionForm:
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
-            told=read_assumptions(self.assume),
+            told=read_assumptions(self.assume).known(files, *names),
+            channel=read_channel(self.channel) if self.channel else None,
         )
 
     @property
@@ -142,10 +150,12 @@ class OwnMotionForm:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(paths)))
         return SetsRequest(
             tuple(paths),
-            display_names([path.stem for path in paths]),
+            display_names([stem_of(path) for path in paths]),
             out,
             Path(self.reference) if self.reference else None,
             Path(self.speech) if self.speech else None,
+            read_assumptions(self.assume),
+            read_channel(self.channel) if self.channel else None,
         )
 
 
@@ -254,7 +264,9 @@ class ClipRunner(OwnMotionRunner):
         self._videos.give_up(job.visitor)
         config = self._services.config
         asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
-        asked = replace(asked, title=f"{clip.name} of {', '.join(asked.names)}")
+        told = clip.asked.told.known(asked.motions, *asked.names)
+        title = f"{clip.name} of {', '.join(asked.names)}"
+        asked = replace(asked, told=told, channel=clip.asked.channel, title=title)
         yield self._work(asked, job, cookie, has_videos=False)
 
     def _without_results(self) -> Updates:

@@ -21,6 +21,7 @@ from app.page.queue.runner import Updates, last_share
 from app.page.results.result_parts import ResultParts, figures_html
 from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses
+from app.run.many.unpacked import is_packed
 from app.run.output.result_folder import zip_files
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
@@ -107,7 +108,7 @@ class SetsTools:
         if clip not in kept.sets.told["clips"]:
             raise RunError(CLIP_DAMAGED)
         motions = {name: files[clip] for name, files in kept.sets.clips.items()}
-        return Clip(clip, motions, kept.sets.sounds.get(clip))
+        return Clip(clip, motions, kept.sets.sounds.get(clip), kept.sets.asked)
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,13 @@ class Clip:
     motions: dict[str, Path]
     """By set, the reference among them."""
     sound: Path | None
+    asked: SetsRequest
+    """Of which it is one."""
 
 
 def is_zip(path: str | None) -> bool:
-    return path is not None and Path(path).suffix.lower() == ".zip"
+    """Or a tar."""
+    return path is not None and is_packed(Path(path))
 
 
 @dataclass(frozen=True)

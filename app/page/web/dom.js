@@ -57,3 +57,19 @@ export function clockText(seconds) {
 export function nameOf({ name, label }) {
   return make("b", { title: name }, label ?? name);
 }
+
+/** What `summary` opens, until it is left or Escape is pressed. */
+export function popUp(name, summary, content) {
+  /** @type {HTMLDetailsElement} */
+  const box = make("details", {
+    class: name,
+    onfocusout: ({ relatedTarget }) => relatedTarget && !box.contains(relatedTarget) && (box.open = false),
+    onkeydown: (event) => {
+      if (event.key !== "Escape" || !box.open) return;
+      box.open = false;
+      summary.focus();
+    },
+  });
+  box.append(summary, content);
+  return box;
+}

@@ -28,6 +28,16 @@ export interface Row {
   /** Number of a take of an edited plan, and the row that it is of. */
   take?: number;
   of?: string;
+  /** How its file was understood, as model/formats/reading.py has it; `kind` as "*.npz". */
+  assumed?: { kind: string; read: Assumption[] };
+}
+
+export interface Assumption {
+  what: string;
+  value: string;
+  why: string;
+  sure: "told" | "stated" | "sure" | "likely" | "unsure";
+  others: string[];
 }
 
 /** app/page/player/edited_runs.py */

@@ -94,6 +94,7 @@ def show_mechanism(
     _check(request)
     if not moving_chain(request.joint):
         raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+    request.told.check([request.motion])
     found = read_any_motion(request.motion, request.told, request.body)
     growth = measure_error_growth(
         found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed

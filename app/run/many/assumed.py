@@ -11,18 +11,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.findings.measure_rows import MEASURES
+from model.formats.reading import LACKS
 
 if TYPE_CHECKING:
     from model.formats.reading import Reading
 
-LACKS = {
-    "detail": "was filled in from fewer frames a second",
-    "finger_angles": "has hands whose mean is not known",
-    "hands": "has hands that never move",
-    "place": "says nothing of where the body stands",
-    "legs": "has no legs",
-}
-"""Of a set that lacks some part, what to say of it."""
 Counts = Mapping[str, Counter[tuple[str, str]]]
 """By set, in how many files what was assumed had which value."""
 
@@ -67,6 +60,8 @@ def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> lis
 
 def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     for part, what in LACKS.items():
+        if part == "face":  # is counted
+            continue
         titles = [row.title for row in MEASURES if row.needs == part]
         out = f": {', '.join(titles)} say nothing of it and are left out" if titles else ""
         for name, of_set in files.items():

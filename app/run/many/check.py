@@ -19,12 +19,12 @@ from app.run.many.unpacked import stem_of, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
+from model.formats.read import ENDINGS
 from model.storage.files import written_atomically
 
 GENEA = "genea"
 SAMPLES = 5
 SPLIT = "train_test_split.csv"
-ENDINGS = (".npz", ".npy", ".bvh")
 _MOST_FRAMES_APART = 1
 
 

@@ -39,8 +39,7 @@ def moments_of(motion: Motion) -> dict[str, Any]:
 
 
 def distance_rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
-    """Rows as the other measures have them: of each system, and of each pair. None without a
-    recorded set, or where clips are too short (`why_left_out`)."""
+    """As `_rows`; none without a recorded set, or where clips are too short (`why_left_out`)."""
     from model.evaluation.tables import bootstrap_of
 
     if REFERENCE_NAME not in systems or why_left_out(numbers):
@@ -55,12 +54,17 @@ def distance_rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator
         )
         return found.mean, found.low, found.high
 
-    generated = list(sets)
-    for place, name in enumerate(generated):
-        yield (TITLE, "", name, len(numbers), *between(name), *[""] * 4)
-        for other in generated[place + 1 :]:
-            difference = (other, *between(name, other))
-            yield (TITLE, "", name, len(numbers), "", "", "", *difference)
+    yield from _rows(TITLE, list(sets), len(numbers), between)
+
+
+def _rows(
+    title: str, names: list[str], clips: int, between: Callable[..., tuple[float, float, float]]
+) -> Iterator[tuple[Any, ...]]:
+    """As the other measures have them: of each system, and of each pair."""
+    for place, name in enumerate(names):
+        yield (title, "", name, clips, *between(name), *[""] * 4)
+        for other in names[place + 1 :]:
+            yield (title, "", name, clips, "", "", "", other, *between(name, other))
 
 
 def why_left_out(numbers: list[dict[str, Any]]) -> str | None:
@@ -159,12 +163,13 @@ class EmageDistances:
 
 
 def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> EmageDistances:
-    """Rows as the other measures have them, of each set and of each pair.
+    """As `_rows`.
 
     Args:
         systems: the sets, the recorded one among them.
         frames: of each clip, by the path of its record, which has codes beside it.
     """
+    from model.evaluation.tables import interval_of
     from model.systems.autoencoders.emage import FRAMES_A_CODE, WHOLE_FRAMES
 
     records = [record for record, count in frames.items() if count >= WHOLE_FRAMES]
@@ -182,22 +187,13 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
         for name in systems
         if name != REFERENCE_NAME
     }
-    return EmageDistances(tuple(_rows(sets, len(records))))
 
-
-def _rows(sets: Mapping[str, Float[np.ndarray, " all_draws"]], clips: int) -> Iterator[Any]:
-    from model.evaluation.tables import interval_of
-
-    def told(values: Float[np.ndarray, " all_draws"]) -> tuple[float, float, float]:
+    def between(name: str, *other: str) -> tuple[float, float, float]:
+        values = sets[name] - (sets[other[0]] if other else 0.0)
         found = interval_of(values[0], values[1:].tolist())
         return found.mean, found.low, found.high
 
-    names = list(sets)
-    for place, name in enumerate(names):
-        yield (EMAGE_TITLE, "", name, clips, *told(sets[name]), *[""] * 4)
-        for other in names[place + 1 :]:
-            difference = (other, *told(sets[name] - sets[other]))
-            yield (EMAGE_TITLE, "", name, clips, "", "", "", *difference)
+    return EmageDistances(tuple(_rows(EMAGE_TITLE, list(sets), len(records), between)))
 
 
 def _distances(recorded: list[Moments], made: list[Moments]) -> Float[np.ndarray, " all_draws"]:

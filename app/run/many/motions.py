@@ -33,6 +33,7 @@ from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, 
 from app.run.many.unpacked import unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
+from model.formats.read import ENDINGS
 from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
 from processes.job import Job
 from processes.pool import JobPool
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
 FORMAT = 4
 """Of a clip's record; another one is measured anew."""
-ENDINGS = (".npz", ".npy", ".bvh")
 _SPEECH = "the speech"
 
 
@@ -142,6 +142,8 @@ def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -
         for name, found in files.items()
         if (told := _counts(len(found[clip]) for clip in clips)) != "1"
     ]
+    paths = [path for found in files.values() for each in found.values() for path in each.values()]
+    notes += filter(None, [request.told.unknown(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
     if request.speech is not None and silent:
         notes.append(f"{len(silent)} of {len(clips)} clips have no sound of their name.")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import RunError
 from conventions.names import printable
@@ -101,17 +101,20 @@ def some_of(names: Iterable[str]) -> str:
 
 def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
     """Where results and recordings lie side by side, those of the kind that is asked."""
-    paths = sorted(
-        path for path in folder.rglob("*") if _ends_in(endings, path.relative_to(folder))
-    )
+    paths = sorted(path for path in folder.rglob("*") if ends_in(endings, path.relative_to(folder)))
     if any(path.name.startswith(kind) for path in paths):
         paths = [path for path in paths if path.name.startswith(kind)]
     return [_read(path, path.relative_to(folder)) for path in paths]
 
 
-def _ends_in(endings: tuple[str, ...], path: Path) -> bool:
-    is_hidden = any(part.startswith((".", "__MACOSX")) for part in path.parts)
-    return path.suffix.lower() in endings and not is_hidden
+def ends_in(endings: tuple[str, ...], path: PurePath) -> bool:
+    """Whether a file of a folder has one of these endings, and is not hidden."""
+    return path.suffix.lower() in endings and not is_hidden(path)
+
+
+def is_hidden(path: PurePath) -> bool:
+    """Whether nobody means it who gives the folder."""
+    return any(part.startswith((".", "__MACOSX")) for part in path.parts)
 
 
 def _read(path: Path, inside: Path) -> _Found:

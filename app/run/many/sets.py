@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.run.many.motions import ENDINGS, ManyRequest, diagnose_folders
+from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.unpacked import Limits, unpacked
+from app.run.many.unpacked import Limits, stem_of, unpacked
 from app.run.output.telling import share_teller
 from app.run.requests.request import OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
+from model.formats.read import ENDINGS
+from model.formats.reading import Told
 from processes.pool import JobPool
 
 MAX_BYTES = 10**9
@@ -35,6 +37,10 @@ class SetsRequest:
     """A zip of recorded clips with the same names."""
     speech: Path | None = None
     """A zip of their sound, for BeatAlign."""
+    told: Told = field(default_factory=Told)
+    """How files are to be read, where they do not say it."""
+    channel: int | None = None
+    """Of that sound, from 0; None mixes all."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,7 @@ class Sets:
     """By system, and the reference, the motion file of each clip."""
     sounds: dict[str, Path]
     """By clip."""
+    asked: SetsRequest
 
 
 def measure_sets(
@@ -70,7 +77,7 @@ def measure_sets(
     def folder_of(path: Path, name: str, endings: tuple[str, ...]) -> Path:
         nonlocal left
         on_progress(0.0)
-        folder = top / name / (printable(path.stem) or "set")
+        folder = top / name / (printable(stem_of(path)) or "set")
         folder.mkdir(parents=True)
         count = unpacked(path, folder, endings, left)
         held = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
@@ -85,8 +92,10 @@ def measure_sets(
     asked = ManyRequest(
         *(folders, request.out, reference, speech),
         names=request.names,
+        told=request.told,
+        channel=request.channel,
         pool=JobPool(1),
     )
     found = diagnose_folders(asked, lambda share: on_progress(_UNPACKED + (1 - _UNPACKED) * share))
     told = json.loads((request.out / "many.json").read_text())
-    return Sets(found.files, found.notes, told, found.measured, found.sounds)
+    return Sets(found.files, found.notes, told, found.measured, found.sounds, request)

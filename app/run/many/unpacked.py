@@ -24,13 +24,14 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, cast
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
+from app.run.many.pairing import is_hidden
 from app.run.output.result_folder import UNFINISHED, require_free_space
+from app.run.requests.upload_check import PACKED
 from conventions.names import printable
 from model.storage.files import write_error
 from model.storage.npz import MAX_FILE_BYTES
 
-ZIP = ".zip"
-TARS = (".tar.gz", ".tgz", ".tar")
+TARS = PACKED[1:]
 _MAX_NESTED = 2
 """Archives in archives; deeper ones are refused."""
 _MAX_HEADER_BYTES = 1 << 20
@@ -97,7 +98,7 @@ def stem_of(path: Path) -> str:
 
 
 def _ending_of(name: str) -> str | None:
-    return next((each for each in (ZIP, *TARS) if name.lower().endswith(each)), None)
+    return next((each for each in PACKED if name.lower().endswith(each)), None)
 
 
 def unpacked(
@@ -291,7 +292,7 @@ def _wanted(
     for entry in entries:
         path = entry.path
         is_wanted = path.suffix.lower() in endings or _ending_of(path.name) is not None
-        if entry.is_folder or not is_wanted or _is_hidden(path):
+        if entry.is_folder or not is_wanted or is_hidden(path):
             continue
         if path in wanted:
             raise RunError(f"{name} holds {str(path)!r} twice; it is not unpacked.")
@@ -362,10 +363,6 @@ def _is_plain(part: str) -> bool:
         and not set(part) & set('\\:*?"<>|')
         and len(part.encode()) <= _MAX_NAME_BYTES
     )
-
-
-def _is_hidden(path: PurePosixPath) -> bool:
-    return any(part.startswith((".", "__MACOSX")) for part in path.parts)
 
 
 def _write(source: IO[bytes], size: int, path: Path) -> int:

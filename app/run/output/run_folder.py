@@ -82,6 +82,8 @@ class Row(_Strict):
     there: There | None = None
     assumed: Annotated[list[dict[Name, Any]], Field(max_length=40)] = []
     """As what its file was understood, where it came from one."""
+    ending: Annotated[str, Field(pattern=r"^(\.[a-z0-9]{1,8})?$")] = ""
+    """Of that file's name."""
 
 
 class Told(_Strict):

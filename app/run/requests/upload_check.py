@@ -12,6 +12,8 @@ from app.errors import RunError, sentence_of
 from app.run.requests.request import OnEvent, ShouldCancel
 from conventions.names import printable
 
+PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
+"""Endings of archives of many files."""
 NO_ZIP = "{name} is no readable zip; pack it again."
 
 UploadKind = Literal["speech", "reference", "motion", "sounds", "motions", "transcript", "plan"]
@@ -48,17 +50,22 @@ def refusal_of(
 
 def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
     match kind:
+        case "motions" | "sounds" if path.name.lower().endswith(PACKED):
+            if path.suffix.lower() == ".zip" and not is_zipfile(path):
+                raise RunError(NO_ZIP.format(name=printable(path.name)))
         case "speech" | "sounds":
             from model.speech.audio import SpeechLimits, load_speech
 
             load_speech(path, SpeechLimits(max_s=max_speech_s))
-        case "motions" | "sounds" if path.suffix.lower() == ".zip":
-            if not is_zipfile(path):
-                raise RunError(NO_ZIP.format(name=printable(path.name)))
         case "reference" | "motion" | "motions":
             from model.formats.read import read_any_motion
+            from model.storage.npz import MotionError
 
-            read_any_motion(path)
+            try:
+                read_any_motion(path)
+            except MotionError as error:
+                if kind != "motions" or "--assume" not in str(error):  # else the form can say it
+                    raise
         case "transcript":
             from model.speech.transcript import read_words
 

@@ -145,6 +145,7 @@ def render_motion(
     from model.formats.read import read_any_motion
 
     _check(request)
+    request.told.check([request.motion])
     reading = read_any_motion(request.motion, request.told, request.body)
     read = reading.motion
     motion = body_motion(read)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import wave
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -264,11 +265,18 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     save_motion(clean, tmp_path / "clean.npz")
     calmer = replace(clean, expressions=(0.9 * clean.expressions).astype(np.float32))
     save_motion(tremble(calmer), tmp_path / f"{name}.npz")
+    left = made_waveform(16_000)
+    right = np.random.default_rng(0).uniform(-0.5, 0.5, len(left))
+    with wave.open(str(tmp_path / "dialogue.wav"), "wb") as wav:
+        wav.setparams((2, 2, 16_000, 0, "NONE", ""))
+        wav.writeframes((32_000 * np.stack([left, right], axis=1)).astype("<i2").tobytes())
     heard = Heard()
     request = DiagnoseRequest(
         motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
         reference=tmp_path / "clean.npz",
+        speech=tmp_path / "dialogue.wav",
+        channel=0,
         has_pictures=False,
         videos=VideoOptions(size=256, close_ups=("hands",)),
     )
@@ -282,6 +290,8 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     videos = [path for path in found.files if path.suffix == ".mp4"]
     assert {path.stem for path in videos} == set(names)
     assert all(read_facts(path).num_frames == frames for path in videos)
+    heard = load_speech(videos[0]).waveform[: len(left)]
+    assert np.corrcoef(heard, left[: len(heard)])[0, 1] > 0.95
     kinds_found = {finding.kind for finding in found.diagnostics.findings[name]}
     assert "joint_noise" in kinds_found and "copied_face" not in kinds_found
 

@@ -1,5 +1,6 @@
 """What is shown of a motion, and what is said of a file as soon as it has been uploaded."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -149,11 +150,16 @@ def wav(path: Path, seconds: float) -> Path:
 def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
     text = tmp_path / "said.txt"
     text.write_text("Hello, world.")
+    asks, packed = tmp_path / "asks.npz", tmp_path / "sounds.zip"  # the form can say which motion
+    np.savez(asks, **{f"{name}/poses": np.zeros((9, 165)) for name in "ab"})
+    zipfile.ZipFile(packed, "w").close()
     for kind, files in (
         ("speech", [wav(tmp_path / "a.wav", 1.0)]),
         ("reference", [CLEAN]),
         ("motion", [CLEAN]),
         ("motion", []),
+        ("motions", [asks]),
+        ("sounds", [packed]),
         ("transcript", [CLEAN.with_suffix(".TextGrid")]),
         ("transcript", [text]),
     ):

@@ -121,7 +121,7 @@ class Drawn:
             return "refused", None
         if self.apart_m(reading.motion) < self.tolerance_m:
             return "right", reading
-        is_told = any(each.is_open for each in reading.assumptions)
+        is_told = any(each.sure == "unsure" for each in reading.assumptions)
         return "unsure" if is_told else "silent", reading
 
     def apart_m(self, motion: Motion) -> float:
@@ -327,8 +327,10 @@ def bvh_text(
     order: str = "ZXY",
     has_root: bool = False,
     fps: float = 30.0,
+    is_along_x: bool = False,
 ) -> str:
-    """A skeleton of ours in other axes, resting with its arms so far below ours."""
+    """A skeleton of ours in other axes, resting with its arms so far below ours, or with all bones
+    along x."""
     world = [Rotation.identity()] * NUM_JOINTS
     for joint in range(NUM_JOINTS):
         local = Rotation.from_rotvec(motion.poses.reshape(-1, NUM_JOINTS, 3)[:, joint])
@@ -339,6 +341,9 @@ def bvh_text(
         for side, sign in (("left", -1.0), ("right", 1.0)):
             if JOINT_NAMES[joint] == f"{side}_shoulder":
                 lowered[joint] = Rotation.from_euler("z", sign * arms_deg, degrees=True)
+        bones = [REST[each] - REST[joint] for each in joints if PARENTS[each] == joint]
+        if is_along_x and bones:
+            lowered[joint] = Rotation.align_vectors([[1.0, 0.0, 0.0]], bones[-1:])[0]
     filed = [turn * world[j] * lowered[j].inv() * turn.inv() for j in range(NUM_JOINTS)]
     lines, rows = ["HIERARCHY"], []
     pelvis = turn.apply(motion.trans + REST[0]) * scale

@@ -170,18 +170,37 @@ def test_text_that_is_none_is_refused_with_line_and_reason(tmp_path: Path, text:
     assert said in str(caught.value)
 
 
+UPPER = [joint for joint in BODY_JOINTS if joint not in (1, 2, 4, 5, 7, 8, 10, 11)]
+
+
 def test_trees_that_are_no_person_are_refused(tmp_path: Path):
-    arm = [JOINT_INDEX[name] for name in JOINT_NAMES[:22] if "leg" not in name]
-    upper = [joint for joint in arm if JOINT_NAMES[joint].split("_")[-1] not in
-             ("hip", "knee", "ankle", "foot")]  # fmt: skip
+    with pytest.raises(MotionError, match="no trunk from which two arms go"):
+        read(tmp_path, text_of([0, 3, 6, 9, 12, 15]))
+    arm = [0, 3, 6, 9, 13, 16, 18, 20, *HANDS[:15]]
     with pytest.raises(MotionError, match="no joint from which two legs and a trunk go"):
-        read(tmp_path, text_of(upper))
+        read(tmp_path, text_of(arm))
     lines = [
         "OFFSET 0 0.4 0" if line.startswith("OFFSET") and "-0.3" in line else line
         for line in TEXT.splitlines()
     ]
-    with pytest.raises(MotionError, match="legs do not hang below the trunk"):
+    with pytest.raises(MotionError, match=r"do legs hang below the trunk.* put a T-pose"):
         read(tmp_path, "\n".join(lines))
+
+
+@pytest.mark.parametrize("joints", [BODY_JOINTS, UPPER])
+@pytest.mark.parametrize("is_along_x", [True, False])
+def test_without_legs_or_a_rest_pose_it_is_read_and_told_as_unsure(
+    tmp_path: Path, joints: list[int], is_along_x: bool
+):
+    """Bones rest along x as many rigs have them; limbs are where they are, but for their twist."""
+    if joints == BODY_JOINTS and not is_along_x:
+        return
+    reading = read(tmp_path, text_of(joints, is_along_x=is_along_x))
+    found, wanted = (each[:, joints] for each in (joints_of(reading.motion), WANTED))
+    np.testing.assert_allclose(found, wanted, atol=0.02 if is_along_x else 2e-3)
+    assert ("legs" in reading.lacks) == (joints == UPPER)
+    unsure = {each.kind for each in reading.assumptions if each.sure == "unsure"}
+    assert unsure >= ({"layout"} if is_along_x else {"up", "facing"})
 
 
 def test_twist_joints_within_a_limb_are_part_of_its_bones(tmp_path: Path):

@@ -206,12 +206,21 @@ def test_a_heading_is_turned_only_where_it_is_kept_throughout(tmp_path: Path):
     poses = POSES.copy()
     poses[:, 0] = 0
     poses[:, 0, 1] = np.linspace(0, 2 * np.pi, 60)  # turns once about itself
-    assert read_any_motion(written(tmp_path, poses=poses)).of("facing") is None
+    facing = read_any_motion(written(tmp_path, poses=poses)).of("facing")
+    assert facing is not None and facing.value == "as-is" and facing.is_usual
     poses[:, 0, 1] = np.radians(80)
     path = written(tmp_path, poses=poses)
     assert value_of(read_any_motion(path), "facing") == ("x", "likely")
     kept = read_any_motion(path, read_told("facing=as-is")).motion.poses[0, 1]
     assert kept == pytest.approx(np.radians(80), abs=1e-6)
+
+
+def test_what_is_said_and_does_not_apply_is_told(tmp_path: Path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.zeros((9, 66)))
+    reading = read_any_motion(path, read_told("units=cm,hands=mean,motion=2,frames=bridge,rate=30"))
+    vain = [each.kind for each in reading.assumptions if "does not apply" in each.why]
+    assert vain == ["hands", "motion", "units"] and "rate 30, as you say" in " ".join(reading.notes)
 
 
 def test_a_plain_motion_comes_before_others_of_its_file(tmp_path: Path):

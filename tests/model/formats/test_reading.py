@@ -1,4 +1,6 @@
-"""Assumptions as sentences and for programs, sets of them counted, and what users may say."""
+"""Assumptions as sentences and for programs, and what users may say."""
+
+from pathlib import Path
 
 import pytest
 
@@ -6,7 +8,6 @@ from model.formats.reading import (
     Assumption,
     Reading,
     apart,
-    counted,
     lengths_apart,
     read_told,
     told_as,
@@ -24,7 +25,6 @@ def test_a_note_names_file_value_reason_and_the_way_out():
     (note,) = reading.notes
     assert note == "a.npz: up z, it stands along it (if not, say --assume up=y|x)."
     assert reading.of("up") is UP and reading.of("hands") is None
-    assert UP.is_open and not USUAL.is_open
     assert UP.as_json() == {
         "what": "up",
         "value": "z",
@@ -32,11 +32,6 @@ def test_a_note_names_file_value_reason_and_the_way_out():
         "sure": "unsure",
         "others": ["y", "x"],
     }
-
-
-def test_of_sets_it_is_counted_what_was_assumed():
-    one, other = Reading(MOTION, (UP, USUAL)), Reading(MOTION, (USUAL,))
-    assert counted([one, one, other]) == ["up z in 2 of 3: it stands along it."]
 
 
 def test_what_differs_between_compared_motions_is_told():
@@ -58,11 +53,17 @@ def test_a_rate_at_which_the_speech_would_fit_is_told():
 
 
 def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
-    told = read_told("up=z, b.npz:up=x,reference:rate=25,units=cm") + told_as(24.0, None, "motions")
-    assert told.of("a.npz", "motions") == {"up": "z", "units": "cm", "rate": "24"}
-    assert told.of("b.npz") == {"up": "x", "units": "cm"}
+    said = "up=z, b, c.npz:up=x,*.npz:up=y,*.npz:hands=mean,reference:rate=25,units=cm"
+    told = read_told(said) + told_as(24.0, None, "motions")
+    assert told.of("a.bvh", "motions") == {"up": "z", "units": "cm", "rate": "24"}
+    assert told.of("B.NPZ") == {"up": "y", "units": "cm", "hands": "mean"}
+    assert told.of("b, c.npz")["up"] == "x"
     assert told.of("reference")["rate"] == "25"
     assert read_told("").says == ()
+    assert told.unknown([Path("x/b, c.npz")]) == "" and told.known([]).of("a.npz")["up"] == "z"
+    assert "No file is called 'b, c.npz', of which up=x is said; there are a" in told.unknown(
+        [Path("a.npz")], "a"
+    )
 
 
 @pytest.mark.parametrize(

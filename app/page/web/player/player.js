@@ -8,6 +8,7 @@ import { make } from "../dom.js";
 import { Address } from "../stage/address.js";
 import { Look } from "../stage/look.js";
 import { More } from "../stage/more.js";
+import { saidOtherwise } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
 import { copyBy } from "../clipboard.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
@@ -20,7 +21,7 @@ import { Tiles } from "./tiles.js";
 import { LOW, Timeline } from "./timeline.js";
 
 const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
-const PRESSES = "button, a"; // what the space bar presses
+const PRESSES = "button, a, summary"; // what the space bar presses
 const NO_STAGE = "This browser draws no 3D graphics (WebGL 2): videos are shown instead, each as soon as it is drawn.";
 
 const CROWD = 4; // bodies that need the width of the form
@@ -59,7 +60,7 @@ class Player {
     const more = this.#more?.element ?? make("div", { hidden: true });
     this.controls = new Controls(this.#lockstep, this.#stage ?? this.#tiles, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
-    this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#askForTake(), onShown: () => this.#showStage() });
+    this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage() });
     this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.showBody(detail));
     this.timeline.bar.append(this.#sounds.element, this.controls.worst.line);
     this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");
@@ -80,6 +81,10 @@ class Player {
     root.stage = this.#stage;
     root.seen = () => JSON.stringify(this.#seen);
     root.edits = () => this.editing.asked;
+    root.addEventListener("otherwise", ({ detail }) => {
+      root.said = (before) => saidOtherwise(before, detail, this.#value.rows?.length === 1);
+      this.#press(".otherwise-start");
+    });
     root.look = this.#look;
     if (orbit) this.#keepAddress(orbit);
   }
@@ -140,13 +145,14 @@ class Player {
 
   /** The server draws what is seen now, and tells of it under the stage. */
   #makeVideo() {
-    this.#root.closest("[role=tabpanel]")?.querySelector(".seen-start")?.click();
+    this.#press(".seen-start");
     if (this.#more) this.#more.element.hidden = true;
     this.controls.update();
   }
 
-  #askForTake() {
-    this.#root.closest("[role=tabpanel]")?.querySelector(".take-start")?.click();
+  /** A hidden button of the tab. */
+  #press(name) {
+    this.#root.closest("[role=tabpanel]")?.querySelector(name)?.click();
   }
 
   /** The bodies that are to be seen. */

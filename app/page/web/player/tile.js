@@ -1,6 +1,7 @@
 /** One tile of the grid of videos. */
 
 import { icon, make, nameOf } from "../dom.js";
+import { readingOf } from "../stage/reading.js";
 
 /** One motion: its name, and its video or what stands in for it until that is drawn. */
 export class Tile {
@@ -8,6 +9,7 @@ export class Tile {
   #picture;
   #tools;
   #motion = null;
+  #reading = make("div", { hidden: true });
 
   /** `owner` is told: `enlarge(name)`. */
   constructor(row, number, owner) {
@@ -26,7 +28,7 @@ export class Tile {
     const swatch = make("i", { class: row.dashes.length ? "dashed" : "solid", "aria-hidden": "true" });
     const key = number <= 9 ? make("kbd", { "aria-hidden": "true" }, String(number)) : "";
     const head = make("header", {}, swatch, nameOf(row), key, this.#tools);
-    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": this.label }, head, this.#picture);
+    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": this.label }, head, this.#reading, this.#picture);
     this.element.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
     this.#picture.addEventListener("dblclick", () => owner.enlarge(this.name));
   }
@@ -43,8 +45,10 @@ export class Tile {
     return this.video;
   }
 
-  /** Offer the motion file as soon as there is one. */
+  /** Offer the motion file, and say how it was read, as soon as that is known. */
   offerMotion(url, row) {
+    const reading = this.#reading.hidden ? readingOf(row) : null;
+    if (reading) this.#reading.replaceWith((this.#reading = reading));
     if (!this.#motion) this.#tools.prepend((this.#motion = this.#download(url, `${row.stem}.npz`, "npz")));
   }
 

@@ -1,6 +1,6 @@
 /** What can be saved of one body: its motion, as other programs read it too, and its video. */
 
-import { icon, make } from "../dom.js";
+import { icon, make, popUp } from "../dom.js";
 
 /** By what stands behind the address of a motion, as app/page/routes/media.py has them. */
 const KINDS = {
@@ -33,16 +33,6 @@ export function filesOf(row) {
     for (const [kind, [ending, words]] of Object.entries(KINDS)) items.push(link(`${row.motion}/${kind}`, ending, words));
   }
   if (row.plan) for (const [kind, [ending, words]] of Object.entries(PLAN_KINDS)) items.push(link(`${row.plan}/${kind}`, ending, words));
-  /** @type {HTMLDetailsElement} */
-  const box = make("details", {
-    class: "files",
-    onfocusout: ({ relatedTarget }) => relatedTarget && !box.contains(relatedTarget) && (box.open = false),
-    onkeydown: (event) => {
-      if (event.key !== "Escape" || !box.open) return;
-      box.open = false;
-      box.querySelector("summary").focus();
-    },
-  });
-  box.append(make("summary", { title: `Save ${name}`, "aria-label": `Save ${name}` }, icon("save")), make("ul", {}, ...items));
+  const box = popUp("files", make("summary", { title: `Save ${name}`, "aria-label": `Save ${name}` }, icon("save")), make("ul", {}, ...items));
   return box;
 }

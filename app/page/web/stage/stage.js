@@ -24,6 +24,7 @@ import { axisCorners, boneCorners } from "./bones.js";
 import { cells, grid, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { Pace } from "./pace.js";
+import { readingOf } from "./reading.js";
 import { trailCorners } from "./trail.js";
 
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
@@ -539,7 +540,9 @@ export class Stage {
     this.#showNotices();
   }
 
-  #tag({ row, shown }, wide) {
+  #tag(entry, wide) {
+    const { row, shown } = entry;
+    if (!entry.reading && row.assumed) entry.reading = readingOf(row); // once: what is open stays so
     const swatch = make("i", { class: row.dashes?.length ? "dashed" : "solid", "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
     if (this.#rows.size > 1) {
@@ -547,7 +550,7 @@ export class Stage {
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
       tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
     }
-    const tag = make("div", { class: `stage-tag${wide < 200 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools));
+    const tag = make("div", { class: `stage-tag${wide < 200 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     tag.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));

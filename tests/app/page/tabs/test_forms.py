@@ -172,6 +172,14 @@ def test_the_form_of_own_motion_becomes_the_request(tmp_path):
     assert own(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == (), "all of them fit"
 
 
+def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone():
+    said = {"assume": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
+    asked = own("/up/a.npz", speech="/up/s.wav", **said).to_request(Path("out"), CONFIG)
+    assert [each[0] for each in asked.told.says] == ["a", ""] and asked.channel == 1
+    sets = own("/up/a.tar.gz", **said).to_sets(Path("out"))
+    assert sets.names == ("a",) and len(sets.told.says) == 4 and sets.channel == 1
+
+
 @pytest.mark.parametrize(
     ("asked", "words"),
     [

@@ -75,6 +75,8 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert last["downloads_part"]["visible"]
     names = [Path(file).name for file in last["files"]]
     assert names == ["diagnostics.json", "jitter.png"]
+    read = [{"what": "up", "why": "so"}]
+    assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
     assert Path(last["bundle"]["value"]).stat().st_size > 0
 
 
@@ -123,7 +125,7 @@ class Measured:
             name: {clip: self._folder / f"{name} {clip}.npz" for clip in told["clips"]}
             for name in ("<i>mine", "reference")
         }
-        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"})
+        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"}, request)
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
@@ -135,7 +137,8 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
 
     measured = Measured(tmp_path)
     own = Own(tmp_path / "jobs", noted, measured)
-    asked = ["/up/<i>mine.zip"], "/up/gt.zip", None, "right_middle", 0
+    more = None, None, None, False, None, False, "motions:up=z,*.bvh:up=x", "left"
+    asked = ["/up/<i>mine.tar.gz"], "/up/gt.zip", None, "right_middle", 0, *more
     mine, stranger = browser("mine" * 20, "mine"), browser("else" * 20, "else")
     first, *_, last = updates_of(own.runner, own.parts, *asked, visitor=mine)
     assert first[own.sets_shown] == {"value": "", "visible": False, "__type__": "update"}
@@ -154,6 +157,7 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     (one,) = opened
     assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
     assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
+    assert (one.told.says, one.channel) == ((("motions", "up", "z"),), 0)
     assert all(own.sets_shown not in update for update in (*updates, end)), "the sets stay"
     assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 

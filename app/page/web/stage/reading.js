@@ -1,0 +1,66 @@
+/** How a file was understood, as chips on its row: each says why, and what it may be instead. */
+
+import { make, popUp } from "../dom.js";
+
+const WORDS = { up: "{} up", facing: "faces {}", units: "{}", rate: "{} fps", hands: "{} hand", rotations: "{}", joints: "{} joints", lag: "{} s late" };
+
+/** A thing and its value in a word or two. */
+export function wordsOf(what, value) {
+  return value === "none" ? `no ${what}` : (WORDS[what] ?? `${what} {}`).replace("{}", value);
+}
+
+/**
+ * Chips of a row, those of guesses and of what the user said for themselves; null where nothing was assumed. A choice
+ * is told by an event `otherwise`, whose value is null where the user takes back what they said.
+ *
+ * @param {import("../told").Row} row
+ */
+export function readingOf({ name, label, assumed }) {
+  if (!assumed?.read.length) return null;
+  const isOpen = ({ sure }) => sure === "unsure" || sure === "told";
+  const told = { name, kind: assumed.kind };
+  const chips = assumed.read.filter(isOpen).map((each) => chip(told, wordsOf(each.what, each.value) + (each.sure === "unsure" ? "?" : ""), [each]));
+  const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.others.length) - Number(!other.others.length));
+  if (rest.length) chips.push(chip(told, "how it was read", rest));
+  return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
+}
+
+/** @type {(told: { name: string, kind: string }, words: string, read: import("../told").Assumption[]) => HTMLElement} */
+function chip(told, words, read) {
+  const choice = (what, value, text) => {
+    const detail = { ...told, what, value };
+    const choose = ({ currentTarget }) => currentTarget.dispatchEvent(new CustomEvent("otherwise", { bubbles: true, detail }));
+    return make("button", { type: "button", onclick: choose }, text);
+  };
+  const parts = read.map(({ what, value, why, sure, others }) => {
+    const choices = others.map((other) => choice(what, other, wordsOf(what, other)));
+    if (sure === "told") choices.push(choice(what, null, "as it seems"));
+    return make("li", {}, make("p", {}, make("b", {}, wordsOf(what, value)), why ? `: ${why}.` : ""), ...choices);
+  });
+  return popUp("chip", make("summary", {}, words), make("ul", {}, ...parts));
+}
+
+/** Things said of files, `NAME:WHAT=VALUE` or `WHAT=VALUE`, apart; a name may have commas. */
+function apart(said) {
+  const parts = (said.match(/[^=]+=[^,]*|[^=]+$/g) ?? []).map((part) => part.replace(/^[ ,]+|[ ,]+$/g, ""));
+  return parts.filter(Boolean).map((part) => {
+    const [, name = "", what] = /^(?:(.+):)?([a-z]+)=.+$/.exec(part) ?? [];
+    return { name, what, part };
+  });
+}
+
+/**
+ * What the form says of files, with one thing said otherwise: of all files of the kind, or where others stand beside it
+ * of one file alone.
+ *
+ * @param {string} before
+ * @param {{ name: string, kind: string, what: string, value: string | null }} otherwise
+ * @param {boolean} isAlone
+ */
+export function saidOtherwise(before, { name, kind, what, value }, isAlone) {
+  const replaced = isAlone || value === null ? [name, kind, ""] : [name];
+  const kept = apart(before).filter((each) => each.what !== what || !replaced.includes(each.name));
+  const said = kept.map(({ part }) => part);
+  if (value !== null) said.push(`${isAlone ? kind : name}:${what}=${value}`);
+  return said.join(",");
+}
