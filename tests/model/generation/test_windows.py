@@ -29,8 +29,8 @@ from tests.model.made import made_speech
 OPTIONS = GenerateOptions(speaker="ann", steps=2)
 SYSTEMS = ["globaldiff/local", "globaldiff/global", BEST]
 LENGTHS = [
-    *(("globaldiff/global", n) for n in (15, 59, 60, 61, 111, 112, 113, 200)),
-    *((name, n) for name in ("globaldiff/local", BEST) for n in (60, 61, 113)),
+    *(("globaldiff/global", n) for n in (15, 60, 61, 112, 113, 200)),
+    *((name, 113) for name in ("globaldiff/local", BEST)),
 ]
 
 

@@ -54,7 +54,7 @@ def state(cache: Path) -> dict[Path, int]:
 
 
 @pytest.mark.parametrize(
-    ("code", "count"), [(SMALL, 5), pytest.param(WHOLE, 20, marks=pytest.mark.slow)]
+    ("code", "count"), [(SMALL, 2), pytest.param(WHOLE, 20, marks=pytest.mark.slow)]
 )
 def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is_killed(
     tmp_path: Path, code: str, count: int
