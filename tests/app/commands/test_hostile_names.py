@@ -91,9 +91,7 @@ def sit_at_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     return terminal
 
 
-def test_diagnose_tells_of_files_with_hostile_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_diagnose_tells_of_files_with_hostile_names(tmp_path, monkeypatch):
     terminal = sit_at_terminal(monkeypatch)
     motions = [tmp_path / f"{name}.npz" for name in NAMES]
     for seed, path in enumerate(motions):
@@ -108,9 +106,7 @@ def test_diagnose_tells_of_files_with_hostile_names(
     assert any(float(row["value"]) < 0 for row in rows)
 
 
-def test_a_terminal_is_sent_no_control_characters_by_what_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_is_sent_no_control_characters_by_what_fails(tmp_path, monkeypatch):
     terminal = sit_at_terminal(monkeypatch)
     name = TITLE + NO_TEXT
     argv = ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(tmp_path / name)]
@@ -120,9 +116,7 @@ def test_a_terminal_is_sent_no_control_characters_by_what_fails(
     terminal.check()
 
 
-def test_folders_with_hostile_names_are_held_beside_each_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_with_hostile_names_are_held_beside_each_other(tmp_path, capsys):
     folders = [tmp_path / name for name in (FORMULA, TITLE, CUT)]
     for seed, folder in enumerate(folders):
         folder.mkdir()
@@ -136,9 +130,7 @@ def test_folders_with_hostile_names_are_held_beside_each_other(
     assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
 
 
-def test_generate_takes_speeches_of_hostile_names(
-    weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_generate_takes_speeches_of_hostile_names(weights, speech, tmp_path, capsys):
     folder = tmp_path / "speech"
     folder.mkdir()
     for name in (FORMULA, TITLE, MARKUP, NO_TEXT):
@@ -150,9 +142,7 @@ def test_generate_takes_speeches_of_hostile_names(
     assert len([line for line in said.splitlines() if line.endswith("many.csv")]) == 1
 
 
-def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(tmp_path, capsys):
     names = ("@SUM(1)*cmd|' /C calc'!A0", "-2+3;@SUM(1)", MARKUP, TEX)
     clips = ("+1", "\\input{x}")
     files = [f"system{number}" for number in range(len(names))]

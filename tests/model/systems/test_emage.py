@@ -45,7 +45,7 @@ def test_the_skeleton_is_pooled_to_as_many_chains_as_a_code_has():
     assert near == arm | fingers
 
 
-def test_codes_are_those_of_a_walk_over_bones(path: Path, tensors: dict[str, torch.Tensor]):
+def test_codes_are_those_of_a_walk_over_bones(path, tensors):
     motion = smooth_motion_example(70, 5)
     found = emage_codes(load_emage_encoder(path), motion)
     assert found.shape == (64 // 16, CODE_DIM)
@@ -56,16 +56,14 @@ def test_codes_are_those_of_a_walk_over_bones(path: Path, tensors: dict[str, tor
     assert np.abs(wanted).mean() > 0.1  # and not all near 0, where everything is equal
 
 
-def test_a_clip_too_short_has_no_codes(path: Path):
+def test_a_clip_too_short_has_no_codes(path):
     encoder = load_emage_encoder(path)
     assert emage_codes(encoder, smooth_motion_example(31, 0)).shape == (0, CODE_DIM)
     longer = smooth_motion_example(63, 0)
     assert emage_codes(encoder, longer).shape == (2, CODE_DIM)
 
 
-def test_a_file_that_does_not_fit_is_told_by_its_first_key(
-    path: Path, tensors: dict[str, torch.Tensor]
-):
+def test_a_file_that_does_not_fit_is_told_by_its_first_key(path, tensors):
     key = "encoder.layers.1.0.residual.0.mask"
     without = {name: each for name, each in tensors.items() if name != key}
     told = {

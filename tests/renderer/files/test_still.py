@@ -1,7 +1,5 @@
 """One pose as OBJ and PLY, read back line by line."""
 
-from pathlib import Path
-
 import numpy as np
 
 from renderer.body.body import load_body
@@ -9,7 +7,7 @@ from renderer.files.still import write_still
 from tests.renderer.body.test_body import random_motion
 
 
-def test_obj_and_ply_hold_the_posed_body(tmp_path: Path) -> None:
+def test_obj_and_ply_hold_the_posed_body(tmp_path):
     body, motion = load_body(), random_motion(3)
     posed = np.concatenate(list(body.vertices(motion)))[2]
     write_still(body, motion, 2, tmp_path / "pose.obj")

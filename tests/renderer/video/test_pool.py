@@ -219,11 +219,7 @@ def draws(process_id: int) -> bool:
 
 @pytest.mark.parametrize(
     "end",
-    [
-        "kill the leader",
-        pytest.param("cancel", marks=SLOW),
-        pytest.param("crash", marks=SLOW),
-    ],
+    ["kill the leader", pytest.param("cancel", marks=SLOW), pytest.param("crash", marks=SLOW)],
 )
 def test_processes_that_share_a_video_end_together(tmp_path, end):
     with suppress(KeyboardInterrupt), RenderPool() as pool:

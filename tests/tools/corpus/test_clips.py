@@ -47,7 +47,7 @@ def clip(request: pytest.FixtureRequest, clips: dict[str, Clip]) -> Clip:
     return clips[request.param]
 
 
-def test_no_joint_moves_faster_than_people_do(clip: Clip) -> None:
+def test_no_joint_moves_faster_than_people_do(clip):
     local, global_rot, _ = kinematics(clip)
     speed = speed_deg_s(local)
     assert speed.max() < 900
@@ -61,7 +61,7 @@ def test_no_joint_moves_faster_than_people_do(clip: Clip) -> None:
     assert 0 <= clip.expressions.min() <= clip.expressions.max() <= 1
 
 
-def test_no_wrist_is_thrown_off_its_way_from_one_frame_to_the_next(flite: None) -> None:
+def test_no_wrist_is_thrown_off_its_way_from_one_frame_to_the_next(flite):
     """Against the step before; in recordings by 2.5 cm at most."""
     for speaker, seed in itertools.product(SPEAKERS, range(2)):
         clip = make_clip(open_body_rig(), speaker, "train", 25.0, [19, seed])
@@ -71,7 +71,7 @@ def test_no_wrist_is_thrown_off_its_way_from_one_frame_to_the_next(flite: None) 
         assert np.linalg.norm(np.diff(wrists, axis=0), axis=-1).max() < 0.08
 
 
-def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
+def test_planted_feet_stay_and_stand_on_the_floor(clip):
     _, _, positions = kinematics(clip)
     rig = open_body_rig()
     for ankle in (JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]):
@@ -85,7 +85,7 @@ def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
     assert -0.01 < lowest < 0.05
 
 
-def test_knees_are_nearly_straight_and_never_pop(clip: Clip) -> None:
+def test_knees_are_nearly_straight_and_never_pop(clip):
     local, _, _ = kinematics(clip)
     knees = local[:, [JOINT_INDEX["left_knee"], JOINT_INDEX["right_knee"]]]
     bend = np.degrees(Rotation.from_matrix(knees.reshape(-1, 3, 3)).magnitude())
@@ -110,7 +110,7 @@ def in_frame(points: np.ndarray, rotmat: np.ndarray, origin: np.ndarray) -> np.n
     return np.einsum("tij,tpi->tpj", rotmat, points - origin[:, None])
 
 
-def test_hands_stay_out_of_the_body_and_of_each_other(clip: Clip) -> None:
+def test_hands_stay_out_of_the_body_and_of_each_other(clip):
     _, global_rot, positions = kinematics(clip)
     for side in HANDS:
         inside = np.zeros(len(positions), dtype=bool)
@@ -127,7 +127,7 @@ def test_hands_stay_out_of_the_body_and_of_each_other(clip: Clip) -> None:
     assert (left.mean(axis=1)[:, 0] > right.mean(axis=1)[:, 0]).mean() > 0.98  # seldom crossed
 
 
-def test_strokes_end_on_stressed_vowels(clip: Clip) -> None:
+def test_strokes_end_on_stressed_vowels(clip):
     beats = np.array([w.beat_s for w in clip.utterance.words])
     strokes = [
         key.arrive_s
@@ -141,7 +141,7 @@ def test_strokes_end_on_stressed_vowels(clip: Clip) -> None:
     assert np.percentile(np.abs(late), 80) < 0.16
 
 
-def test_the_jaw_opens_in_vowels_and_lips_close_in_bilabials(clip: Clip) -> None:
+def test_the_jaw_opens_in_vowels_and_lips_close_in_bilabials(clip):
     jaw = np.degrees(clip.poses.reshape(-1, 55, 3)[:, JOINT_INDEX["jaw"], 0])
     assert jaw.min() >= 0
     assert jaw.max() < 14
@@ -156,7 +156,7 @@ def test_the_jaw_opens_in_vowels_and_lips_close_in_bilabials(clip: Clip) -> None
     assert mean_jaw({"p", "b", "m"}) < 3.0
 
 
-def test_no_fault_is_found_in_any_clip(clips: dict[str, Clip]) -> None:
+def test_no_fault_is_found_in_any_clip(clips):
     for clip in clips.values():
         motion = motion_of(clip)
         cuts = [motion, *(motion.part(slice(start, start + 300)) for start in range(0, 900, 300))]
@@ -198,7 +198,7 @@ def speaks(clip: Clip) -> np.ndarray:
     return ~np.any([(time_s > s.start_s) & (time_s < s.end_s) for s in spans], axis=0)
 
 
-def test_arms_and_jaw_are_still_in_silence(listeners: list[Clip]) -> None:
+def test_arms_and_jaw_are_still_in_silence(listeners):
     ratios = []
     for clip in listeners:
         local = matrices(clip.poses.astype(np.float64).reshape(-1, 55, 3))
@@ -218,7 +218,7 @@ def test_arms_and_jaw_are_still_in_silence(listeners: list[Clip]) -> None:
     assert np.mean(ratios) < 0.25
 
 
-def test_blinks_come_about_twenty_times_a_minute_in_any_ten_seconds(listeners: list[Clip]) -> None:
+def test_blinks_come_about_twenty_times_a_minute_in_any_ten_seconds(listeners):
     lid = open_body_rig().expression_names.index("eyeBlinkLeft")
     for clip in listeners:
         for blink in clip.events.blinks:

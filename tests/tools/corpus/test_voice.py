@@ -24,12 +24,12 @@ VOICE = Voice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."
 
 
-def test_stress_marks_one_vowel_and_words_keep_their_apostrophes(flite: None) -> None:
+def test_stress_marks_one_vowel_and_words_keep_their_apostrophes(flite):
     assert [name for name, stress in pronounce("amazing") if stress] == ["ey"]
     assert words_of("I don't know, OK?") == ["i", "don't", "know", "ok"]
 
 
-def test_phones_tile_the_sentence_and_every_word_is_found_in_order(flite: None) -> None:
+def test_phones_tile_the_sentence_and_every_word_is_found_in_order(flite):
     waveform, phones = say(SENTENCE, VOICE)
     assert phones[0].start_s == 0.0
     for before, after in pairwise(phones):
@@ -41,7 +41,7 @@ def test_phones_tile_the_sentence_and_every_word_is_found_in_order(flite: None) 
     assert {p.word for p in phones if p.name == PAUSE} <= {-1}
 
 
-def test_a_loud_vowel_lies_where_its_phone_says(flite: None) -> None:
+def test_a_loud_vowel_lies_where_its_phone_says(flite):
     waveform, phones = say("Ah, see.", VOICE)
     spans = [waveform[int(p.start_s * 16000) : int(p.end_s * 16000)] for p in phones]
     loudness = [float(np.sqrt(np.mean(s**2))) for s in spans]
@@ -62,7 +62,7 @@ def pitch_hz(waveform: np.ndarray) -> float:
     return float(np.median(pitches))
 
 
-def test_pitch_and_pace_follow_the_voice_and_formants_change_neither(flite: None) -> None:
+def test_pitch_and_pace_follow_the_voice_and_formants_change_neither(flite):
     plain, _ = say(SENTENCE, VOICE)
     assert abs(pitch_hz(plain) - 178) < 18
     high, _ = say(SENTENCE, replace(VOICE, f0_hz=220.0))
@@ -80,7 +80,7 @@ def spectral_centroid(waveform: np.ndarray) -> float:
     return float((np.arange(len(power)) * power).sum() / power.sum() / len(power))
 
 
-def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite: None) -> None:
+def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite):
     spoken = [Phone(n, float(k), k + 1.0) for k, n in enumerate("ih z ih t".split())]
     assert [p.word for p in align(["is", "it"], spoken)] == [0, 0, 1, 1]
     # One "s" where "this" and "sun" bring two.
@@ -91,12 +91,12 @@ def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite: None) -> None
     assert words[2] in (0, 1)
 
 
-def test_a_sentence_without_sound_is_refused(flite: None) -> None:
+def test_a_sentence_without_sound_is_refused(flite):
     with pytest.raises(VoiceError, match="nothing to say"):
         say("...", VOICE)
 
 
-def test_every_speaker_has_a_voice_within_range(flite: None) -> None:
+def test_every_speaker_has_a_voice_within_range(flite):
     for speaker in SPEAKERS:
         utterance = speak_text(speaker, ["Wow, that is amazing!"], np.random.default_rng(0))
         assert [w.text for w in utterance.words] == ["wow", "that", "is", "amazing"]

@@ -18,7 +18,7 @@ from model.motion.kinematics import local_from_global
 from model.motion.rotations import matrix_from_axis_angle
 from model.systems.official import sizes
 from model.systems.official.checkpoint import make_network
-from model.systems.official.files import PARTS, Part
+from model.systems.official.files import PARTS
 from model.systems.official.system import smoothed
 from tests.helpers import official_folder
 from tests.model.systems.official.filled import fill, made, sha256_of
@@ -224,12 +224,12 @@ def test_the_filter_changes_only_the_middle():
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_names_shapes_and_filling_are_the_authors(networks, part: Part):
+def test_names_shapes_and_filling_are_the_authors(networks, part):
     assert sha256_of(networks[part]) == FILLED[part]
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_names_shapes_and_channels_are_as_listed(networks, part: Part):
+def test_names_shapes_and_channels_are_as_listed(networks, part):
     listed = json.loads((official_folder() / f"keys-{part}.json").read_text())
     own = {name: list(tensor.shape) for name, tensor in networks[part].state_dict().items()}
     assert list(own.items()) == [(entry["key"], entry["shape"]) for entry in listed["tensors"]]
