@@ -64,8 +64,8 @@ def _faces_of_two_steps():
 
 
 @pytest.fixture(scope="module")
-def data(data_folder, tmp_path_factory):
-    return of_test_split(shutil.copytree(data_folder, tmp_path_factory.mktemp("data") / "data"))
+def data(tmp_path_factory):
+    return of_test_split(make_data_folder(tmp_path_factory.mktemp("data") / "data", seconds=3))
 
 
 @pytest.fixture(scope="module")

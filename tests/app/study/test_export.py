@@ -92,7 +92,7 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
         }
 
 
-@pytest.mark.parametrize("protocol", ["ranking", "rating"])
+@pytest.mark.parametrize("protocol", ["ranking", pytest.param("rating", marks=pytest.mark.slow)])
 def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
     shares: list[float] = []
     plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])

@@ -179,7 +179,7 @@ def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: in
 @pytest.mark.parametrize(
     ("names", "has_reference", "factor"),
     [
-        (NAMES[:1], False, 1e-4),
+        pytest.param(NAMES[:1], False, 1e-4, marks=pytest.mark.slow),
         (NAMES[:2], True, 1e3),
         (ODD_NAMES, True, 1.0),
         pytest.param(NAMES, True, 0.0, marks=pytest.mark.slow),

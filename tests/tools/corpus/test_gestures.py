@@ -1,7 +1,5 @@
 """Gestures belong to what is said, stressed and contrasted; the people who make them differ."""
 
-from itertools import combinations
-
 import numpy as np
 
 from conventions.joints import JOINT_INDEX
@@ -129,12 +127,6 @@ def test_left_and_right_are_sides_and_right_now_is_not():
     assert found == {"left1": 1.0, "right10": -1.0}
 
 
-def test_a_contrast_calls_the_hand_of_its_side():
-    choice = Choice(PEOPLE["milo"], np.random.default_rng(5))
-    left = [choice.hands(GESTURES["offer"], 0.08, contrasts=True) == ["left"] for _ in range(300)]
-    assert np.mean(left) > 0.7
-
-
 def uttered(accents: list[float]) -> Utterance:
     """One phrase of words of half a second; each begins with its stressed vowel."""
     words = tuple(
@@ -176,17 +168,3 @@ def habits(speaker: Speaker) -> np.ndarray:
             [speaker.tempo / 0.15, speaker.energy / 0.25, speaker.rate / 0.2],
         ]
     )
-
-
-def test_speakers_are_different_people_and_none_is_inhuman():
-    for a, b in combinations(SPEAKERS, 2):
-        gap = habits(a) - habits(b)
-        assert np.linalg.norm(gap) > 2.5 and np.sum(np.abs(gap) > 0.5) >= 3, (a.name, b.name)
-        tastes = set(a.favourites), set(b.favourites)
-        assert len(tastes[0] & tastes[1]) < min(map(len, tastes))
-    for speaker in SPEAKERS:
-        assert len(speaker.favourites) >= 3 and set(speaker.favourites) <= set(GENERIC)
-        place = np.abs([speaker.outward_m, speaker.height_m, speaker.forward_m])
-        assert (place < [0.08, 0.09, 0.06]).all()
-        assert 0.55 <= speaker.amplitude <= 1.35 and 0.8 <= speaker.tempo <= 1.3
-        assert 0.5 <= speaker.dominance <= 1.0

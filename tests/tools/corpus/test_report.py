@@ -33,21 +33,8 @@ from tools.corpus.report.page import report_page
 from tools.corpus.report.statistics import (
     PosedClip,
     clip_statistics,
-    derivative,
-    turning_deg_s,
     window_features,
 )
-
-
-def test_derivatives_of_a_cubic_and_degrees_a_second_are_known():
-    time = np.arange(60) / FPS
-    place = np.stack([2.0 * time, 0 * time, time**3], axis=1)
-    np.testing.assert_allclose(derivative(place, 3), 6.0, rtol=1e-6)
-    straight = place * [1.0, 1.0, 0.0]
-    np.testing.assert_allclose(derivative(straight, 1), 2.0, rtol=1e-9)
-    angles = np.radians(np.arange(31))  # one degree a frame
-    rotmat = Rotation.from_rotvec(angles[:, None] * [0.0, 1.0, 0.0]).as_matrix()[:, None]
-    np.testing.assert_allclose(turning_deg_s(rotmat), 30.0, rtol=1e-6)
 
 
 def standing(seconds: float, shake_hz: float) -> PosedClip:

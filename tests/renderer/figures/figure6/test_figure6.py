@@ -226,7 +226,7 @@ FAR = 107_000
 @pytest.mark.parametrize(
     ("inputs", "has_marks", "start"),
     [
-        (make_inputs(1, False, 1, 1), False, 0),
+        pytest.param(make_inputs(1, False, 1, 1), False, 0, marks=SLOW),
         (make_inputs(3, True, 7, names=ODD_NAMES), False, FAR),
         (make_inputs(6, True, 1, 15, names=ODD_NAMES), True, 0),
         *(
