@@ -131,7 +131,7 @@ def made_task(config, data: PreparedData, size: int = 4):
 
 @pytest.mark.parametrize(
     "system",
-    ["globaldiff/full", BEST, "expression", "asynfusion/ddim", "fmd-encoder", PLANNER, PLANNED],
+    ["globaldiff/full", BEST, "expression", "asynfusion/ddim", MOTION_VAE, PLANNER, PLANNED],
 )
 def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, system):
     task, batch = made_task(quick(system, learning_rate=3e-3, steps=10**6), data, size=2)

@@ -1,13 +1,11 @@
 """Plans and keys: what is read, and one clear sentence for everything that cannot be."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.errors import RunError
-from app.study.design.fields import FieldError
 from app.study.design.key import Expected, Key, Question, Trial, Video, read_key, write_key
 from app.study.design.plan import Generator, Plan, read_plan
 from model.plan.style import StyleWish
@@ -194,12 +192,6 @@ def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_
     assert written["videos"]["a" * 16]["speech"] is None
 
 
-def test_speech_of_another_clip_is_a_mismatch_and_so_is_none():
-    assert Video("s", "c", "c", "front", "0").is_matched
-    assert not Video("s", "c", "d", "front", "0").is_matched
-    assert not Video("s", "c", None, "front", "0").is_matched
-
-
 @pytest.mark.parametrize(
     ("edit", "says"),
     [
@@ -249,8 +241,3 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, content, says):
     path.write_bytes(content)
     with pytest.raises(RunError, match=says):
         read_key(path)
-
-
-def test_a_key_cannot_be_made_inconsistent():
-    with pytest.raises(FieldError, match="shows a video"):
-        replace(KEY, videos={})

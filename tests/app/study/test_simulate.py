@@ -10,7 +10,7 @@ import pytest
 from app.errors import RunError
 from app.study import coverage
 from app.study.simulate import ALIKE, RaterModel, World, davidson, simulate
-from app.study.statistics.answers import TIE, collect
+from app.study.statistics.answers import collect
 from app.study.statistics.screening import screen
 from app.study.statistics.votes import match_votes, pair_votes
 from tests.app.study.made import STRENGTHS, made_key, made_participants, written_study
@@ -82,14 +82,6 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice():
         score = votes.between(0, 1).score
         odds = (score == 1).mean() / (score == 0).mean()
         assert np.log(odds) == pytest.approx(STRENGTHS[name], abs=0.15)
-
-
-def test_sides_are_balanced_and_ties_happen():
-    people = made_participants(key := made_key(num_clips=10), 4)
-    votes = pair_votes(people, key, "realism")
-    sides = Counter(zip(votes.left.tolist(), votes.right.tolist(), strict=True))
-    assert sides[0, 1] == sides[1, 0] == 20
-    assert any(answer.value == TIE for one in people for answer in one.answers)
 
 
 def test_lapses_fail_checks_as_often_as_said():

@@ -7,7 +7,6 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
 from tests.helpers import smooth_motion_example
@@ -28,21 +27,6 @@ def path(tensors: dict[str, torch.Tensor], tmp_path: Path) -> Path:
         tmp_path / "AESKConv_240_100.bin",
     )
     return tmp_path / "AESKConv_240_100.bin"
-
-
-def test_the_skeleton_is_pooled_to_as_many_chains_as_a_code_has():
-    bones, pools = levels()
-    assert [len(each) for each in bones] == [55, 35, 20, 20] and 12 * 20 == CODE_DIM
-    assert sorted(bone for pool in pools[0] for bone in pool) == list(range(55))
-    left_arm = [JOINT_INDEX[f"left_{name}"] for name in ("collar", "shoulder", "elbow", "wrist")]
-    assert left_arm[:2] in pools[0] and left_arm[2:] in pools[0]
-    assert [JOINT_INDEX["spine1"]] in pools[0]  # of an odd chain the first stays by itself
-    assert [JOINT_INDEX["spine2"], JOINT_INDEX["spine3"]] in pools[0]
-    elbow = distances(bones[0])[JOINT_INDEX["left_elbow"]]
-    near = {name for name, joint in JOINT_INDEX.items() if elbow[joint] <= 2}
-    fingers = {f"left_{finger}1" for finger in ("index", "middle", "pinky", "ring", "thumb")}
-    arm = {"left_collar", "left_shoulder", "left_elbow", "left_wrist"}
-    assert near == arm | fingers
 
 
 def test_codes_are_those_of_a_walk_over_bones(path, tensors):

@@ -127,6 +127,12 @@ def test_left_and_right_are_sides_and_right_now_is_not():
     assert found == {"left1": 1.0, "right10": -1.0}
 
 
+def test_a_contrast_calls_the_hand_of_its_side():
+    choice = Choice(PEOPLE["milo"], np.random.default_rng(5))
+    left = [choice.hands(GESTURES["offer"], 0.08, contrasts=True) == ["left"] for _ in range(300)]
+    assert np.mean(left) > 0.7
+
+
 def uttered(accents: list[float]) -> Utterance:
     """One phrase of words of half a second; each begins with its stressed vowel."""
     words = tuple(
