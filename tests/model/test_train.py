@@ -153,14 +153,6 @@ def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, sy
     assert found[-1] < found[0]
 
 
-@SLOW
-def test_validation_loss_falls(root, annotated_folder):
-    config = quick("globaldiff/global", steps=60, learning_rate=1e-3, validate_every=12,
-                   save_every=60, batch_size=4, ema_decay=0.8)  # fmt: skip
-    rows = log_of(run(config, annotated_folder, root / "falling"), "val")
-    assert float(rows[-1]["simple"]) < 0.9 * float(rows[0]["simple"])
-
-
 def test_flow_times_are_a_power_of_uniform_ones(data):
     times = {}
     for power in (1.0, 2.0, 3.0):

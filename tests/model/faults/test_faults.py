@@ -17,14 +17,8 @@ from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.faults.planted import PLANTED, Planted
-from tests.tools.corpus.conftest import flite
-from tests.tools.corpus.made_motion import motion_of
-from tools.corpus.clip import make_clip
-from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speaker import SPEAKERS
 
 SKELETON = open_body_skeleton()
-__all__ = ["flite"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +36,6 @@ def person(motion: Motion, heard: np.ndarray) -> Person:
 def example() -> Person:
     """14 s that come with the program."""
     return person(load_motion(CLEAN), heard_of(load_speech(CLEAN.with_suffix(".wav")).waveform))
-
-
-@pytest.fixture(scope="module")
-def procedural(flite: None) -> Person:
-    speaker = next(s for s in SPEAKERS if s.name == "ewan")
-    clip = make_clip(open_body_rig(), speaker, "train", 33.0, [10, speaker.number])
-    return person(motion_of(clip), heard_of(clip.utterance.waveform))
 
 
 @pytest.fixture(scope="module")
@@ -88,15 +75,6 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         assert finding.numbers.get(name) == value, (name, finding.numbers)
     for first, last in finding.stretches:
         assert 0 <= first <= last < example.motion.num_frames
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("planted", PLANTED, ids=lambda p: f"{p.name}-{p.kind}-{p.beside}")
-@pytest.mark.parametrize("who", ["procedural", "recorded"])
-def test_it_is_found_in_longer_clips_too(who, planted, request):
-    person: Person = request.getfixturevalue(who)
-    found = found_in(planted.plant(person.motion), person, planted)
-    assert planted.kind in {finding.kind for finding in found}
 
 
 def test_every_fault_of_the_table_is_planted():

@@ -1,8 +1,5 @@
 """Motion made window by window: of every length, whole, in pieces and streamed."""
 
-import os
-import subprocess
-import sys
 from itertools import cycle, islice, pairwise
 from types import SimpleNamespace
 
@@ -23,7 +20,6 @@ from model.generation.windows import (
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.systems.globaldiff.config import BEST
-from tests.helpers import ROOT
 from tests.model.made import made_speech
 
 OPTIONS = GenerateOptions(speaker="ann", steps=2)
@@ -194,17 +190,3 @@ def test_motion_is_made_in_one_thread_and_as_many_as_before_work_after_it(small)
         assert set(seen) == {1} and torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("chosen", [None, "ACTIVE"])
-def test_threads_that_wait_sleep_unless_the_user_says_otherwise(chosen):
-    environment = {key: value for key, value in os.environ.items() if key != "OMP_WAIT_POLICY"}
-    if chosen:
-        environment["OMP_WAIT_POLICY"] = chosen
-    code = "import model.train, os; print(os.environ['OMP_WAIT_POLICY'])"
-    child = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    assert child.stdout.strip() == (chosen or "PASSIVE")
