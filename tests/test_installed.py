@@ -154,7 +154,6 @@ def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
     )
     for system in ("mean", "drawn"):
         assert (tmp_path / "results" / f"regression-{system}.npz").is_file()
-
     # Weights that a package brings are found beside the bundled ones.
     config = named_config("smoke", MEAN)
     tensors = Regression(68, config.width).state_dict()

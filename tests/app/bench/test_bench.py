@@ -44,7 +44,6 @@ def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_
     for name in ("bench", "bench0", "bench1", "comparison"):
         with av.open(str(tmp_path / f"{name}.mp4")) as video:
             assert video.streams.video[0].frames == 8
-
     stage = set_stage(body, [motion])
     frames = [next(body.vertices(motion))[i] for i in (0, 5)]
     looks = {"settings": settings, "stage": stage}

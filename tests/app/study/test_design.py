@@ -76,7 +76,6 @@ def test_the_balance_of_lists_is_told_as_it_is():
     assert fair.first_place_spread_within_trial == 0
     assert fair.first_place_unfairness == 0.0
     assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
-
     unfair = measure_balance([[first, second], [first, second]], system_of)
     assert unfair.position_spread == unfair.follows_spread == 2
     assert unfair.first_place_spread_within_trial == 2

@@ -113,7 +113,6 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
     study = export_study(plan, out, draw=draw_noise)
     key = read_key(study.key)
     assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
-
     other = Workspace(tmp_path / "b")
     other.private.mkdir(parents=True)
     shutil.copy(study.key, other.key)  # the keys are drawn, so the copy gets that of the first

@@ -258,7 +258,6 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
         for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
             assert name in blinding.videos.values()
             assert address == f"https://host.org/study/media/{name}.mp4"
-
         preload, _, *timeline = jspsych_timeline(plan, shown)
         assert preload["type"] == "jsPsychPreload"
         seen: set[str] = set()
@@ -269,7 +268,6 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
             else:
                 assert set(trial["data"]["shown"]) <= seen
         assert seen == {video for _, videos in shown for video in videos}
-
         text = json.dumps([config, preload, timeline])
         text += "".join(genea_tables(plan, design, blinding).values())
         assert not [name for name in (*SYSTEMS, *CLIPS[:2]) if name in text]
@@ -282,7 +280,6 @@ def test_genea_gets_pairs_and_mismatches(tmp_path):
     assert header == ["clip_name", "system_1", "system_2"]
     pairs = {frozenset(blinding.videos[s] for s in t.stimuli) for t in design.trials if t.stimuli}
     assert {frozenset(row[1:]) for row in rows} == pairs
-
     plan, design, blinding, _ = blinded(tmp_path, 'protocol = "matched"')
     (table,) = genea_tables(plan, design, blinding).values()
     header, *rows = csv.reader(table.splitlines())
@@ -292,6 +289,5 @@ def test_genea_gets_pairs_and_mismatches(tmp_path):
     for _, right, kind, wrong in rows:
         assert kind == "speech"
         assert stimuli[right].speech == stimuli[right].clip != stimuli[wrong].speech
-
     plan, design, blinding, _ = blinded(tmp_path, 'protocol = "ranking"')
     assert genea_tables(plan, design, blinding) == {}

@@ -193,7 +193,6 @@ def test_places_and_ratings_follow_the_blind_ids():
     rows = found.clip == 2
     place = {key.systems[s]: v for s, v in zip(found.system[rows], found.value[rows], strict=True)}
     assert [f"clip2-{name}" for name in sorted(place, key=place.__getitem__)] == answer.value
-
     key = made_key("rating")
     (one,) = made_participants(key, 1)
     answer = next(answer for answer in one.answers if answer.trial == "clip1/0")

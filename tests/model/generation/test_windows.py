@@ -58,7 +58,6 @@ def test_pieces_and_streams_of_any_blocks_are_the_whole(loaded, name, num_frames
     lengths = [piece.motions[0].num_frames for piece in pieces]
     assert sum(lengths) == num_frames and all(n == 52 for n in lengths[:-1])
     assert [piece.share for piece in pieces] == [(i + 1) / len(pieces) for i in range(len(pieces))]
-
     count = -(-max(0, num_frames - 60) // 52)
     assert len(pieces) == count + 1
     features = torch.from_numpy(system.encoder.encode(speech.waveform, 60 + 52 * count))
@@ -67,7 +66,6 @@ def test_pieces_and_streams_of_any_blocks_are_the_whole(loaded, name, num_frames
     blocks = [features[a:b] for a, b in pairwise(ends) if b > a]
     streamed = list(stream_motion(system, blocks, options))
     assert [p[0].num_frames for p in streamed] == [52] * count + [60]
-
     for k, motion in enumerate(whole):
         assert motion.num_frames == num_frames == round(30 * speech.duration_s)
         assert motion.expression_basis == "arkit52" and (motion.expressions[:, 52:] == 0).all()

@@ -121,7 +121,6 @@ def test_every_joint_has_its_own_value_over_its_own_name(settings):
     line = lines_of(axes)[NAMES[0]]
     value_at = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     place = {label.get_text(): x for x, label in enumerate(axes.get_xticklabels())}
-
     assert len(place) == 55
     for shown, joint in [
         ("pelvis", "pelvis"),
@@ -167,7 +166,6 @@ def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: in
     texts = drawn_texts(figure, monkeypatch)
     written = "".join(text for text, _ in texts).replace(" ", "")
     assert all(name.replace(" ", "") in written for name in sheet.jitter)
-
     boxes = {axes.get_label(): axes.get_window_extent() for axes in figure.axes}
     assert len(boxes) == 9
     check_apart(figure, texts, boxes, within_panels=("5 Hz", NO_DATA))

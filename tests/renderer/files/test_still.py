@@ -16,7 +16,6 @@ def test_obj_and_ply_hold_the_posed_body(tmp_path):
     faces = [[corner.split("/")[0] for corner in line[1:]] for line in lines if line[:1] == ["f"]]
     np.testing.assert_allclose(vertices, posed, atol=1e-6)
     np.testing.assert_array_equal(np.array(faces, int) - 1, body.faces)
-
     write_still(body, motion, 2, tmp_path / "pose.ply")
     head, _, data = (tmp_path / "pose.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {body.num_vertices}\n".encode() in head

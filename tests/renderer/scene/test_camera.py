@@ -128,7 +128,6 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
     for vertices in np.concatenate(list(body.vertices(motion))):
         assert sees(camera, vertices[above], 300, 400).all()
-
     standing = BodyMotion.resting(2)
     poses = standing.poses.reshape(2, 55, 3).copy()
     for side, sign in (("left", -1.0), ("right", 1.0)):

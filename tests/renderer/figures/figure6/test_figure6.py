@@ -113,7 +113,6 @@ def test_the_figure_is_its_input():
     scales = [np.ptp(axes[x].get_ylim()) / axes[x].get_window_extent().height for x in "xyz"]
     np.testing.assert_allclose(scales, scales[0], rtol=1e-9)
     assert contents.caption in " ".join(text.get_text() for text in figure.texts)
-
     placed = {image.get_label(): image for image in axes["snapshots"].get_images()}
     boxes = {label: image.get_window_extent() for label, image in placed.items()}
     by_place = sorted(placed, key=lambda label: (-round(boxes[label].y0), boxes[label].x0))

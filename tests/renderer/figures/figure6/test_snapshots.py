@@ -27,10 +27,8 @@ def test_joints_lie_on_the_body_also_where_the_camera_follows(view):
     settings = RenderSettings(160, 160, view=view, is_transparent=True)
     stage = set_stage(body, [motion], view)
     assert stage.is_following
-
     pictures = render_stills(body, motion, frames, settings, stage=stage)
     pixels = projected_joints(body, motion, frames, settings, stage)
-
     assert pixels.shape == (3, 55, 2)
     columns, rows = np.floor(pixels[:, LIMBS]).astype(int).T
     coverage = pictures[..., 3][np.arange(3), rows, columns]
@@ -41,7 +39,6 @@ def test_joints_lie_on_the_body_also_where_the_camera_follows(view):
 def test_a_mark_is_centred_on_its_joint_and_nothing_else_changes():
     pictures = np.full((1, 100, 100, 3), 150, np.uint8)
     marked = mark_joints(pictures, np.array([[[30.5, 60.5]]]), np.array([[1.0]]))[0]
-
     assert np.abs(marked[60, 30] - np.array(CORE_RGB)).max() < 30
     changed = np.argwhere((marked != 150).any(axis=-1))
     np.testing.assert_array_equal(changed.mean(axis=0), [60, 30])
@@ -82,9 +79,7 @@ def test_crop_keeps_all_content_at_one_size():
         picture[20:50, 10 + 20 * i : 18 + 20 * i] = 30  # walks to the right
     other = pictures.copy()
     other[1, 15:20, 34:36] = 60  # one row's raised hand
-
     cropped = crop_alike({"a": pictures, "b": other})
-
     shapes = {stack.shape for stack in cropped.values()}
     assert len(shapes) == 1
     _, height, width, _ = shapes.pop()
