@@ -10,7 +10,7 @@ from renderer.body.body import BodyMotion
 
 @pytest.mark.parametrize("again", range(2))
 def test_the_first_calls_of_each_test_are_checked(again):
-    with pytest.raises(jaxtyping.TypeCheckError, match="parameters of model.motion.rotations"):
+    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameters of model\.motion\.rotations"):
         matrix_from_axis_angle(torch.zeros(2, 4))
     for _ in range(5):
         assert matrix_from_axis_angle(torch.zeros(2, 3)).shape == (2, 3, 3)
