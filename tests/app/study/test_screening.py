@@ -19,7 +19,13 @@ from app.study.design.key import Expected, Key, read_key, write_key
 from app.study.design.links import list_of, new_secret, token_of
 from app.study.statistics.answers import MAX_FILE_BYTES, Participant, collect
 from app.study.statistics.screening import doubts, failed_checks, screen
-from tests.app.study.made import LEFT_CHECK, made_files, made_key, made_participants, written_study
+from tests.app.study.made import (
+    LEFT_CHECK,
+    made_files,
+    made_key,
+    made_participants,
+    written_study,
+)
 
 KEY = made_key()
 LONG = replace(made_key(num_clips=6), video_s=2.0)
@@ -41,7 +47,7 @@ def edited(
     return [len(one.answers) for one in collected.participants], collected.left_out
 
 
-def test_whole_files_are_read_and_the_truth_of_a_simulation_is_passed_over(tmp_path):
+def test_whole_files_are_read_and_the_truth_of_a_simulation_is_passed_over(tmp_path: Path) -> None:
     _, folder = written_study(tmp_path, KEY, made_files(KEY, 3))
     (folder / "truth.json").write_text("{}")
     collected = collect([folder, *folder.glob("simulated*")], KEY)
@@ -63,7 +69,9 @@ def test_whole_files_are_read_and_the_truth_of_a_simulation_is_passed_over(tmp_p
         (lambda f: f.update(answers=[{}] * 10_001), "`answers` has 10001 items; at most 10000"),
     ],
 )
-def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(tmp_path, edit, says):
+def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object], says: str
+) -> None:
     counts, left_out = edited(tmp_path, edit)
     assert counts == [14]
     assert len(left_out) == 1
@@ -96,7 +104,9 @@ def rated(number: object) -> dict[str, Any]:
         ("rating", rated(True), "a rating is not between 0 and 100"),
     ],
 )
-def test_an_edited_answer_is_left_out_and_the_others_count(tmp_path, protocol, edit, says):
+def test_an_edited_answer_is_left_out_and_the_others_count(
+    tmp_path: Path, protocol: str, edit: dict[str, Any], says: str
+) -> None:
     whole = 14 if protocol == "pairwise" else 6
     counts, left_out = edited(tmp_path, lambda file: file["answers"][0].update(edit), protocol)
     assert counts == [whole - 1, whole]
@@ -107,7 +117,7 @@ def test_an_edited_answer_is_left_out_and_the_others_count(tmp_path, protocol, e
     assert says in left_out[0]
 
 
-def test_the_same_question_answered_twice_counts_once_as_first_given(tmp_path):
+def test_the_same_question_answered_twice_counts_once_as_first_given(tmp_path: Path) -> None:
     def double(file: dict[str, Any]) -> None:
         file["answers"].append(file["answers"][0] | {"value": "tie"})
 
@@ -124,7 +134,7 @@ def test_the_same_question_answered_twice_counts_once_as_first_given(tmp_path):
         (b" " * (MAX_FILE_BYTES + 1), "it is larger than the 4,194,304 bytes that are read"),
     ],
 )
-def test_damaged_files_are_named(tmp_path, content, says):
+def test_damaged_files_are_named(tmp_path: Path, content: bytes, says: str) -> None:
     _, folder = written_study(tmp_path, KEY, made_files(KEY, 1))
     (folder / "broken.json").write_bytes(content)
     collected = collect([folder], KEY)
@@ -134,7 +144,7 @@ def test_damaged_files_are_named(tmp_path, content, says):
         collect([tmp_path / "none"], KEY)
 
 
-def test_of_doubles_the_finished_then_the_later_counts(tmp_path):
+def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
     first, second, half = made_files(KEY, 3)
     for file in (first, second, half):
         file["participant"] = "same"
@@ -164,7 +174,7 @@ def with_checks(key: Key, *values: object) -> Participant:
     return replace(whole, answers=others + given)
 
 
-def test_checks_count_as_failed_when_wrong_or_missing():
+def test_checks_count_as_failed_when_wrong_or_missing() -> None:
     for values, failed in [
         (("left", "left"), 0),
         (("left", "right"), 1),
@@ -176,7 +186,7 @@ def test_checks_count_as_failed_when_wrong_or_missing():
         assert bool(screen([participant], KEY).kept) == (failed <= 1)
 
 
-def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed():
+def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
     careless = with_checks(KEY, "tie", "tie")
     half = replace(with_checks(KEY, "left", None), finished=None)
     screened = screen([careless, half, with_checks(KEY, "left", "left")], KEY)
@@ -188,7 +198,7 @@ def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed():
     assert screen([careless], replace(KEY, max_failed=2)).kept
 
 
-def test_a_slider_may_stand_a_little_off():
+def test_a_slider_may_stand_a_little_off() -> None:
     for protocol, given, is_failed in [
         ("rating", 75, False),
         ("rating", 76, True),
@@ -206,7 +216,8 @@ def test_a_slider_may_stand_a_little_off():
 def each(change: Callable[[int], dict]) -> Forge:
     """A participant with every answer changed, by its number."""
     return lambda who: replace(
-        who, answers=tuple(replace(one, **change(number)) for number, one in enumerate(who.answers))
+        who,
+        answers=tuple(replace(one, **change(number)) for number, one in enumerate(who.answers)),
     )
 
 
@@ -220,14 +231,14 @@ def always_left(who: Participant) -> Participant:
     )
 
 
-def test_nobody_is_doubted_who_answers_as_people_do():
+def test_nobody_is_doubted_who_answers_as_people_do() -> None:
     assert doubts(PEOPLE, LONG) == {}
     for protocol in ("matched", "ranking", "rating"):
         key = replace(made_key(protocol, num_clips=6), video_s=2.0)
         assert doubts(made_participants(key, 8), key) == {}
 
 
-def test_impossible_answers_are_set_aside():
+def test_impossible_answers_are_set_aside() -> None:
     for forge, words in [
         (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
         (each(lambda number: {"ms": 1}), "sooner than their videos last"),
@@ -242,7 +253,7 @@ def test_impossible_answers_are_set_aside():
         assert words in screened.set_aside[0].why and len(screened.kept) == 7
 
 
-def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven():
+def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
     copy = replace(PEOPLE[0], id="another", source="another.json")
     found = doubts([*PEOPLE, copy], LONG)
     assert found == {"another": f"the same answers in the same times as {PEOPLE[0].source}"}
@@ -250,7 +261,9 @@ def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven():
     assert doubts([hasty], LONG) == {}
 
 
-def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would(tmp_path):
+def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would(
+    tmp_path: Path,
+) -> None:
     files = made_files(LONG, 6)
     forged = []
     for number in range(20):
@@ -283,12 +296,12 @@ def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:
     ]
 
 
-def test_good_links_count_and_without_a_secret_nobody_needs_one():
+def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
     assert len(screen(signed(), LINKED).kept) == 4
     assert len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).kept) == 4
 
 
-def test_forged_links_are_set_aside():
+def test_forged_links_are_set_aside() -> None:
     for forge, words in [
         (lambda token: None, "without a signed link"),
         (lambda token: token[:-1] + "x", "signature of the link is wrong"),
@@ -305,7 +318,7 @@ def test_forged_links_are_set_aside():
         assert words in screened.set_aside[0].why and len(screened.kept) == 3
 
 
-def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list():
+def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list() -> None:
     first, second, *_ = signed()
     assert first.finished is not None
     again = replace(second, list_number=first.list_number, link=first.link, id="thief")
@@ -319,7 +332,9 @@ def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list():
 
 @pytest.mark.parametrize("finishes", [True, False])
 @pytest.mark.parametrize("link", [None, "0-" + 32 * "0"])
-def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(link, finishes, tmp_path):
+def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
+    link: str | None, finishes: bool, tmp_path: Path
+) -> None:
     """Someone sends other answers under the name of a participant, an hour after them."""
     files = made_files(LINKED, 3)
     forged = {**files[0], "link": link, "answers": files[0]["answers"][:10]}
@@ -336,7 +351,9 @@ def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(link, finishes,
     assert len(screen(collected.participants, LINKED).kept) == 3 - (not finishes)
 
 
-def test_the_command_gives_the_same_links_again(tmp_path, capsys):
+def test_the_command_gives_the_same_links_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "study" / "researcher_only" / "key.json"
     path.parent.mkdir(parents=True)
     write_key(replace(LINKED, link_secret=None), path)

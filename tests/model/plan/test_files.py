@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -34,13 +35,13 @@ MS = 0.0005000001
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(plans())
-def test_a_plan_comes_back_as_it_went(ending, tmp_path, plan):
+def test_a_plan_comes_back_as_it_went(ending: str, tmp_path: Path, plan: GesturePlan) -> None:
     write_plan_file(plan, tmp_path / f"plan{ending}")
     read = read_plan_file(tmp_path / f"plan{ending}")
     assert read.plan == plan and read.notes == ()
 
 
-def test_a_plan_may_tell_little_go_at_another_speed_and_change_a_hand(tmp_path):
+def test_a_plan_may_tell_little_go_at_another_speed_and_change_a_hand(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     path.write_text('{"format": 1, "duration_s": 2, "nods": [{"time_s": 1, "depth_deg": 3}]}')
     assert read_plan(path) == GesturePlan(2.0, nods=(Nod(1.0, 3.0),))
@@ -86,7 +87,7 @@ BAD_HANDS = [
 ]
 
 
-def test_what_is_no_plan_is_refused_in_a_sentence(tmp_path):
+def test_what_is_no_plan_is_refused_in_a_sentence(tmp_path: Path) -> None:
     path, bad = tmp_path / "plan.json", list(BAD)
     for change, says in BAD_HANDS:
         wrong = json.loads(made_plan().as_json())
@@ -99,7 +100,7 @@ def test_what_is_no_plan_is_refused_in_a_sentence(tmp_path):
         assert says in str(told.value)
 
 
-def test_times_between_milliseconds_are_rounded_once(tmp_path):
+def test_times_between_milliseconds_are_rounded_once(tmp_path: Path) -> None:
     plan = made_plan().at_speed(1.0417)
     write_plan_file(plan, tmp_path / "a.eaf")
     once = read_plan_file(tmp_path / "a.eaf").plan
@@ -112,7 +113,7 @@ def test_times_between_milliseconds_are_rounded_once(tmp_path):
     assert read_plan_file(tmp_path / "b.eaf").plan == once
 
 
-def test_an_elan_file_has_phases_to_choose_from_and_the_sound(tmp_path):
+def test_an_elan_file_has_phases_to_choose_from_and_the_sound(tmp_path: Path) -> None:
     write_plan_file(made_plan(), tmp_path / "a.eaf", tmp_path / "so & so.wav")
     told = (tmp_path / "a.eaf").read_text()
     assert 'RELATIVE_MEDIA_URL="./so%20%26%20so.wav"' in told
@@ -123,7 +124,7 @@ def test_an_elan_file_has_phases_to_choose_from_and_the_sound(tmp_path):
     assert 'PARENT_REF="gesture_right"' in told
 
 
-def test_what_overlaps_is_kept_in_json_only(tmp_path):
+def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
     plan = replace(made_plan(), smiles=(Smile(1.0, 3.0, 0.5), Smile(2.0, 4.0, 0.2)))
     write_plan_file(plan, tmp_path / "plan.json")
     assert read_plan_file(tmp_path / "plan.json").plan == plan
@@ -146,7 +147,7 @@ def told(*tiers: NamedTier) -> annotation.PlanRead:
 @pytest.mark.parametrize(
     "name", ["RH-Phase", "Right hand phases", "gesture_right", "RHPhase", "phase R"]
 )
-def test_annotators_names_and_short_labels_are_understood(name):
+def test_annotators_names_and_short_labels_are_understood(name: str) -> None:
     rows = (0.0, 1.0, "Rest"), (1.0, 1.4, "Prep"), (1.4, 1.8, "S"), (1.8, 2.2, "post-stroke hold")
     read = told(tier(name, *rows, (2.2, 3.0, "Retr.")), tier("RH-Kind", (1.0, 2.2, "you")))
     phases = read.plan.right
@@ -160,7 +161,7 @@ def test_annotators_names_and_short_labels_are_understood(name):
     )
 
 
-def test_a_tier_for_each_phase_is_put_in_time():
+def test_a_tier_for_each_phase_is_put_in_time() -> None:
     read = told(
         tier("LH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")),
         tier("LH Prep", (1.0, 1.4, "")),
@@ -177,7 +178,7 @@ def test_a_tier_for_each_phase_is_put_in_time():
     assert "Left out, for they tell of no plan: 'Notes'." in read.notes
 
 
-def test_phrases_are_strokes_alone_and_kinds_beside_phases():
+def test_phrases_are_strokes_alone_and_kinds_beside_phases() -> None:
     phrase = tier("Gesture", (1.0, 2.0, "Deictic"))
     alone = told(phrase)
     assert [(p.phase, p.kind) for p in alone.plan.right] == [("stroke", "deictic")]
@@ -190,7 +191,7 @@ def test_phrases_are_strokes_alone_and_kinds_beside_phases():
     ]
 
 
-def test_heads_and_faces_need_no_numbers():
+def test_heads_and_faces_need_no_numbers() -> None:
     read = told(
         tier("phases both hands", (0.0, 1.0, "rest")),
         tier("head nod", (1.0, 1.4, "nod")),
@@ -219,7 +220,7 @@ def test_heads_and_faces_need_no_numbers():
         ([tier("phase R"), tier("smile", (2, 1, ".5"))], "must end after it begins"),
     ],
 )
-def test_what_tells_no_plan_is_refused(tiers, says):
+def test_what_tells_no_plan_is_refused(tiers: list[NamedTier], says: str) -> None:
     with pytest.raises(PlanError, match=says):
         told(*tiers)
 
@@ -247,7 +248,7 @@ def phase_tier(*spans: tuple[int, int, str]) -> str:
     return f'<TIER TIER_ID="R-Phase" LINGUISTIC_TYPE_REF="x">{rows}</TIER>'
 
 
-def test_times_that_an_annotator_left_open_lie_between(tmp_path):
+def test_times_that_an_annotator_left_open_lie_between(tmp_path: Path) -> None:
     path = tmp_path / "a.eaf"
     body = slots("0", "", "", "3000") + phase_tier((0, 1, "prep"), (1, 2, "stroke"), (2, 3, "hold"))
     path.write_text(eaf(body))
@@ -274,7 +275,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-def test_hostile_elan_files_are_refused_in_a_sentence(tmp_path):
+def test_hostile_elan_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
     for text, says in HOSTILE:
         (tmp_path / "a.eaf").write_text(text)
         with pytest.raises(PlanError, match=rf"^a\.eaf.*{says}") as error:
@@ -282,7 +283,9 @@ def test_hostile_elan_files_are_refused_in_a_sentence(tmp_path):
         assert str(error.value).count("\n") == 0
 
 
-def test_large_and_missing_files_are_refused(tmp_path, monkeypatch):
+def test_large_and_missing_files_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("model.plan.plan.MAX_BYTES", 100)
     (tmp_path / "a.eaf").write_text(" " * 101)
     with pytest.raises(PlanError, match="is larger than"):
@@ -297,7 +300,7 @@ def test_large_and_missing_files_are_refused(tmp_path, monkeypatch):
         read_plan_file(tmp_path / "a.eaf")
 
 
-def test_names_that_xml_cannot_hold_are_refused(tmp_path):
+def test_names_that_xml_cannot_hold_are_refused(tmp_path: Path) -> None:
     plan = made_plan()
     for sign in ("\0", "\ud800"):
         bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
@@ -305,7 +308,7 @@ def test_names_that_xml_cannot_hold_are_refused(tmp_path):
             write_plan_file(bad, tmp_path / "a.eaf")
 
 
-def test_what_is_no_textgrid_is_refused(tmp_path):
+def test_what_is_no_textgrid_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.TextGrid"
     write_plan_file(made_plan(), path)
     for text, says in (
@@ -318,7 +321,7 @@ def test_what_is_no_textgrid_is_refused(tmp_path):
             read_plan_file(path)
 
 
-def test_every_movement_and_event_is_a_marker_in_time():
+def test_every_movement_and_event_is_a_marker_in_time() -> None:
     markers = markers_of(made_plan())
     names = [marker.name for marker in markers]
     assert [marker.time_s for marker in markers] == sorted(marker.time_s for marker in markers)
@@ -329,7 +332,7 @@ def test_every_movement_and_event_is_a_marker_in_time():
     assert Marker(1.9, "").frame == 57
 
 
-def test_the_table_holds_frames_and_names_with_commas():
+def test_the_table_holds_frames_and_names_with_commas() -> None:
     rows = list(csv.DictReader(markers_csv(made_plan()).splitlines()))
     assert [(row["frame"], row["time_s"]) for row in rows[:2]] == [
         ("0", "0.0000"),
