@@ -17,6 +17,9 @@ BIN := .venv/bin
 # One more than there are cores, since a browser is waited for; a file is one worker's.
 WORKERS = -n $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 1))) --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
+# Each worker would compile all of it anew: 8 s.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test check style types imports javascript fuzz soak slow bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 

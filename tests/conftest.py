@@ -5,14 +5,14 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import jaxtyping
+from tests.shapes import begin_test  # isort: skip  (before what it checks)
+
 import pytest
 import torch
 from filelock import FileLock
 from threadpoolctl import threadpool_limits
 
 from model.speech.audio import write_wav
-from tests.helpers import ROOT
 from tests.model.made import made_waveform, make_data_folder, make_weights
 from tests.model.systems.planned.made import make_annotated_folder, make_planned_weights
 
@@ -22,8 +22,6 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 threadpool_limits(1, user_api="blas")
 torch.set_num_threads(1)  # before fixtures of a whole run, too
 
-SHAPES = (ROOT / "tests" / "model", ROOT / "tests" / "renderer")
-"""Where shapes and types are checked at each call; `make slow` checks them everywhere."""
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
@@ -33,10 +31,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A call of a checked function costs several times one that is not."""
-    checked = "CHECK_SHAPES" in os.environ or any(room in item.path.parents for room in SHAPES)
-    jaxtyping.config.update("jaxtyping_disable", not checked)
+def pytest_runtest_setup() -> None:
+    begin_test()
 
 
 @pytest.fixture(autouse=True)

@@ -71,7 +71,7 @@ def the_long_tables() -> dict[str, dict[str, str]]:
     return means
 
 
-def test_what_documents_link_to_is_there_and_every_one_is_in_an_index() -> None:
+def test_what_documents_link_to_is_there_and_every_one_is_in_an_index():
     for path in DOCUMENTS:
         links = LINK.findall(FENCE.sub("", path.read_text("utf-8")))
         targets = [link.split("#")[0] for link in links if "://" not in link]
@@ -82,7 +82,7 @@ def test_what_documents_link_to_is_there_and_every_one_is_in_an_index() -> None:
         assert {path.name for path in folder.glob("*.md")} - {"README.md"} <= linked
 
 
-def test_commands_that_documents_show_are_taken_and_the_readme_leads_to_all() -> None:
+def test_commands_that_documents_show_are_taken_and_the_readme_leads_to_all():
     parser = make_parser()
     for document, line in COMMANDS:
         words = line.replace("[", " ").replace("]", " ").split(" > ")[0]

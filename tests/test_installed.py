@@ -69,7 +69,7 @@ def answer(child: subprocess.Popen) -> str:
     return out
 
 
-def test_one_name_with_every_file_stands_beside_the_packages_of_others(site: Path) -> None:
+def test_one_name_with_every_file_stands_beside_the_packages_of_others(site):
     names = {path.name for path in site.iterdir() if not path.name.endswith(".dist-info")}
     assert names == {"co_speech_motion"}
     root = site / "co_speech_motion"
@@ -85,9 +85,7 @@ def test_one_name_with_every_file_stands_beside_the_packages_of_others(site: Pat
     assert [name for name in there if not (root / name).exists()] == []
 
 
-def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(
-    site: Path, tmp_path: Path
-) -> None:
+def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(site, tmp_path):
     """Where nothing but its output can be written, on one core, and with as much memory as a
     machine of 4 GB has left; in no one's way until it is used."""
     home = tmp_path / "home"
@@ -117,7 +115,7 @@ def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(
 
 
 @pytest.mark.slow
-def test_programs_of_their_own_are_words_of_the_command(site: Path, tmp_path: Path) -> None:
+def test_programs_of_their_own_are_words_of_the_command(site, tmp_path):
     for word, flag in (("train", "--data"), ("page", "--port")):
         assert flag in answer(installed(site, CODE, word, "--help", cwd=tmp_path))
 
@@ -139,8 +137,8 @@ def with_a_family(site: Path, tmp_path: Path) -> str:
 
 @pytest.mark.slow
 def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
-    site: Path, with_a_family: str, data_folder: Path, tmp_path: Path
-) -> None:
+    site, with_a_family, data_folder, tmp_path
+):
     flags = ("smoke", "--system", "regression/mean", "--data", str(data_folder), "--out", "run")
     answer(installed(site, CODE, "train", *flags, cwd=tmp_path, PYTHONPATH=with_a_family))
     flags = ("--systems", "regression/mean,regression/drawn", "--weights", "run/weights")
@@ -156,7 +154,6 @@ def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
     )
     for system in ("mean", "drawn"):
         assert (tmp_path / "results" / f"regression-{system}.npz").is_file()
-
     # Weights that a package brings are found beside the bundled ones.
     config = named_config("smoke", MEAN)
     tensors = Regression(68, config.width).state_dict()
@@ -169,7 +166,7 @@ def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
     assert answer(child) == "('regression/mean', 'regression/drawn') ['ann']\n"
 
 
-def test_the_container_is_made_by_the_scripts_of_make_demo() -> None:
+def test_the_container_is_made_by_the_scripts_of_make_demo():
     steps = re.findall(r"^RUN (\S+ run)\b", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
     makefile = (ROOT / "Makefile").read_text()
     recipe = makefile[makefile.index(".venv/.run-ready:") :].split("\n\n")[0]
@@ -179,7 +176,7 @@ def test_the_container_is_made_by_the_scripts_of_make_demo() -> None:
     ]  # fmt: skip
 
 
-def test_the_container_is_given_every_file_that_its_steps_and_the_page_need() -> None:
+def test_the_container_is_given_every_file_that_its_steps_and_the_page_need():
     text = (ROOT / "Dockerfile").read_text()
     given = {name for line in re.findall(r"^COPY (.*) \S+$", text, re.M) for name in line.split()}
     ignored = (ROOT / ".dockerignore").read_text().split()

@@ -29,7 +29,7 @@ def wanted(file: str) -> list[Requirement]:
     return [Requirement(line) for line in lines if line and not line.startswith("-r")]
 
 
-def test_the_lock_holds_what_is_required() -> None:
+def test_the_lock_holds_what_is_required():
     for lock, files in [
         ("run", ["requirements.txt"]),
         ("test", ["requirements.txt", "requirements-dev.txt"]),
@@ -42,7 +42,7 @@ def test_the_lock_holds_what_is_required() -> None:
             )
 
 
-def test_a_cluster_stands_beside_the_rest_in_one_environment() -> None:
+def test_a_cluster_stands_beside_the_rest_in_one_environment():
     others = pins("run") | pins("test")
     cluster = pins("cluster")
     assert {name: others[name] for name in cluster.keys() & others.keys()}.items() <= (
@@ -50,14 +50,14 @@ def test_a_cluster_stands_beside_the_rest_in_one_environment() -> None:
     )
 
 
-def test_every_file_of_torch_has_its_hash_and_its_own_source() -> None:
+def test_every_file_of_torch_has_its_hash_and_its_own_source():
     assert Version(pins("torch-cpu")["torch"]).local == "cpu"
     assert pins("torch-pypi")["torch"] == pins("torch-cpu")["torch"].split("+")[0]
     assert "torch" not in pins("run") and not any(name.startswith("nvidia") for name in pins("run"))
     assert set(pins("pip")) == {"pip"}
 
 
-def test_no_package_can_come_from_a_second_index() -> None:
+def test_no_package_can_come_from_a_second_index():
     for script in [*(ROOT / ".ci").iterdir(), *LOCKS, ROOT / "requirements.txt", ROOT / "Makefile"]:
         assert "extra-index-url" not in script.read_text(), script
     installer = (ROOT / ".ci" / "venv").read_text()
@@ -65,7 +65,7 @@ def test_no_package_can_come_from_a_second_index() -> None:
     assert all("$locked" in line or line.strip().startswith("exec") for line in locked)
 
 
-def test_git_hides_no_source_file_and_ignores_what_runs_leave() -> None:
+def test_git_hides_no_source_file_and_ignores_what_runs_leave():
     """What git ignores, ruff does not read either."""
     sources = "app/new.py model/data/new.py model/runs/new.py renderer/out/new.py".split()
     left = ["data/a.npz", "runs/a/state.pt", "out/a.mp4"]
@@ -76,7 +76,7 @@ def test_git_hides_no_source_file_and_ignores_what_runs_leave() -> None:
     assert hidden.stdout.split() == left
 
 
-def test_what_checks_the_javascript_is_locked_too() -> None:
+def test_what_checks_the_javascript_is_locked_too():
     folder = ROOT / "tests" / "javascript"
     asked = json.loads((folder / "package.json").read_text())["devDependencies"]
     packages = json.loads((folder / "package-lock.json").read_text())["packages"]

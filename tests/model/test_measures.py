@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -196,7 +195,7 @@ def test_rotation_noise_is_recovered_from_a_moving_joint():
 
 
 @pytest.mark.parametrize("noisy", ["right_elbow", "spine2", "right_middle2"])
-def test_attribution_points_at_the_joint_that_shakes(noisy: str):
+def test_attribution_points_at_the_joint_that_shakes(noisy):
     motion = smooth_motion_example(300, seed=3)
     poses = motion.poses.reshape(300, 55, 3).copy()
     poses[:, JOINT_INDEX[noisy]] += 0.05 * np.random.default_rng(0).standard_normal((300, 3))
@@ -283,7 +282,7 @@ def test_feet_slide_by_their_speed_on_the_ground_and_stand_above_the_lower_one()
 
 
 @pytest.mark.parametrize(("lag", "expected"), [(0.0, 1.0), (math.pi / 2, -1.0)])
-def test_hands_that_move_together_or_in_turn(lag: float, expected: float):
+def test_hands_that_move_together_or_in_turn(lag, expected):
     """|cos| and |sin| of the same angle: highs of one are lows of the other."""
     t = seconds(300)
     joints = np.zeros((300, 55, 3))
@@ -364,7 +363,7 @@ def test_errors_to_a_reference_of_one_turned_joint():
     assert sides.rotation_error_by_sides_deg.as_is > 1
 
 
-def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_path: Path):
+def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_path):
     motion, onsets_s = smooth_motion_example(400), np.arange(2.5, 11, 0.4)
 
     def beats(onsets_s: np.ndarray, **given: Any):
@@ -390,7 +389,7 @@ def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_pa
 
 
 @pytest.mark.parametrize("speeds", [np.ones(54), -np.ones(55), np.full(55, np.nan), None])
-def test_what_are_no_mean_speeds_is_refused(speeds: np.ndarray | None, tmp_path: Path):
+def test_what_are_no_mean_speeds_is_refused(speeds, tmp_path):
     path = tmp_path / "speeds.npy"
     if speeds is None:
         path.write_text("eggs")

@@ -57,7 +57,7 @@ def data(root, annotated_folder) -> PreparedData:
     return prepare(annotated_folder, root / "prepared-mel64", MelEncoder())
 
 
-@pytest.mark.parametrize("system", ["globaldiff/global", BEST])
+@pytest.mark.parametrize("system", ["globaldiff/global", pytest.param(BEST, marks=SLOW)])
 def test_a_training_leaves_weights_that_load_a_card_and_a_log(trained, weights, tmp_path, system):
     for file in (*(trained(system) / "weights").iterdir(), *weights.glob("expression.*")):
         shutil.copy(file, tmp_path)
@@ -73,8 +73,7 @@ def test_a_training_leaves_weights_that_load_a_card_and_a_log(trained, weights, 
 
 
 @pytest.mark.parametrize(
-    "system",
-    ["globaldiff/global", *(pytest.param(s, marks=pytest.mark.slow) for s in (BEST, "expression"))],
+    "system", ["globaldiff/global", *(pytest.param(s, marks=SLOW) for s in (BEST, "expression"))]
 )
 def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, root, annotated_folder, system):
     out = root / f"killed-{system.replace('/', '-')}"
@@ -132,11 +131,10 @@ def made_task(config, data: PreparedData, size: int = 4):
 
 @pytest.mark.parametrize(
     "system",
-    ["globaldiff/full", BEST, "expression", "asynfusion/ddim", MOTION_VAE, "fmd-encoder", PLANNER,
-     PLANNED],
-)  # fmt: skip
+    ["globaldiff/full", BEST, "expression", "asynfusion/ddim", MOTION_VAE, PLANNER, PLANNED],
+)
 def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, system):
-    task, batch = made_task(quick(system, learning_rate=3e-3, steps=10**6), data)
+    task, batch = made_task(quick(system, learning_rate=3e-3, steps=10**6), data, size=2)
     assert isinstance(task, DescentTask)
 
     def parts(shard: Shard) -> dict[str, torch.Tensor]:
@@ -150,17 +148,9 @@ def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, sy
     task.shard = FP32
     found = [
         task.step(k, batch, torch.Generator().manual_seed(0))["total"]
-        for k in range(5)  # the same draws each time
+        for k in range(3)  # the same draws each time
     ]
     assert found[-1] < found[0]
-
-
-@pytest.mark.slow
-def test_validation_loss_falls(root, annotated_folder):
-    config = quick("globaldiff/global", steps=60, learning_rate=1e-3, validate_every=12,
-                   save_every=60, batch_size=4, ema_decay=0.8)  # fmt: skip
-    rows = log_of(run(config, annotated_folder, root / "falling"), "val")
-    assert float(rows[-1]["simple"]) < 0.9 * float(rows[0]["simple"])
 
 
 def test_flow_times_are_a_power_of_uniform_ones(data):
@@ -179,23 +169,25 @@ def test_flow_times_are_a_power_of_uniform_ones(data):
         torch.testing.assert_close(found, times[1.0] ** power)
 
 
-def test_the_full_systems_terms_add_up(trained):
-    row = log_of(trained("globaldiff/full"))[0]
+def test_the_full_systems_terms_add_up(data):
+    task, batch = made_task(quick("globaldiff/full"), data)
+    row = task.step(0, batch, torch.Generator().manual_seed(0))
     parts = ("simple", "seed", "position", "velocity", "acceleration", "joint", "skeleton",
              "motion")  # fmt: skip
-    assert sum(float(row[part]) for part in parts) == pytest.approx(float(row["total"]), rel=1e-4)
-    assert all(float(row[part]) > 0 for part in parts)
+    assert sum(row[part] for part in parts) == pytest.approx(row["total"], rel=1e-4)
+    assert all(row[part] > 0 for part in parts)
 
 
 @pytest.mark.parametrize(
     ("system", "dim"), [("fgd-encoder", 333), ("fmd-encoder", 385), ("fed-encoder", 52)]
 )
-def test_encoders_of_distances_train_on_what_they_see(trained, data, system, dim):
-    (row,) = log_of(trained(system), "val")
-    parts = {name for name, value in row.items() if value}
+def test_encoders_of_distances_train_on_what_they_see(data, tmp_path, system, dim):
+    task, batch = made_task(quick(system), data)
+    parts = task.step(0, batch, torch.Generator().manual_seed(0))
     assert ("position" in parts) == (dim > 52) and ("face" in parts) == (dim != 333)
     assert "kl" not in parts
-    (codes,) = load_encoder(trained(system) / "weights", system).codes(torch.randn(2, 24, dim))
+    save_weights(tmp_path, system, task.export(), {"config": json.loads(to_json(quick(system)))})
+    (codes,) = load_encoder(tmp_path, system).codes(torch.randn(2, 24, dim))
     assert codes.shape == (2, 3, 32)
     if "face" in parts:
         faceless = replace(data, expression=np.zeros_like(data.expression))

@@ -53,7 +53,7 @@ def workers(file: str, count: int) -> Iterator[list[subprocess.Popen]]:
         yield [stack.enter_context(dask("worker", *own)) for _ in range(count)]
 
 
-def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path: Path) -> None:
+def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path):
     jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 4)]
     (tmp_path / "job2.done").touch()
     told: list[str] = []
@@ -65,7 +65,7 @@ def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
+def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path):
     told: list[str] = []
     with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):
         jobs = [*make_jobs(tmp_path, 6, are_held=True), made_job(tmp_path, "bad", work=fail)]

@@ -44,7 +44,7 @@ def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(tmp_path, po
         assert sorted(done(tmp_path)) == sorted(told) == ["job0", "job1", "job2", "job4"]
 
 
-def test_a_killed_worker_costs_no_job(tmp_path: Path) -> None:
+def test_a_killed_worker_costs_no_job(tmp_path):
     jobs = [*make_jobs(tmp_path, 4), made_job(tmp_path, "struck", work=kill_worker_once)]
     told: list[str] = []
     assert TWO.do_all(jobs, told.append) == {}
@@ -80,14 +80,14 @@ def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path, m
     assert len(begun) == MAX_BREAKS
 
 
-def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
+def test_a_job_that_leaves_python_fails_alone(tmp_path):
     jobs = [made_job(tmp_path, "left", work=leave_python), *make_jobs(tmp_path, 2)]
     failed = TWO.do_all(jobs)
     assert list(failed) == ["left"] and "exit status 3" in str(failed["left"])
     assert sorted(done(tmp_path)) == ["job0", "job1"]
 
 
-def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:
+def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path):
     asked = [sys.executable, "-m", "tests.processes.made", str(tmp_path), "2"]
     child = subprocess.Popen(asked, cwd=ROOT)
     wait_for(lambda: len(done(tmp_path)) >= 2)
@@ -107,13 +107,13 @@ def children_of(pid: int) -> list[int]:
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def test_of_a_crash_what_was_said_before_and_where_it_was_are_told() -> None:
+def test_of_a_crash_what_was_said_before_and_where_it_was_are_told():
     log = ["one", "two", "three", WHY, "", CRASH, "", "Thread 0x1:", *FRAMES[:3]]
     log += ["Current thread 0x2:", *FRAMES[3:], "", "Extension modules: numpy (total: 1)"]
     assert last_lines("\n".join(log)) == ("three", WHY, CRASH, *FRAMES[3:8])
 
 
-def test_want_of_memory_is_found_among_the_frames_of_two_that_crash_at_once() -> None:
+def test_want_of_memory_is_found_among_the_frames_of_two_that_crash_at_once():
     log = [WHY, CRASH, "Current thread 0x1:", *FRAMES, CRASH, "Current thread 0x2:", *FRAMES]
     said = last_lines("\n".join(log))
     assert said[0] == WHY and len(said) == NUM_LINES and CRASH in said
@@ -121,5 +121,5 @@ def test_want_of_memory_is_found_among_the_frames_of_two_that_crash_at_once() ->
     assert not Ended(-signal.SIGSEGV, said).wanted_memory
 
 
-def test_without_a_crash_the_last_lines_are_told() -> None:
+def test_without_a_crash_the_last_lines_are_told():
     assert last_lines("\n".join(FRAMES)) == tuple(FRAMES[-NUM_LINES:])

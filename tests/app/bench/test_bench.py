@@ -1,6 +1,5 @@
 """The benchmark measures what it says, against a loop that draws the same body."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import av
@@ -21,9 +20,7 @@ from tests.renderer.scene.test_camera import waving_motion
 pytestmark = pytest.mark.slow
 
 
-def test_training_rate_counts_the_windows_of_the_timed_steps(
-    monkeypatch: pytest.MonkeyPatch, weights: Path
-) -> None:
+def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weights):
     clock = iter([100.0, 102.0])  # as if the steps after the warm-up had taken two seconds
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     rate = bench.training_rate(
@@ -35,7 +32,7 @@ def test_training_rate_counts_the_windows_of_the_timed_steps(
 
 
 @pytest.mark.gl
-def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_path: Path) -> None:
+def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_path):
     body, motion = load_body(), waving_motion(8)
     settings = RenderSettings(width=128, height=128, backend=choose_backend())
     costs = stage_costs(body, motion, tmp_path, settings)
@@ -47,7 +44,6 @@ def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_
     for name in ("bench", "bench0", "bench1", "comparison"):
         with av.open(str(tmp_path / f"{name}.mp4")) as video:
             assert video.streams.video[0].frames == 8
-
     stage = set_stage(body, [motion])
     frames = [next(body.vertices(motion))[i] for i in (0, 5)]
     looks = {"settings": settings, "stage": stage}

@@ -40,7 +40,7 @@ def generate(speech: Path, out: Path, weights: Path, *flags: str) -> list[str]:
     return ["generate", str(speech), *common, "--no-figures", *flags]
 
 
-def test_wrong_arguments_exit_with_2() -> None:
+def test_wrong_arguments_exit_with_2():
     for command in [
         "",
         "nonsense",
@@ -61,7 +61,7 @@ def test_wrong_arguments_exit_with_2() -> None:
         assert left.value.code == 2
 
 
-def test_what_videos_show_is_asked_for_by_flags() -> None:
+def test_what_videos_show_is_asked_for_by_flags():
     parse = make_parser().parse_args
     usual = parse(["generate", "a.wav", "--out", "x"])
     assert (usual.close_ups, usual.framing) == (("hands",), "knees")
@@ -76,8 +76,8 @@ def test_what_videos_show_is_asked_for_by_flags() -> None:
 
 
 def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
-    eight_channels: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    eight_channels, weights, tmp_path, capsys
+):
     out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
     words.write_text(textgrid_of_tiers([NamedTier("words", (Row(0.1, 0.4, "hello"),))], 2.0))
     flags = f"--systems globaldiff/global --joint left_wrist --start 5 --transcript {words}"
@@ -103,8 +103,8 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
 
 
 def test_bad_files_give_the_sentence_of_their_reader_and_nothing_else(
-    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    speech, weights, tmp_path, capsys
+):
     bad, out = tmp_path / "bad.npz", tmp_path / "out"
     np.savez(bad, poses=np.array([{"a": 1}], dtype=object))
     bad_wav = tmp_path / "bad.wav"
@@ -120,9 +120,7 @@ def test_bad_files_give_the_sentence_of_their_reader_and_nothing_else(
     assert {path.name for path in tmp_path.iterdir()} == {"bad.npz", "bad.wav"}
 
 
-def test_a_file_that_may_not_grow_gives_its_sentence(
-    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_may_not_grow_gives_its_sentence(speech, weights, tmp_path, capsys):
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, usual[1]))
     try:
@@ -150,9 +148,7 @@ class Terminal(io.StringIO):
         return super().write(text)
 
 
-def test_a_terminated_run_leaves_no_file(
-    speech: Path, weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminated_run_leaves_no_file(speech, weights, tmp_path, monkeypatch):
     terminal, before = Terminal(tmp_path / "out"), signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr("sys.stderr", terminal)
     assert main(generate(speech, tmp_path / "out", weights)) == 1
@@ -177,7 +173,7 @@ def render(motion: Path, out: Path, *flags: str) -> list[Path]:
 
 
 @pytest.mark.gl
-def test_a_png_is_a_sheet_of_poses_over_their_times(motion: Path, tmp_path: Path) -> None:
+def test_a_png_is_a_sheet_of_poses_over_their_times(motion, tmp_path):
     out = tmp_path / "sheet.png"
     assert render(motion, out) == [out]
     picture = np.asarray(Image.open(out)).astype(int)
@@ -191,7 +187,7 @@ def test_a_png_is_a_sheet_of_poses_over_their_times(motion: Path, tmp_path: Path
 
 
 @pytest.mark.gl
-def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion: Path, tmp_path: Path) -> None:
+def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion, tmp_path):
     files = render(
         *(motion, tmp_path / "a.mp4", "--stills", "2", "--sheet", "8", "--views", "front,side")
     )
@@ -206,9 +202,7 @@ def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion: Path, tmp_p
 
 
 @pytest.mark.gl
-def test_a_transparent_still_shows_the_body_of_the_look_and_nothing_else(
-    motion: Path, tmp_path: Path
-) -> None:
+def test_a_transparent_still_shows_the_body_of_the_look_and_nothing_else(motion, tmp_path):
     """A blue shirt, and the colour of clay; of one shape, and of another."""
     blue = {}
     for look in ("average-light", "average-clay"):
@@ -227,9 +221,7 @@ def test_a_transparent_still_shows_the_body_of_the_look_and_nothing_else(
     assert usual.read_bytes() != broad.read_bytes()
 
 
-def test_what_the_blender_add_on_needs_is_there_without_pickles(
-    motion: Path, tmp_path: Path
-) -> None:
+def test_what_the_blender_add_on_needs_is_there_without_pickles(motion, tmp_path):
     out = tmp_path / "clip.blender.npz"
     assert render(motion, out) == [out]
     original = smooth_motion_example(FRAMES)
@@ -245,7 +237,7 @@ def test_what_the_blender_add_on_needs_is_there_without_pickles(
         np.testing.assert_array_equal(joined, original.poses)
 
 
-def test_render_says_what_it_cannot_do(motion: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_render_says_what_it_cannot_do(motion, capsys):
     for flags, words in [
         ("/nowhere/a.mp4", "folder /nowhere does not exist"),
         ("a.gif", "must end in one of .mp4, .png, .glb, .bvh, .blender.npz"),
@@ -267,11 +259,8 @@ def test_render_says_what_it_cannot_do(motion: Path, capsys: pytest.CaptureFixtu
 
 @pytest.mark.gl
 def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
-    motion: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    motion, tmp_path, monkeypatch, capsys
+):
     save_motion(smooth_motion_example(130), motion)
     argv = ["render", str(motion), "--size", "256", "--out"]
     told = sentence_after([*argv, str(tmp_path / "a.png"), "--sheet", "2"], capsys)
@@ -282,9 +271,7 @@ def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
     assert [path.name for path in tmp_path.iterdir()] == [motion.name]
 
 
-def test_doctor_finds_what_is_missing(
-    weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doctor_finds_what_is_missing(weights, tmp_path, capsys):
     status = main(["doctor", "--weights", str(tmp_path)])
     out, told = capsys.readouterr()
     assert status == 1

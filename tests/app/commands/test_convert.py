@@ -27,9 +27,7 @@ def z_up(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_was_understood_goes_through_every_form(
-    z_up: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_understood_goes_through_every_form(z_up, tmp_path, capsys):
     npz, bvh, glb = (tmp_path / "out" / f"a{ending}" for ending in (".npz", ".bvh", ".glb"))
     argv = ["--assume", "theirs:hands=mean"]
     assert main(["convert", str(z_up), "--out", str(npz), *argv]) == 0
@@ -48,9 +46,7 @@ def test_what_was_understood_goes_through_every_form(
     assert glb.read_bytes()[:4] == b"glTF"
 
 
-def test_a_bad_file_of_a_zip_costs_itself_only(
-    z_up: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_file_of_a_zip_costs_itself_only(z_up, tmp_path, capsys):
     packed, out = tmp_path / "set.zip", tmp_path / "out"
     with zipfile.ZipFile(packed, "w") as archive:
         archive.write(z_up, "sub/one.npz")
@@ -72,14 +68,7 @@ def test_a_bad_file_of_a_zip_costs_itself_only(
         (["theirs.npz"], "theirs.npz", "would be written over"),
     ],
 )
-def test_what_cannot_be_converted_is_said(
-    files: list[str],
-    out: str,
-    said: str,
-    z_up: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_cannot_be_converted_is_said(files, out, said, z_up, tmp_path, capsys):
     before = z_up.read_bytes()
     paths = [str(tmp_path / each) for each in files]
     assert main(["convert", *paths, "--out", str(tmp_path / out)]) == 1

@@ -23,7 +23,7 @@ TITLE = "\x1b]0;owned\x07\x1b[2J\nnext\u202e"
 MARKUP = "]]>--><script>alert(1)<!--&amp;"
 TEX = "\\input{secret} % & # _ $x$ ~^"
 NO_TEXT = os.fsdecode(b"caf\xe9\xff")
-NAMES = (FORMULA, CUT, TITLE, MARKUP, TEX, NO_TEXT)
+NAMES = (FORMULA, CUT, TITLE + NO_TEXT, MARKUP + TEX)
 
 
 def cells_of(path: Path) -> Iterator[str]:
@@ -91,9 +91,7 @@ def sit_at_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     return terminal
 
 
-def test_diagnose_tells_of_files_with_hostile_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_diagnose_tells_of_files_with_hostile_names(tmp_path, monkeypatch):
     terminal = sit_at_terminal(monkeypatch)
     motions = [tmp_path / f"{name}.npz" for name in NAMES]
     for seed, path in enumerate(motions):
@@ -104,13 +102,11 @@ def test_diagnose_tells_of_files_with_hostile_names(
     assert {"figure6.svg", "jitter.svg", "error_growth.svg"} <= {*check_folder(out)}
     with (out / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP, TEX} <= {row["name"] for row in rows}
+    assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP + TEX} <= {row["name"] for row in rows}
     assert any(float(row["value"]) < 0 for row in rows)
 
 
-def test_a_terminal_is_sent_no_control_characters_by_what_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_is_sent_no_control_characters_by_what_fails(tmp_path, monkeypatch):
     terminal = sit_at_terminal(monkeypatch)
     name = TITLE + NO_TEXT
     argv = ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(tmp_path / name)]
@@ -120,9 +116,7 @@ def test_a_terminal_is_sent_no_control_characters_by_what_fails(
     terminal.check()
 
 
-def test_folders_with_hostile_names_are_held_beside_each_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_with_hostile_names_are_held_beside_each_other(tmp_path, capsys):
     folders = [tmp_path / name for name in (FORMULA, TITLE, CUT)]
     for seed, folder in enumerate(folders):
         folder.mkdir()
@@ -136,12 +130,10 @@ def test_folders_with_hostile_names_are_held_beside_each_other(
     assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
 
 
-def test_generate_takes_speeches_of_hostile_names(
-    weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_generate_takes_speeches_of_hostile_names(weights, speech, tmp_path, capsys):
     folder = tmp_path / "speech"
     folder.mkdir()
-    for name in (FORMULA, TITLE, MARKUP, NO_TEXT):
+    for name in (FORMULA, TITLE + NO_TEXT, MARKUP):
         (folder / f"{name}.wav").write_bytes(speech.read_bytes())
     flags = ["--weights", str(weights), "--steps", "1", "--systems", "globaldiff/local"]
     flags += ["--no-video", "--no-figures", "--processes", "1"]
@@ -150,9 +142,7 @@ def test_generate_takes_speeches_of_hostile_names(
     assert len([line for line in said.splitlines() if line.endswith("many.csv")]) == 1
 
 
-def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(tmp_path, capsys):
     names = ("@SUM(1)*cmd|' /C calc'!A0", "-2+3;@SUM(1)", MARKUP, TEX)
     clips = ("+1", "\\input{x}")
     files = [f"system{number}" for number in range(len(names))]

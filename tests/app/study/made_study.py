@@ -85,7 +85,8 @@ def draw_noise(
         command = [
             *(ffmpeg_path(), "-v", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"),
             *("-video_size", f"{shape[2]}x{shape[1]}", "-framerate", "30", "-i", "pipe:0"),
-            *("-c:v", "libx264", "-crf", "0", "-pix_fmt", "yuv420p", str(job.out)),
+            *("-c:v", "libx264", "-crf", "0", "-preset", "ultrafast", "-threads", "1"),
+            *("-pix_fmt", "yuv420p", str(job.out)),
         ]
         subprocess.run(command, input=pictures.tobytes(), check=True)
         on_done(name)

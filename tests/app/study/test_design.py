@@ -38,7 +38,7 @@ def design_of(
     return plan, make_design(plan)
 
 
-def test_a_williams_square_balances_position_and_succession() -> None:
+def test_a_williams_square_balances_position_and_succession():
     for size in [1, 2, 3, 4, 5, 6, 9, 18]:
         rows = williams_square(size)
         assert len(rows) == (size if size % 2 == 0 else 2 * size)
@@ -50,7 +50,7 @@ def test_a_williams_square_balances_position_and_succession() -> None:
         assert len(set(follows.values())) <= 1
 
 
-def test_each_system_is_left_as_often_as_right() -> None:
+def test_each_system_is_left_as_often_as_right():
     for num_systems in [2, 3, 4, 5, 6]:
         for num_scenes in [1, 2, 4]:
             lefts = Counter()
@@ -65,7 +65,7 @@ def test_each_system_is_left_as_often_as_right() -> None:
             assert all(abs(lefts[system] - fair) <= limit for system in range(num_systems))
 
 
-def test_the_balance_of_lists_is_told_as_it_is() -> None:
+def test_the_balance_of_lists_is_told_as_it_is():
     system_of = {"a": "one", "b": "two", "c": "one", "d": "two"}
     first, second = ("t1", ("a", "b")), ("t2", ("c", "d"))
     check = ("check", ())
@@ -76,7 +76,6 @@ def test_the_balance_of_lists_is_told_as_it_is() -> None:
     assert fair.first_place_spread_within_trial == 0
     assert fair.first_place_unfairness == 0.0
     assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
-
     unfair = measure_balance([[first, second], [first, second]], system_of)
     assert unfair.position_spread == unfair.follows_spread == 2
     assert unfair.first_place_spread_within_trial == 2
@@ -84,7 +83,7 @@ def test_the_balance_of_lists_is_told_as_it_is() -> None:
     assert unfair.first_place_shares == {"one": 1.0, "two": 0.0}
 
 
-def test_pairs_are_silent_and_complete(tmp_path: Path) -> None:
+def test_pairs_are_silent_and_complete(tmp_path):
     _, design = design_of(tmp_path, "pairwise", 'views = ["front", "side"]')
     pairs = [trial for trial in design.trials if trial.kind == "pair"]
     assert len({frozenset(trial.stimuli) for trial in pairs}) == len(pairs) == 6 * 3 * 2
@@ -95,7 +94,7 @@ def test_pairs_are_silent_and_complete(tmp_path: Path) -> None:
         assert (left.clip, left.view) == (right.clip, right.view)
 
 
-def test_matched_trials_change_the_speech_alone(tmp_path: Path) -> None:
+def test_matched_trials_change_the_speech_alone(tmp_path):
     plan, design = design_of(tmp_path, "matched")
     matches = [trial for trial in design.trials if trial.kind == "match"]
     assert len(matches) == 4 * 3
@@ -108,7 +107,7 @@ def test_matched_trials_change_the_speech_alone(tmp_path: Path) -> None:
     assert all(clip != wrong for clip, wrong in other_speech(plan).items())
 
 
-def test_whole_groups_are_shown_with_their_speech(tmp_path: Path) -> None:
+def test_whole_groups_are_shown_with_their_speech(tmp_path):
     for protocol in ["ranking", "rating"]:
         _, design = design_of(tmp_path, protocol)
         groups = [trial for trial in design.trials if trial.kind in ("rank", "rate")]
@@ -118,7 +117,7 @@ def test_whole_groups_are_shown_with_their_speech(tmp_path: Path) -> None:
             assert all(stimulus.speech == stimulus.clip for stimulus in trial.stimuli)
 
 
-def test_lists_are_balanced_in_order_and_side(tmp_path: Path) -> None:
+def test_lists_are_balanced_in_order_and_side(tmp_path):
     for protocol in PROTOCOLS:
         _, design = design_of(tmp_path, protocol)
         balance = reached_balance(design, draw_blinding(design))
@@ -130,7 +129,7 @@ def test_lists_are_balanced_in_order_and_side(tmp_path: Path) -> None:
         assert all(share == pytest.approx(fair) for share in balance.first_place_shares.values())
 
 
-def test_every_participant_gets_all_attention_checks_spread_out(tmp_path: Path) -> None:
+def test_every_participant_gets_all_attention_checks_spread_out(tmp_path):
     _, design = design_of(tmp_path, "pairwise", "attention_checks = 3")
     for pages in design.lists:
         places = [i for i, page in enumerate(pages) if design.trials[page.trial].press]
@@ -139,7 +138,7 @@ def test_every_participant_gets_all_attention_checks_spread_out(tmp_path: Path) 
         assert {design.trials[pages[i].trial].press for i in places} == {"left", "right"}
 
 
-def test_shorter_lists_share_the_trials_evenly(tmp_path: Path) -> None:
+def test_shorter_lists_share_the_trials_evenly(tmp_path):
     _, design = design_of(tmp_path, "pairwise", "trials_per_participant = 6")
     shown = [[page.trial for page in pages if page.shown] for pages in design.lists]
     assert all(len(set(pages)) == len(pages) == 6 for pages in shown)
@@ -147,14 +146,14 @@ def test_shorter_lists_share_the_trials_evenly(tmp_path: Path) -> None:
     assert len(counts) == 18 and set(counts.values()) == {12}
 
 
-def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path: Path) -> None:
+def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path):
     first, again, other = (
         design_of(tmp_path, "pairwise", extra)[1] for extra in ("", "", "seed = 1")
     )
     assert again == first and other.lists != first.lists
 
 
-def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path) -> None:
+def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path):
     for protocol in PROTOCOLS:
         plan, design = design_of(tmp_path, protocol, participants=5)
         drawn, other = draw_blinding(design), draw_blinding(design)
@@ -164,9 +163,7 @@ def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path) -> None:
         assert len(key.lists) == 5
 
 
-def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_path, monkeypatch):
     _, design = design_of(tmp_path, "rating")
     by_system = sorted(design.stimuli, key=lambda stimulus: stimulus.system)
     telling = [f"{by_system.index(stimulus):016x}" for stimulus in design.stimuli]
@@ -181,7 +178,7 @@ def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(
     assert not set(drawn.videos.values()) & set(telling) and not order_tells(drawn.videos)
 
 
-def test_what_a_study_asks_is_counted_as_by_hand(tmp_path: Path) -> None:
+def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
     """Each of 6 pairs, 4 matches or 1 group on 3 clips, by 10 people."""
     for protocol, pages, shown in [
         ("pairwise", 6 * 3, 2),
@@ -196,14 +193,14 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path: Path) -> None:
         assert (found.fewest, found.most) == (10 * 3, 10 * 3)
 
 
-def test_part_lists_share_the_votes(tmp_path: Path) -> None:
+def test_part_lists_share_the_votes(tmp_path):
     settings = "attention_checks = 0\ntrials_per_participant = 5"
     found = size_of(*design_of(tmp_path, "pairwise", settings, participants=10))
     assert found.num_pages == 5
     assert found.fewest < 10 * 5 / 6 < found.most  # 50 votes over 6 pairs
 
 
-def test_a_sentence_for_the_researcher() -> None:
+def test_a_sentence_for_the_researcher():
     assert StudySize(7, 18, "pair", 28, 28).sentence() == (
         "About 7 minutes and 18 pages for each participant; 28 votes for each pair of systems if "
         "all finish."
@@ -214,7 +211,7 @@ def test_a_sentence_for_the_researcher() -> None:
     )
 
 
-def test_the_probability_of_perfect_agreement_is_exact() -> None:
+def test_the_probability_of_perfect_agreement_is_exact():
     scene = {"a": 1.0, "b": 2.0, "c": 3.0}
     assert order_probability([scene]) == 1.0
     assert order_probability([scene] * 2) == pytest.approx(1 / 6)
@@ -223,7 +220,7 @@ def test_the_probability_of_perfect_agreement_is_exact() -> None:
     assert order_probability([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
 
 
-def test_the_test_of_orders_is_one_at_its_level() -> None:
+def test_the_test_of_orders_is_one_at_its_level():
     """Over all orders of three scenes, at most a share p has a probability of p or less."""
     orders = list(itertools.permutations((1.0, 2.0, 3.0)))
     found = np.array(
@@ -236,7 +233,7 @@ def test_the_test_of_orders_is_one_at_its_level() -> None:
         assert np.mean(found <= level) <= level + 1e-9
 
 
-def test_many_systems_are_drawn_and_not_listed() -> None:
+def test_many_systems_are_drawn_and_not_listed():
     scene = {f"s{i}": float(i) for i in range(7)}
     assert order_probability([scene] * 4) < LEVEL
     rng = np.random.default_rng(1)
@@ -244,7 +241,7 @@ def test_many_systems_are_drawn_and_not_listed() -> None:
     assert order_probability(shuffled) > LEVEL
 
 
-def test_an_order_by_match_is_seen_even_when_systems_are_mixed() -> None:
+def test_an_order_by_match_is_seen_even_when_systems_are_mixed():
     values = {
         Stimulus(system, clip, speech, "front"): float(speech == clip)
         for system in ("a", "b")

@@ -69,9 +69,7 @@ def kill_at(number: int):
     return partial(draw_noise, on_start=start)
 
 
-def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(
-    silent_study: Path, spoken_study: Path
-) -> None:
+def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, spoken_study):
     for folder, num_videos, num_tracks in ((silent_study, 12, 1), (spoken_study, 8, 2)):
         study = Workspace(folder)
         key = read_key(study.key)
@@ -90,14 +88,12 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(
         manifest = json.loads((study.private / "manifest.json").read_text())
         assert manifest["balance"]["first_place_spread_within_trial"] == 0
         assert manifest["clips"]["kitchen"] == {
-            **{"speech": "kitchen.wav", "start_s": 0.0, "frames": FRAMES},
+            **{"speech": "kitchen.wav", "start_s": 0.0, "frames": FRAMES}
         }
 
 
-@pytest.mark.parametrize("protocol", ["ranking", "rating"])
-def test_the_other_protocols_export_without_a_leak(
-    inputs: Path, tmp_path: Path, protocol: str
-) -> None:
+@pytest.mark.parametrize("protocol", ["ranking", pytest.param("rating", marks=pytest.mark.slow)])
+def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
     shares: list[float] = []
     plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])
     export_study(plan, tmp_path / "out", draw=draw_noise, on_progress=shares.append)
@@ -105,9 +101,7 @@ def test_the_other_protocols_export_without_a_leak(
     assert shares[-1] == 1.0 and shares == sorted(shares)
 
 
-def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(
-    inputs: Path, tmp_path: Path
-) -> None:
+def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_path):
     """Nothing catches what ends it. Clips shared out give the same study as those made in turn."""
     plan, out = plan_of(inputs), tmp_path / "a"
     with pytest.raises(Killed):
@@ -119,7 +113,6 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(
     study = export_study(plan, out, draw=draw_noise)
     key = read_key(study.key)
     assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
-
     other = Workspace(tmp_path / "b")
     other.private.mkdir(parents=True)
     shutil.copy(study.key, other.key)  # the keys are drawn, so the copy gets that of the first
@@ -142,9 +135,7 @@ def draw_but_the_garden(jobs, **options) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("worker", ["process", "dask"])
-def test_two_workers_make_the_study_that_one_process_makes(
-    inputs: Path, tmp_path: Path, worker: str
-) -> None:
+def test_two_workers_make_the_study_that_one_process_makes(inputs, tmp_path, worker):
     plan = plan_of(inputs)
     here = export_study(plan, tmp_path / "here", draw=draw_noise)
     apart = Workspace(tmp_path / "apart")
@@ -164,9 +155,7 @@ def test_two_workers_make_the_study_that_one_process_makes(
     assert apart.key.read_bytes() == here.key.read_bytes()
 
 
-def test_a_rate_missed_in_half_a_second_is_no_leak(
-    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_rate_missed_in_half_a_second_is_no_leak(inputs, tmp_path, monkeypatch):
     """Of these pictures the encoder makes 8 % less and 3 % more than it was asked for."""
     monkeypatch.setattr(media, "RATE_STEP", 0.0)
     draw = partial(draw_noise, seeds=[56, 128])
@@ -175,8 +164,8 @@ def test_a_rate_missed_in_half_a_second_is_no_leak(
 
 
 def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_made_anew(
-    silent_study: Path, tmp_path: Path
-) -> None:
+    silent_study, tmp_path
+):
     plan, study = whole_plan(silent_study), copy_study(silent_study, tmp_path / "out")
     before, drawn = tree(study.bundle), []
     assert main(["study", "links", str(tmp_path / "out"), "--address", "https://a.example/"]) == 0
@@ -198,7 +187,7 @@ def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_mad
         export_study(read_plan(inputs / "plan.toml"), tmp_path / "out", draw=draw_noise)
 
 
-def test_cancelling_leaves_what_is_finished(inputs: Path, tmp_path: Path) -> None:
+def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
     def cancelled(jobs, should_cancel, **rest) -> None:
         assert should_cancel()
         raise CancelledRun
@@ -208,7 +197,7 @@ def test_cancelling_leaves_what_is_finished(inputs: Path, tmp_path: Path) -> Non
     assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4
 
 
-def test_a_folder_of_something_else_is_refused(inputs: Path, tmp_path: Path) -> None:
+def test_a_folder_of_something_else_is_refused(inputs, tmp_path):
     (tmp_path / "out" / "participant_bundle").mkdir(parents=True)
     (tmp_path / "out" / "participant_bundle" / "thesis.txt").write_text("years of work")
     with pytest.raises(RunError, match="holds a bundle of something else"):
@@ -252,9 +241,7 @@ def _lengthen(folder: Path) -> None:
         (bool, "length_s = 3", "less than `length_s` = 3"),
     ],
 )
-def test_bad_input_gives_one_sentence_and_no_bundle(
-    inputs: Path, tmp_path: Path, spoil, settings: str, words: str
-) -> None:
+def test_bad_input_gives_one_sentence_and_no_bundle(inputs, tmp_path, spoil, settings, words):
     plan = plan_of(inputs, settings)
     spoil(inputs)
     with pytest.raises(ValueError) as caught:
@@ -263,9 +250,7 @@ def test_bad_input_gives_one_sentence_and_no_bundle(
     assert not (tmp_path / "out" / "participant_bundle" / "index.html").exists()
 
 
-def test_length_body_face_and_place_are_the_same_for_every_system(
-    inputs: Path, tmp_path: Path
-) -> None:
+def test_length_body_face_and_place_are_the_same_for_every_system(inputs, tmp_path):
     """A longer clip of a person of another build, far from the middle and with a moving face,
     looks no different and is cut to the length asked for."""
     motion = smooth_motion_example(FRAMES + 5, seed=5)
@@ -293,7 +278,7 @@ def test_length_body_face_and_place_are_the_same_for_every_system(
 
 
 @pytest.mark.gl
-def test_the_real_renderer_makes_a_blind_study(weights: Path, tmp_path: Path) -> None:
+def test_the_real_renderer_makes_a_blind_study(weights, tmp_path):
     """Generated motion beside a file, drawn by worker processes; systems hear the excerpt."""
     write_inputs(tmp_path, ["recorded"], ["one"], frames=24)
     text = write_plan(tmp_path, ["recorded"], ["one"], "length_s = 0.5").read_text()

@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -146,9 +145,7 @@ def _loud_sound(study: Workspace) -> None:
         accept_video(study, video)
 
 
-def test_a_sound_study_has_no_leak(
-    silent_study: Path, spoken_study: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_sound_study_has_no_leak(silent_study, spoken_study, capsys):
     assert check_study(spoken_study) == []
     assert main(["study", "check", str(silent_study)]) == 0
     assert capsys.readouterr().out == "No leak was found.\n"
@@ -246,9 +243,7 @@ SPOKEN = ("sound", "loudness")
 
 
 @pytest.mark.parametrize("group", dict.fromkeys(group for group, *_ in LEAKS))
-def test_planted_leaks_are_found(
-    silent_study: Path, spoken_study: Path, tmp_path: Path, group: str
-) -> None:
+def test_planted_leaks_are_found(silent_study, spoken_study, tmp_path, group):
     study = copy_study(spoken_study if group in SPOKEN else silent_study, tmp_path / "study")
     clips = CLIPS[:2] if group in SPOKEN else CLIPS
     names = {clip: f"media/{video_of(study, SYSTEMS[0], clip).name}" for clip in clips}
@@ -262,9 +257,7 @@ def test_planted_leaks_are_found(
         assert sentence in found
 
 
-def test_the_command_fails_loudly_and_names_the_leak(
-    silent_study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_fails_loudly_and_names_the_leak(silent_study, tmp_path, capsys):
     study = copy_study(silent_study, tmp_path / "study")
     video_of(study, "localnet", "garden").touch()
     assert main(["study", "check", str(tmp_path / "study")]) == 1
@@ -273,9 +266,7 @@ def test_the_command_fails_loudly_and_names_the_leak(
     assert said.err.endswith("1 leak was found; do not host this bundle.\n")
 
 
-def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(
-    silent_study: Path, tmp_path: Path
-) -> None:
+def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(silent_study, tmp_path):
     with pytest.raises(RunError, match="There is no study in"):
         check_study(tmp_path)
     study = copy_study(silent_study, tmp_path / "study")

@@ -71,7 +71,7 @@ def made(made_once: MadeOnce) -> Path:
     return made_once("calm-and-wild-videos", _draw_and_encode)
 
 
-def test_calm_and_wild_motion_give_equal_files(made: Path) -> None:
+def test_calm_and_wild_motion_give_equal_files(made):
     calm, wild = (read_mp4(video) for video in sorted((made / "spoken").glob("*.mp4")))
     assert calm.num_bytes == wild.num_bytes
     assert calm.tracks == wild.tracks  # packet by packet
@@ -80,9 +80,7 @@ def test_calm_and_wild_motion_give_equal_files(made: Path) -> None:
     assert calm.tracks[0].duration == FRAMES / 30
 
 
-def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(
-    made: Path, tmp_path: Path
-) -> None:
+def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(made, tmp_path):
     drawn = sorted(made.glob("*.mp4"))
     again = encoded(drawn, tmp_path / "again")
     for source, video in zip(drawn, again, strict=True):
@@ -102,7 +100,7 @@ def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(
         assert b"x264" not in video.read_bytes() and media.sound_digest(video) is None
 
 
-def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path: Path) -> None:
+def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path):
     for gain in [0.01, 3.0]:
         track = tmp_path / "speech.m4a"
         waveform = np.clip(gain * made_waveform(48_000), -1, 1).astype(np.float32)
@@ -115,7 +113,7 @@ def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path: Path) -> None
             media.encode_speech(0 * waveform, track, "one")
 
 
-def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made: Path) -> None:
+def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made):
     streams = [media.picture_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
     calm, wild = (num_picture_bytes(stream) for stream in streams)
     assert abs(calm - wild) < 0.03 * wild  # of 45 small pictures
@@ -127,7 +125,7 @@ def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made: Path) -
         assert all(frame[-3:-1] == [6, 6] and 12 not in frame for frame in kinds)
 
 
-def test_frames_are_filled_to_any_size(tmp_path: Path) -> None:
+def test_frames_are_filled_to_any_size(tmp_path):
     """Of two pictures each, the one larger in the first stream, the other in the last."""
     for sizes in [(300, 300), (300, 301), (255, 547), (300, 299, 3000)]:
         paths = [tmp_path / f"{i}" for i in range(len(sizes))]
@@ -142,7 +140,7 @@ def test_frames_are_filled_to_any_size(tmp_path: Path) -> None:
         assert [num_picture_bytes(path.read_bytes()) for path in paths] == own
 
 
-def test_padding_reaches_any_size(tmp_path: Path) -> None:
+def test_padding_reaches_any_size(tmp_path):
     for sizes in [(100, 100), (100, 101), (100, 107), (100, 108), (90, 100, 97)]:
         paths = [tmp_path / f"{i}.mp4" for i in range(len(sizes))]
         for path, size in zip(paths, sizes, strict=True):
@@ -155,7 +153,7 @@ def test_padding_reaches_any_size(tmp_path: Path) -> None:
             read_mp4(paths[0])
 
 
-def test_two_clips_move_differently_though_they_hold_the_same_speech(weights: Path) -> None:
+def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
     """Two clips that shared noise would show the same gestures, matched or not."""
     speech = Speech(made_waveform(16_000 * 70 // 30).astype(np.float32), sha256="")
     systems = tuple(
@@ -187,9 +185,7 @@ def condition(name: str, more: str) -> str:
     return f'[[systems]]\nname = "{name}"\nsystem = "{PLANNED}"\nsteps = 1\n{more}\n'
 
 
-def test_a_condition_performs_the_given_plan_and_its_style(
-    planned_weights: Path, tmp_path: Path
-) -> None:
+def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_path):
     (tmp_path / "plans").mkdir()
     file = tmp_path / "plans" / "one.json"
     added(GesturePlan(3.0), "offer", 1.5, "right").plan.write(file)
@@ -226,9 +222,7 @@ def expected_poses(weights: Path, source: Source, plan: GesturePlan) -> np.ndarr
     return motion.poses
 
 
-def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(
-    tmp_path: Path,
-) -> None:
+def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp_path):
     text = condition("given", 'plan = "{clip}.json"')
     with pytest.raises(RunError, match="The plan of 'given' for clip 'one' is missing"):
         planned_sources(tmp_path, text)
@@ -246,7 +240,7 @@ def blinded(folder: Path, settings: str) -> tuple[Plan, Design, Blinding, list]:
     return plan, design, blinding, shown
 
 
-def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path: Path) -> None:
+def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
     for protocol, page_type, per_trial in [
         ("pairwise", "videopc", 1),
         ("matched", "videopc", 1),
@@ -264,7 +258,6 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path: Path) -> None
         for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
             assert name in blinding.videos.values()
             assert address == f"https://host.org/study/media/{name}.mp4"
-
         preload, _, *timeline = jspsych_timeline(plan, shown)
         assert preload["type"] == "jsPsychPreload"
         seen: set[str] = set()
@@ -275,20 +268,18 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path: Path) -> None
             else:
                 assert set(trial["data"]["shown"]) <= seen
         assert seen == {video for _, videos in shown for video in videos}
-
         text = json.dumps([config, preload, timeline])
         text += "".join(genea_tables(plan, design, blinding).values())
         assert not [name for name in (*SYSTEMS, *CLIPS[:2]) if name in text]
 
 
-def test_genea_gets_pairs_and_mismatches(tmp_path: Path) -> None:
+def test_genea_gets_pairs_and_mismatches(tmp_path):
     plan, design, blinding, _ = blinded(tmp_path, 'protocol = "pairwise"')
     (table,) = genea_tables(plan, design, blinding).values()
     header, *rows = csv.reader(table.splitlines())
     assert header == ["clip_name", "system_1", "system_2"]
     pairs = {frozenset(blinding.videos[s] for s in t.stimuli) for t in design.trials if t.stimuli}
     assert {frozenset(row[1:]) for row in rows} == pairs
-
     plan, design, blinding, _ = blinded(tmp_path, 'protocol = "matched"')
     (table,) = genea_tables(plan, design, blinding).values()
     header, *rows = csv.reader(table.splitlines())
@@ -298,6 +289,5 @@ def test_genea_gets_pairs_and_mismatches(tmp_path: Path) -> None:
     for _, right, kind, wrong in rows:
         assert kind == "speech"
         assert stimuli[right].speech == stimuli[right].clip != stimuli[wrong].speech
-
     plan, design, blinding, _ = blinded(tmp_path, 'protocol = "ranking"')
     assert genea_tables(plan, design, blinding) == {}

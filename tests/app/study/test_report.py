@@ -43,7 +43,7 @@ def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None
     page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
     out = tmp_path / "report"
     assert {path.name for path in out.iterdir()} == {
-        *("preference.pdf", "report.html", "results.csv", "table.tex"),
+        *("preference.pdf", "report.html", "results.csv", "table.tex")
     }
     with (out / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -68,9 +68,7 @@ def pairwise(tmp_path_factory: pytest.TempPathFactory, measured: Path) -> Report
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
-def test_the_page_is_whole_and_needs_nothing_beside_it(
-    tmp_path: Path, pairwise: Report, protocol: str
-) -> None:
+def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path, pairwise, protocol):
     is_made = protocol == "pairwise"
     page, rows, table = pairwise if is_made else made_report(tmp_path, made_key(protocol))
     tags = re.findall(r"<(/?)([a-z][\w:]*)[^>]*?(/?)>", page)
@@ -88,8 +86,8 @@ def test_the_page_is_whole_and_needs_nothing_beside_it(
 
 
 def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_same_files(
-    tmp_path: Path, pairwise: Report, measured: Path
-) -> None:
+    tmp_path, pairwise, measured
+):
     key = made_key()
     assert made_report(tmp_path, key, measured=measured) == pairwise
     values = [
@@ -111,7 +109,7 @@ def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_sam
     assert float(row["low"]) < share < float(row["high"])
 
 
-def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
+def test_who_and_what_is_left_out_is_told(tmp_path):
     key = made_key()
     files = made_files(key, 6, ATTENTIVE)
     files[0]["finished"] = None
@@ -140,7 +138,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "none" / "report").exists()
 
 
-def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path: Path) -> None:
+def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path):
     page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
     assert "this is beyond chance" not in page
@@ -150,7 +148,7 @@ def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_pat
     assert not re.search(r"\b(inf|nan)\b", words)
 
 
-def test_measured_jitter_is_joined(pairwise: Report) -> None:
+def test_measured_jitter_is_joined(pairwise):
     """The smoother system is also the stronger one in the simulation, so it must win."""
     page = pairwise[0]
     assert re.search(r"that named motion smoothness, \d+.% went to the video with less", page)
@@ -167,7 +165,7 @@ def plain(sentence: str) -> str:
     return sentence.replace(text.NO_BREAK, " ")
 
 
-def test_the_sentence_of_a_pair_follows_its_numbers() -> None:
+def test_the_sentence_of_a_pair_follows_its_numbers():
     key = made_key()
     won = plain(text.pair(pair_of(24, 4), key, is_ranking=False))
     assert won.startswith("local has 86 % of 28 votes against global (95 % interval 67 to 96 %)")
@@ -179,7 +177,7 @@ def test_the_sentence_of_a_pair_follows_its_numbers() -> None:
     assert "evenly" in text.pair(pair_of(5, 5), key, is_ranking=False)
 
 
-def test_the_sentence_of_a_match_follows_its_numbers() -> None:
+def test_the_sentence_of_a_match_follows_its_numbers():
     key = made_key("matched")
     for wins, losses, told in (
         (24, 4, "its motion fits its speech beyond chance"),
@@ -190,7 +188,7 @@ def test_the_sentence_of_a_match_follows_its_numbers() -> None:
         assert told in text.match(SystemResult(0, share, share.p), key)
 
 
-def test_headline_and_power_say_who_came_first_and_how_surely() -> None:
+def test_headline_and_power_say_who_came_first_and_how_surely():
     key = made_key(num_clips=10)
     strong = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
     assert text.headline(strong, key) == (
@@ -221,7 +219,7 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
     assert said(2, 0, 20).startswith("realism: global came first")
 
 
-def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> None:
+def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths():
     for protocol in ("ranking", "rating"):
         key = made_key(protocol, num_clips=10)
         result = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
@@ -234,13 +232,13 @@ def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> Non
     assert STRENGTHS["global"] == max(STRENGTHS.values())
 
 
-def test_p_is_printed_as_in_papers() -> None:
+def test_p_is_printed_as_in_papers():
     printed = [plain(text.p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
     assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
 
 
 @pytest.mark.filterwarnings("error")
-def test_any_name_of_a_system_can_be_drawn(tmp_path: Path) -> None:
+def test_any_name_of_a_system_can_be_drawn(tmp_path):
     key = made_key(num_clips=1)
     names = dict(zip(SYSTEMS, ("_first", r"$\frac{x$_2%", "long " * 12), strict=True))
     videos = {

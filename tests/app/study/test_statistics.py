@@ -1,7 +1,6 @@
 """Numbers from votes: against closed forms, published examples and slow independent searches."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,14 +34,14 @@ CLIPS = ("a", "b", "c", "d")
 SYSTEMS = ("smooth", "rough", "reference")
 
 
-def test_the_published_example_of_alpha_comes_out() -> None:
+def test_the_published_example_of_alpha_comes_out():
     for level, alpha in [("nominal", 0.743), ("ordinal", 0.815), ("interval", 0.849)]:
         columns = zip(*(line.split() for line in PUBLISHED.strip().splitlines()), strict=True)
         units = [[float(value) for value in column if value != "."] for column in columns]
         assert krippendorff_alpha(units, level) == pytest.approx(alpha, abs=5e-4)
 
 
-def test_alpha_of_agreement_is_one_of_chance_none_and_of_contradiction_negative() -> None:
+def test_alpha_of_agreement_is_one_of_chance_none_and_of_contradiction_negative():
     assert krippendorff_alpha([[1, 1, 1], [2, 2, 2]], "nominal") == 1
     by_chance = np.random.default_rng(0).integers(0, 3, (400, 5)).astype(float)
     assert krippendorff_alpha(list(by_chance), "ordinal") == pytest.approx(0, abs=0.03)
@@ -74,7 +73,7 @@ def slow_maximum(votes: Votes, num_systems: int) -> np.ndarray:
     return optimize.minimize(loss, np.zeros(num_systems + 2), method="BFGS").x
 
 
-def test_two_systems_are_as_far_apart_as_their_log_odds() -> None:
+def test_two_systems_are_as_far_apart_as_their_log_odds():
     found = fit_strengths(repeated({(0, 1, 1.0): 300, (0, 1, 0.0): 100}), 2, has_sides=False)
     gap, interval = found.differences[0, 1]
     assert gap == pytest.approx(np.log(3), abs=0.01)
@@ -83,7 +82,7 @@ def test_two_systems_are_as_far_apart_as_their_log_odds() -> None:
     assert interval.high - interval.low == pytest.approx(2 * 1.96 * standard_error, rel=0.08)
 
 
-def test_ties_and_sides_meet_their_likelihood_equations() -> None:
+def test_ties_and_sides_meet_their_likelihood_equations():
     counts = {(0, 1, 1.0): 400, (0, 1, 0.5): 200, (0, 1, 0.0): 100}
     counts |= {(1, 0, 1.0): 200, (1, 0, 0.5): 200, (1, 0, 0.0): 200}
     found = fit_strengths(repeated(counts), 2, has_sides=True)
@@ -101,7 +100,7 @@ def test_ties_and_sides_meet_their_likelihood_equations() -> None:
     assert wins == pytest.approx(prior * found.log_strength[0], abs=1e-4)
 
 
-def test_the_maximum_is_that_of_an_independent_slow_search() -> None:
+def test_the_maximum_is_that_of_an_independent_slow_search():
     rng = np.random.default_rng(3)
     rows = []
     for rater in range(12):
@@ -116,7 +115,7 @@ def test_the_maximum_is_that_of_an_independent_slow_search() -> None:
     assert found.tie == pytest.approx(np.exp(slow[4]), abs=1e-4)
 
 
-def test_known_strengths_come_back_from_pairs_and_from_rankings() -> None:
+def test_known_strengths_come_back_from_pairs_and_from_rankings():
     key = made_key(num_clips=10)
     votes = pair_votes(made_participants(key, 200, ALIKE), key, "realism")
     found = fit_strengths(votes, 3, has_sides=True)
@@ -131,13 +130,13 @@ def test_known_strengths_come_back_from_pairs_and_from_rankings() -> None:
     assert (found.tie, found.left_advantage) == (0, None)
 
 
-def test_a_system_that_wins_everything_stays_finite() -> None:
+def test_a_system_that_wins_everything_stays_finite():
     found = fit_strengths(repeated({(0, 1, 1.0): 30}), 2, has_sides=False)
     gap, interval = found.differences[0, 1]
     assert 2 < gap < 8 and np.isfinite([interval.low, interval.high]).all()
 
 
-def test_participants_are_drawn_whole() -> None:
+def test_participants_are_drawn_whole():
     once = [(rater, 0, 1, float(rater < 14)) for rater in range(20)]
     single = fit_strengths(made_votes(once), 2, has_sides=False).differences[0, 1][1]
     tenfold = fit_strengths(made_votes(once * 10), 2, has_sides=False).differences[0, 1][1]
@@ -151,7 +150,7 @@ def values_of(table: np.ndarray) -> Values:
     return Values(rater.ravel(), clip.ravel(), system.ravel(), table.ravel().astype(float))
 
 
-def test_means_and_tests_are_over_participants() -> None:
+def test_means_and_tests_are_over_participants():
     rng = np.random.default_rng(0)
     table = rng.normal([0.0, 0.6, 0.1], 1, (16, 5, 3))
     found = compare_means(values_of(table), 3)
@@ -164,7 +163,7 @@ def test_means_and_tests_are_over_participants() -> None:
     assert min(pair.p_holm for pair in found.pairs) == pytest.approx(3 * smallest)
 
 
-def test_the_bootstrap_interval_is_about_students() -> None:
+def test_the_bootstrap_interval_is_about_students():
     table = np.random.default_rng(1).normal(50, 10, (28, 1, 2))
     found = compare_means(values_of(table), 2)
     assert found is not None
@@ -174,7 +173,7 @@ def test_the_bootstrap_interval_is_about_students() -> None:
     assert found.friedman_p is None
 
 
-def test_equal_systems_are_not_told_apart_and_who_did_not_judge_all_has_no_mean() -> None:
+def test_equal_systems_are_not_told_apart_and_who_did_not_judge_all_has_no_mean():
     found = compare_means(values_of(np.full((6, 2, 3), 2.0)), 3)
     assert found is not None and found.friedman_p == 1.0
     assert [pair.p for pair in found.pairs] == [1.0, 1.0, 1.0]
@@ -186,7 +185,7 @@ def test_equal_systems_are_not_told_apart_and_who_did_not_judge_all_has_no_mean(
     assert compare_means(Values(*(c[:0] for c in vars(values).values())), 3) is None
 
 
-def test_places_and_ratings_follow_the_blind_ids() -> None:
+def test_places_and_ratings_follow_the_blind_ids():
     key = made_key("ranking")
     (one,) = made_participants(key, 1)
     answer = next(answer for answer in one.answers if answer.trial == "clip2/0")
@@ -194,7 +193,6 @@ def test_places_and_ratings_follow_the_blind_ids() -> None:
     rows = found.clip == 2
     place = {key.systems[s]: v for s, v in zip(found.system[rows], found.value[rows], strict=True)}
     assert [f"clip2-{name}" for name in sorted(place, key=place.__getitem__)] == answer.value
-
     key = made_key("rating")
     (one,) = made_participants(key, 1)
     answer = next(answer for answer in one.answers if answer.trial == "clip1/0")
@@ -204,27 +202,27 @@ def test_places_and_ratings_follow_the_blind_ids() -> None:
         assert answer.value[f"clip1-{key.systems[system]}"] == value
 
 
-def test_clopper_pearson_is_the_exact_binomial_interval() -> None:
+def test_clopper_pearson_is_the_exact_binomial_interval():
     for successes, trials in ((0, 10), (3, 10), (10, 10), (140, 280)):
         exact = stats.binomtest(successes, trials).proportion_ci(method="exact")
         ours = clopper_pearson(successes, trials)
         assert (ours.low, ours.high) == pytest.approx((exact.low, exact.high), abs=1e-12)
 
 
-def test_holm_multiplies_by_the_hypotheses_left_and_never_falls() -> None:
+def test_holm_multiplies_by_the_hypotheses_left_and_never_falls():
     # Smallest first: 4 * 0.005, 3 * 0.01, 2 * 0.03 (raised by nothing), then 0.04 held at 0.06.
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.7]) == [1.0, 1.0]
     assert holm([]) == []
 
 
-def test_sign_test_doubles_the_tail() -> None:
+def test_sign_test_doubles_the_tail():
     assert sign_test(6, 0) == pytest.approx(2 / 2**6)
     assert sign_test(0, 0) == 1.0
     assert sign_test(3, 3) == 1.0
 
 
-def test_the_share_found_has_the_power_claimed() -> None:
+def test_the_share_found_has_the_power_claimed():
     for count, alpha in [(6, 0.05), (28, 0.05), (28, 0.05 / 6), (280, 0.05)]:
         share = smallest_share_detected(count, alpha)
         assert share is not None
@@ -236,18 +234,18 @@ def test_the_share_found_has_the_power_claimed() -> None:
         assert power == pytest.approx(POWER, abs=1e-6)
 
 
-def test_five_people_can_never_be_significant() -> None:
+def test_five_people_can_never_be_significant():
     assert smallest_share_detected(5) is None
     assert smallest_share_detected(0) is None
 
 
-def test_ties_are_half_a_vote_for_each() -> None:
+def test_ties_are_half_a_vote_for_each():
     found = share_of(made_votes([(0, 0, 1, 1.0), (1, 0, 1, 0.5), (2, 0, 1, 0.5), (3, 0, 1, 0.0)]))
     assert (found.wins, found.ties, found.losses, found.share) == (1, 2, 1, 0.5)
     assert (found.raters_for, found.raters_against) == (1, 1)
 
 
-def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote() -> None:
+def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote():
     score = [1.0] * 40 + [0.0] * 24
     found = share_of(made_votes([(rater, 0, 1, score[rater]) for rater in range(64)]))
     # The sample variance divides by 63: one vote fewer than there are.
@@ -256,7 +254,7 @@ def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote() -> None:
     assert found.as_independent == clopper_pearson(40, 64)
 
 
-def test_raters_who_repeat_themselves_count_once() -> None:
+def test_raters_who_repeat_themselves_count_once():
     once = [(rater, 0, 1, float(rater < 14)) for rater in range(20)]
     tenfold = share_of(made_votes(once * 10))
     assert (tenfold.share, tenfold.votes) == (0.7, 200)
@@ -268,7 +266,7 @@ def test_raters_who_repeat_themselves_count_once() -> None:
     assert unanimous.interval == clopper_pearson(8, 8) and unanimous.interval.high == 1.0
 
 
-def test_the_effective_number_matches_a_simulated_variance() -> None:
+def test_the_effective_number_matches_a_simulated_variance():
     # Beta-binomial raters: 30 people with 12 votes each, chance drawn per person.
     rng = np.random.default_rng(0)
     shares, effective = [], []
@@ -285,7 +283,7 @@ def test_the_effective_number_matches_a_simulated_variance() -> None:
     assert true < 0.4 * 360
 
 
-def test_clips_that_differ_widen_the_interval_over_clips() -> None:
+def test_clips_that_differ_widen_the_interval_over_clips():
     rows = [(rater, 0, 1, float(clip < 3)) for clip in range(6) for rater in range(20)]
     votes = made_votes(rows)
     votes.clip[:] = np.repeat(np.arange(6), 20)
@@ -296,7 +294,7 @@ def test_clips_that_differ_widen_the_interval_over_clips() -> None:
     assert share_of(votes[votes.clip < 5]).over_clips is None
 
 
-def test_between_turns_rows_around_and_no_votes_are_an_error() -> None:
+def test_between_turns_rows_around_and_no_votes_are_an_error():
     votes = made_votes([(0, 2, 1, 1.0), (0, 1, 2, 1.0), (1, 2, 1, 0.5), (0, 0, 1, 1.0)])
     turned = votes.between(1, 2)
     assert turned.score.tolist() == [0.0, 1.0, 0.5]
@@ -305,7 +303,7 @@ def test_between_turns_rows_around_and_no_votes_are_an_error() -> None:
         share_of(votes.between(0, 2))
 
 
-def test_two_raters_who_happen_to_agree_are_no_more_than_their_votes() -> None:
+def test_two_raters_who_happen_to_agree_are_no_more_than_their_votes():
     for second in (6, 7):
         score = [[1.0] * 6 + [0.0] * 4, [1.0] * second + [0.0] * (10 - second)]
         rows = [(rater, 0, 1, score[rater][i]) for rater in range(2) for i in range(10)]
@@ -330,7 +328,7 @@ def votes_on(clip: int, *rows: tuple[int, int, int, float], because: bool = Fals
     return votes
 
 
-def test_jerk_is_read_from_both_places_and_the_recording_by_its_name(tmp_path: Path) -> None:
+def test_jerk_is_read_from_both_places_and_the_recording_by_its_name(tmp_path):
     with pytest.raises(RunError, match=r"expected a/diagnostics.json or a.json there"):
         read_jitter(tmp_path, CLIPS, SYSTEMS)
     (tmp_path / "a").mkdir()
@@ -345,7 +343,7 @@ def test_jerk_is_read_from_both_places_and_the_recording_by_its_name(tmp_path: P
         read_jitter(tmp_path, CLIPS, SYSTEMS)
 
 
-def test_votes_are_split_by_reason_and_turned_to_the_smoother() -> None:
+def test_votes_are_split_by_reason_and_turned_to_the_smoother():
     jitter = {("a", "smooth"): 10.0, ("a", "rough"): 30.0}
     votes = joined(
         [
@@ -365,7 +363,7 @@ def test_votes_are_split_by_reason_and_turned_to_the_smoother() -> None:
     assert found.correlation is None
 
 
-def test_correlation_says_whether_more_jitter_costs_more_votes() -> None:
+def test_correlation_says_whether_more_jitter_costs_more_votes():
     jitter = {(clip, "smooth"): 10.0 for clip in CLIPS}
     jitter |= {(clip, "rough"): 20.0 + 10 * i for i, clip in enumerate(CLIPS)}
     for sign in (1, -1):
@@ -378,7 +376,7 @@ def test_correlation_says_whether_more_jitter_costs_more_votes() -> None:
         assert found.correlation == pytest.approx(sign)
 
 
-def test_without_a_measured_pair_there_is_nothing_to_join() -> None:
+def test_without_a_measured_pair_there_is_nothing_to_join():
     votes = made_votes([(0, 0, 1, 1.0)])
     for rough in ({}, {("a", "rough"): 1.0}):  # not measured, and equal
         assert join_jitter(votes, {("a", "smooth"): 1.0} | rough, CLIPS, SYSTEMS) is None

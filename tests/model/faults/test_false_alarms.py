@@ -65,7 +65,7 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
 
 
 @pytest.mark.parametrize("number", range(CLIPS))
-def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, flite: None):
+def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number, flite):
     speaker = SPEAKERS[number % len(SPEAKERS)]
     clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
     motion = motion_of(clip)
@@ -74,7 +74,7 @@ def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, f
 
 @pytest.mark.beat2
 @pytest.mark.parametrize("name", ["2_scott_0_1_1", "2_scott_0_2_2"])
-def test_nothing_is_found_in_a_recording(name: str):
+def test_nothing_is_found_in_a_recording(name):
     folder = beat2_folder()
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     sound = load_speech(folder / "wave16k" / f"{name}.wav")

@@ -109,7 +109,7 @@ def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_a_known_footing_is_kept(before, side: Side):
+def test_a_known_footing_is_kept(before, side):
     stand = Planted(1.0, 4.0, side)
     held = HeldFeet((stand,), BODY, {stand: Footing(0.3, 0.1, 0.2)})
     at = joints(held.hold(before))[40:110, JOINT_INDEX[f"{side}_ankle"]]

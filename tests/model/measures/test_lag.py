@@ -68,7 +68,7 @@ def stretched(motion: Motion, times: float) -> Motion:
 
 
 @pytest.mark.parametrize("frames", [-30, -12, 0, 1, 23, 75])
-def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound: np.ndarray, frames: int):
+def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound, frames):
     lag = find_lag(moved(speaking(sound), frames), heard_of(sound))
     assert lag.lag_ground == "face"
     assert lag.lag_s == pytest.approx(frames / FPS, abs=0.5 / FPS)
@@ -76,7 +76,7 @@ def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound: np.ndarray, frames:
     assert lag.lag_drift_s == 0.0
 
 
-def test_a_lag_between_two_frames_is_told_between_them(sound: np.ndarray):
+def test_a_lag_between_two_frames_is_told_between_them(sound):
     motion = speaking(sound)
     first, second = (moved(motion, frames).expressions for frames in (12, 13))
     lag = find_lag(replace(motion, expressions=(first + second) / 2), heard_of(sound))
@@ -84,7 +84,7 @@ def test_a_lag_between_two_frames_is_told_between_them(sound: np.ndarray):
 
 
 @pytest.mark.parametrize("times", [0.98, 1.01, 1.05])
-def test_a_lag_that_grows_is_told_from_one_that_does_not(sound: np.ndarray, times: float):
+def test_a_lag_that_grows_is_told_from_one_that_does_not(sound, times):
     motion = stretched(speaking(sound), times)
     lag = find_lag(motion, heard_of(sound))
     seconds = min(motion.duration_s, SECONDS)
@@ -93,7 +93,7 @@ def test_a_lag_that_grows_is_told_from_one_that_does_not(sound: np.ndarray, time
     assert lag.lag_s == pytest.approx(grows / 2, abs=0.06)
 
 
-def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(sound: np.ndarray):
+def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(sound):
     heard = heard_of(sound)
     motion = speaking(sound)
     still = replace(motion, expressions=np.zeros_like(motion.expressions))
@@ -109,7 +109,7 @@ def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(so
         assert not lag.is_known and np.isnan([lag.lag_s, lag.lag_low_s, lag.lag_drift_s]).all()
 
 
-def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound: np.ndarray):
+def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound):
     motion = speaking(sound)
     level = heard_of(sound).mean(axis=1)
     fast = np.clip(level - level.min(), 0, None) / np.ptp(level)
@@ -123,7 +123,7 @@ def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound: np
     assert lag.lag_s == pytest.approx(14 / FPS, abs=2 / FPS)
 
 
-def test_a_motion_is_moved_to_where_its_speech_is(sound: np.ndarray):
+def test_a_motion_is_moved_to_where_its_speech_is(sound):
     motion = speaking(sound)
     late, early = moved(motion, 12), moved(motion, -12)
     np.testing.assert_array_equal(in_step(late, 0.4).poses, motion.poses[:-12])
@@ -135,7 +135,7 @@ def test_a_motion_is_moved_to_where_its_speech_is(sound: np.ndarray):
         in_step(motion, -40.0)
 
 
-def test_it_is_a_finding_that_says_how_to_put_it_right(sound: np.ndarray):
+def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
     from model.diagnostics import raw_evidence
 
     def told(motion: Motion) -> list:
@@ -156,7 +156,7 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound: np.ndarray):
 
 @pytest.mark.beat2
 @pytest.mark.parametrize("name", ["2_scott_0_1_1", "2_scott_0_2_2"])
-def test_recorded_clips_are_placed_to_a_tenth_of_a_second(name: str):
+def test_recorded_clips_are_placed_to_a_tenth_of_a_second(name):
     """Whole and from pieces of 30 s; `test_lag_figures` has all that docs/formats.md tells."""
     motion = load_motion(beat2_folder() / "smplxflame_30" / f"{name}.npz")
     heard = heard_of(load_speech(beat2_folder() / "wave16k" / f"{name}.wav").waveform)

@@ -58,21 +58,19 @@ def told(title: str, tried: list[tuple[Motion, np.ndarray, int]]) -> tuple[int, 
     return len(tried), len(off), right
 
 
-def test_whole_clips_are_all_within_a_tenth(clips: dict[str, Clip]):
+def test_whole_clips_are_all_within_a_tenth(clips):
     count, known, right = told("whole", [p for clip in clips.values() for p in pieces(clip, None)])
     assert count == known == right
 
 
 @pytest.mark.parametrize(("seconds", "share"), [(30.0, 0.5), (15.0, 0.3)])
-def test_pieces_that_are_told_are_within_a_tenth(
-    clips: dict[str, Clip], seconds: float, share: float
-):
+def test_pieces_that_are_told_are_within_a_tenth(clips, seconds, share):
     tried = [p for clip in clips.values() for p in pieces(clip, seconds)]
     count, known, right = told(f"{seconds:g} s", tried[::3])
     assert known >= share * count and right >= 0.9 * known
 
 
-def test_nothing_is_told_beside_another_speech_or_of_bodies_alone(clips: dict[str, Clip]):
+def test_nothing_is_told_beside_another_speech_or_of_bodies_alone(clips):
     others = [
         (motion.part(slice(at, at + 900)), heard[to : to + 900], 0)
         for (name, (motion, _)), (other, (_, heard)) in product(clips.items(), clips.items())

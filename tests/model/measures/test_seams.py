@@ -110,7 +110,7 @@ def period_of(motion: Motion) -> Period | None:
 
 
 @pytest.mark.parametrize("period", [8, 33, 52, 60, 64, 124, 240])
-def test_jumps_are_found_at_their_period_and_frame(period: int):
+def test_jumps_are_found_at_their_period_and_frame(period):
     found = period_of(with_jumps(rough(6 * period + 200), period, "right_shoulder"))
     assert found is not None and (found.frames, found.kind) == (period, "pulses")
     assert found.part in ("right arm", "right hand")
@@ -121,7 +121,7 @@ def test_jumps_are_found_at_their_period_and_frame(period: int):
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 7])
-def test_ripple_of_the_legs_is_found_in_the_legs(period: int):
+def test_ripple_of_the_legs_is_found_in_the_legs(period):
     steps = np.random.default_rng(1).standard_normal((900 // period + 1, 8, 3))
     hold = np.repeat(steps, period, axis=0)[:900]  # a code each `period` frames
     found = period_of(changed(rough(900), list(LOWER_BODY)[1:], 0.004 * hold))
@@ -154,7 +154,7 @@ def test_seams_are_folded_on_what_is_known_or_found():
 
 
 @pytest.mark.parametrize(("advance", "overlap"), [(1, 0), (-3, 0), (52, 60), (52, -1)])
-def test_windows_that_cannot_be_are_refused(advance: int, overlap: int):
+def test_windows_that_cannot_be_are_refused(advance, overlap):
     with pytest.raises(ValueError, match=f"got {advance} and {overlap}"):
         Windows(advance, overlap)
 
@@ -163,7 +163,7 @@ def test_windows_that_cannot_be_are_refused(advance: int, overlap: int):
 @pytest.mark.beat2
 @pytest.mark.parametrize("joint", [None, "right_shoulder", "left_hip"])
 @pytest.mark.parametrize("period", [52, 60, 64, 124])
-def test_jumps_planted_in_a_recording_are_found(period: int, joint: str | None):
+def test_jumps_planted_in_a_recording_are_found(period, joint):
     recorded = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_1_1.npz")
     found = period_of(with_jumps(recorded, period, joint))
     assert found is not None and found.frames == period and found.chance < 1e-9
@@ -172,6 +172,6 @@ def test_jumps_planted_in_a_recording_are_found(period: int, joint: str | None):
 @pytest.mark.parametrize(
     ("name", "expected"), [("chgs_3_vq", (4, "legs")), ("mambatalk_2_scott_0_2_2", None)]
 )
-def test_codes_of_another_system_show_as_a_period(name: str, expected: tuple[int, str] | None):
+def test_codes_of_another_system_show_as_a_period(name, expected):
     found = period_of(read_any_motion(foreign_folder() / f"{name}.npz").motion)
     assert (found and (found.frames, found.part)) == expected

@@ -35,17 +35,14 @@ def test_every_form_agrees_with_scipy(draw, batch, dtype):
     tolerance = TOLERANCE[dtype]
     matrices = torch.from_numpy(random_rotations(draw, batch)).to(dtype)
     vectors = torch.from_numpy(scipy_of(matrices).as_rotvec().reshape(*batch, 3)).to(dtype)
-
     made = rotations.matrix_from_axis_angle(vectors)
     assert made.dtype == dtype and made.shape == (*batch, 3, 3)
     expected = Rotation.from_rotvec(vectors.double().numpy().reshape(-1, 3)).as_matrix()
     assert_near(made, expected, tolerance)
-
     axis_angle = rotations.axis_angle_from_matrix(matrices)
     assert axis_angle.dtype == dtype and axis_angle.norm(dim=-1).max() <= math.pi + tolerance
     back = Rotation.from_rotvec(axis_angle.double().numpy().reshape(-1, 3))
     assert (back.inv() * scipy_of(matrices)).magnitude().max() < 4 * tolerance
-
     quat = rotations.quat_wxyz_from_matrix(matrices)
     theirs = scipy_of(matrices).as_quat(scalar_first=True).reshape(*batch, 4)
     assert (quat[..., 0] >= 0).all()
@@ -53,7 +50,6 @@ def test_every_form_agrees_with_scipy(draw, batch, dtype):
     for either_sign in (quat, -quat):
         again = rotations.matrix_from_axis_angle(rotations.axis_angle_from_quat_wxyz(either_sign))
         assert_near(again, matrices, 4 * tolerance)
-
     again = rotations.matrix_from_rot6d(rotations.rot6d_from_matrix(matrices))
     assert_near(again, matrices, 2 * tolerance)
 

@@ -83,7 +83,7 @@ def test_codes_reach_the_motion_and_are_hidden_with_the_speech(features):
     assert torch.equal(deaf, still)
 
 
-def test_what_cannot_be_heard_with_is_told(tmp_path: Path):
+def test_what_cannot_be_heard_with_is_told(tmp_path):
     network = MotionNetwork(replace(SHAPE, codes=CODES // 2))
     with pytest.raises(CheckpointError, match="speech-encoder do not fit"):
         TaskSetup(BUNDLED_WEIGHTS).put_weights_into(network, None)
@@ -110,7 +110,7 @@ def test_accents_are_heard_where_somebody_speaks():
     assert all(0 <= accent.strength <= 1 for accent in accents)
 
 
-def test_without_its_weights_nothing_is_heard(tmp_path: Path):
+def test_without_its_weights_nothing_is_heard(tmp_path):
     assert heard_accents(load_speech(EXAMPLE), tmp_path) == ()
 
 

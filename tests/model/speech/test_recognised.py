@@ -4,7 +4,6 @@ they cannot be."""
 import re
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +35,7 @@ def spelt(said: Transcript) -> list[str]:
     return [re.sub("[^a-z']", "", word.text.lower()) for word in said.words]
 
 
-def test_a_text_is_found_where_it_is_said_with_its_phones() -> None:
+def test_a_text_is_found_where_it_is_said_with_its_phones():
     exact = read_transcript(CLEAN.with_suffix(".TextGrid")).words
     said = heard(
         load_speech(CLEAN.with_suffix(".wav")).waveform, " ".join(word.text for word in exact)
@@ -54,7 +53,7 @@ def test_a_text_is_found_where_it_is_said_with_its_phones() -> None:
 
 
 @pytest.mark.slow
-def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary() -> None:
+def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary():
     waveform, text = example("a_long_drive")
     written = text.replace("driving", "dryving").replace("one hand", "1 hand")
     said = heard(waveform, written).transcript
@@ -67,7 +66,7 @@ def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary() -> None:
 
 
 @pytest.mark.slow
-def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only() -> None:
+def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only():
     waveform, text = example("a_long_drive")
     exact = heard(waveform, text).transcript
     more = text.replace("Wow,", "My mother gave me an apple. Wow,")
@@ -80,7 +79,7 @@ def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only() -> None
 
 
 @pytest.mark.slow
-def test_clear_speech_is_recognised() -> None:
+def test_clear_speech_is_recognised():
     waveform, text = example("three_reasons")
     said = heard(waveform).transcript
     assert said.origin == "recognised"
@@ -97,7 +96,7 @@ def test_clear_speech_is_recognised() -> None:
 
 
 @pytest.mark.slow
-def test_speech_of_another_language_is_told_so_and_no_words_are_used() -> None:
+def test_speech_of_another_language_is_told_so_and_no_words_are_used():
     said = heard(load_speech(foreign_folder() / "talkshow_french.wav").waveform)
     assert said.transcript == NOTHING_SAID
     assert "probably in another language than English" in said.notes[0]
@@ -117,7 +116,7 @@ def test_speech_of_another_language_is_told_so_and_no_words_are_used() -> None:
         (0, 0, True, "it is not said. Its words are not used"),
     ],
 )
-def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says) -> None:
+def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
     words = [Word(float(k), k + 0.3, f"w{k}", SURE) for k in range(sure)]
     doubted = [Word(50.0 + k, 50.3 + k, "?", SURE - 0.01) for k in range(unsure)]
     doubted[:1] = [Word(50.0, 52.6, "?", 1.0)] if doubted else []  # too long for a word
@@ -130,7 +129,7 @@ def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says) 
         assert found.transcript.origin == ("aligned" if is_aligned else "recognised")
 
 
-def test_of_a_few_seconds_sure_words_are_recognised_and_others_counted() -> None:
+def test_of_a_few_seconds_sure_words_are_recognised_and_others_counted():
     waveform, _ = example("three_reasons")
     said = heard(waveform[: 4 * SAMPLE_RATE]).transcript
     assert said.origin == "recognised" and min(word.confidence for word in said.words) >= SURE
@@ -142,7 +141,7 @@ def test_of_a_few_seconds_sure_words_are_recognised_and_others_counted() -> None
     assert re.fullmatch(r"\d+ of \d+ recognised words were unsure and are left out\.", note)
 
 
-def test_a_text_that_is_not_said_is_not_used() -> None:
+def test_a_text_that_is_not_said_is_not_used():
     waveform, (_, other) = example("a_long_drive")[0], example("three_reasons")
     for text in (other, "中文", "word " * 60):
         said = heard(waveform[: 5 * SAMPLE_RATE], text)
@@ -151,14 +150,14 @@ def test_a_text_that_is_not_said_is_not_used() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.02, 1.0])
-def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds: float) -> None:
+def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds):
     times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
     said = heard(np.sin(440 * 2 * np.pi * times).astype(np.float32))
     assert len(said.transcript.words) <= 1
     assert not any("could not be found" in note for note in said.notes)
 
 
-def test_it_is_ended_when_nobody_waits_any_more() -> None:
+def test_it_is_ended_when_nobody_waits_any_more():
     waveform, _ = example("a_long_drive")
     with Hearing(np.tile(waveform, 20)) as hearing:
         assert not hearing.is_over(0.0)
@@ -166,7 +165,7 @@ def test_it_is_ended_when_nobody_waits_any_more() -> None:
     assert child is not None and child.returncode == -9
 
 
-def test_whatever_goes_wrong_is_one_note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_whatever_goes_wrong_is_one_note(monkeypatch, tmp_path):
     waveform, _ = example("a_long_drive")
     with Hearing(waveform) as hearing:
         assert hearing._child is not None
@@ -189,7 +188,7 @@ def test_whatever_goes_wrong_is_one_note(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert "no process could be started (no such file" in note
 
 
-def test_long_speech_is_cut_where_it_is_quiet() -> None:
+def test_long_speech_is_cut_where_it_is_quiet():
     rng = np.random.default_rng(0)
     sound = (3000 * rng.standard_normal(60 * SAMPLE_RATE)).astype("<i2")
     for second in (10, 21, 33):

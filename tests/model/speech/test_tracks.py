@@ -38,7 +38,7 @@ def dialogue(tmp_path: Path) -> Path:
     return tmp_path / "dialogue.wav"
 
 
-def test_one_side_of_a_dialogue_is_heard_alone(dialogue: Path):
+def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
     for written, wanted in (("left", 440), ("right", 880), ("2", 880)):
         speech = load_speech(dialogue, SpeechLimits(channel=read_channel(written)))
         assert hertz(speech.waveform) == wanted
@@ -51,7 +51,7 @@ def test_one_side_of_a_dialogue_is_heard_alone(dialogue: Path):
             read_channel(written)
 
 
-def test_the_first_track_that_is_not_silent_is_heard(tmp_path: Path, dialogue: Path):
+def test_the_first_track_that_is_not_silent_is_heard(tmp_path, dialogue):
     wavfile.write(tmp_path / "silent.wav", SAMPLE_RATE, np.zeros(3 * SAMPLE_RATE, np.float32))
     wavfile.write(tmp_path / "tone.wav", SAMPLE_RATE, tone(3.0))
 
@@ -73,7 +73,7 @@ def test_the_first_track_that_is_not_silent_is_heard(tmp_path: Path, dialogue: P
     [("a.mts", ("-c:v", "mpeg2video", "-c:a", "ac3")), ("a.mpg", ("-c:v", "mpeg2video")),
      ("a.mp4", ("-c:a", "aac")), ("a.mkv", ("-c:a", "aac"))],
 )  # fmt: skip
-def test_a_video_longer_than_its_sound_is_not_damaged(name: str, options: tuple, tmp_path: Path):
+def test_a_video_longer_than_its_sound_is_not_damaged(name, options, tmp_path):
     wavfile.write(tmp_path / "tone.wav", 32000, tone(3.0, 32000))
     film = encode(tmp_path / "tone.wav", tmp_path / name, *PICTURES, *options)
     speech = load_speech(film)
@@ -81,7 +81,7 @@ def test_a_video_longer_than_its_sound_is_not_damaged(name: str, options: tuple,
     assert not any("damaged" in note for note in speech.notes)
 
 
-def test_a_length_that_is_only_estimated_is_not_held_against_the_sound(tmp_path: Path):
+def test_a_length_that_is_only_estimated_is_not_held_against_the_sound(tmp_path):
     late = np.concatenate([np.zeros(5 * SAMPLE_RATE, np.float32), tone(1.0)])
     wavfile.write(tmp_path / "late.wav", SAMPLE_RATE, late)
     path = encode(tmp_path / "late.wav", tmp_path / "late.aac", "-c:a", "aac", "-b:a", "32k")
@@ -89,7 +89,7 @@ def test_a_length_that_is_only_estimated_is_not_held_against_the_sound(tmp_path:
     assert speech.duration_s == pytest.approx(6.0, abs=0.1) and speech.notes == ()
 
 
-def test_a_cut_video_is_still_told(tmp_path: Path):
+def test_a_cut_video_is_still_told(tmp_path):
     wavfile.write(tmp_path / "noise.wav", SAMPLE_RATE, tone(6.0))
     options = (*PICTURES, "-c:a", "aac", "-movflags", "faststart")
     whole = encode(tmp_path / "noise.wav", tmp_path / "whole.mp4", *options)

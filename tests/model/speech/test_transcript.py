@@ -43,7 +43,7 @@ def refusal(path: Path) -> str:
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16")
 
 
-def test_words_come_with_their_times_and_without_pauses(tmp_path: Path):
+def test_words_come_with_their_times_and_without_pauses(tmp_path):
     path = tmp_path / "a.TextGrid"
     tiers = [("words", SPOKEN), ("phones", PHONES)]
     for encoding in ENCODINGS:
@@ -61,7 +61,7 @@ def test_words_come_with_their_times_and_without_pauses(tmp_path: Path):
     assert len(said.words) == 2 and said.phones == ()
 
 
-def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_path: Path):
+def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_path):
     path = tmp_path / "a.TextGrid"
     phases = [(0.0, 0.5, "preparation"), (0.5, 0.75, "stroke beat")]
     found = tuple(Interval(*phase) for phase in phases)
@@ -74,7 +74,7 @@ def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_p
     assert [tier.name for tier in read_transcript(path).gestures] == names[:-1]
 
 
-def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path: Path):
+def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path):
     path = tmp_path / "a.TextGrid"
     good = grid(("words", SPOKEN), ("gesture", [(0.25, 0.5, "stroke")]))
     path.write_text(good.replace("xmin = 0.2500", "xmin = 0.7500"))
@@ -95,7 +95,7 @@ def test_the_example_s_tiers_belong_to_its_speech_and_motion():
     assert np.abs(speech.waveform[loud]).mean() > 3 * np.abs(speech.waveform[~loud]).mean()
 
 
-def test_what_is_no_transcript(tmp_path: Path):
+def test_what_is_no_transcript(tmp_path):
     path = tmp_path / "a.TextGrid"
     assert "could not be read: no such file" in refusal(path)
     path.write_text("hello world")
@@ -113,7 +113,7 @@ def test_what_is_no_transcript(tmp_path: Path):
     assert "larger than 8 MiB" in refusal(path)
 
 
-def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path: Path):
+def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path):
     path = tmp_path / "said.txt"
     for encoding in ENCODINGS:
         path.write_text("Hello,\nworld!", encoding=encoding)
@@ -122,7 +122,7 @@ def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path: Pa
         assert read_words(path) == read_transcript(path)
 
 
-def test_what_is_no_plain_text(tmp_path: Path):
+def test_what_is_no_plain_text(tmp_path):
     path = tmp_path / "said.txt"
     for read in (read_words, read_text):
         with pytest.raises(TranscriptError, match=r"said.txt could not be read: no such file"):

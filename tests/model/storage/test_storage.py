@@ -89,7 +89,7 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
         ("network.width=65", "width 65 is no multiple"),
     ],
 )
-def test_what_is_wrong_with_a_setting_is_said(setting: str, says: str):
+def test_what_is_wrong_with_a_setting_is_said(setting, says):
     with pytest.raises(ValueError, match=says):
         with_setting(named_config("small", "asynfusion/ddim"), setting)
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def growth(scale: float = 1.0) -> Spreads:
     return Spreads(POINTS, 1.02 * local, 0.99 * world, local, world)
 
 
-def test_curves_are_the_empirical_distributions() -> None:
+def test_curves_are_the_empirical_distributions():
     with matplotlib_settings():
         figure = draw_distributions(SPREADS, "A caption.", "reference")
     assert len(figure.axes) == len(SPREADS)
@@ -57,7 +56,7 @@ def test_curves_are_the_empirical_distributions() -> None:
             np.testing.assert_allclose(y[1:], wanted.probabilities)
 
 
-def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis() -> None:
+def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis():
     values = [*np.linspace(1.0, 2.0, 199), 1000.0]
     with matplotlib_settings():
         (far,) = draw_distributions([SpreadPanel("One", {"a": values})]).axes
@@ -67,7 +66,7 @@ def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis() -> None:
     assert low < 0.0 < high
 
 
-def test_every_step_is_where_its_numbers_are() -> None:
+def test_every_step_is_where_its_numbers_are():
     with matplotlib_settings():
         figure = draw_step_curve(MARKS, "A caption.")
         slow = draw_step_curve([*MARKS, Mark("slow", 50, 60.0, 100.0, 0.0)])
@@ -86,7 +85,7 @@ def test_every_step_is_where_its_numbers_are() -> None:
         assert "real time" in [text.get_text() for text in axes.texts]
 
 
-def test_errors_along_the_chain_are_the_numbers_in_centimetres() -> None:
+def test_errors_along_the_chain_are_the_numbers_in_centimetres():
     spreads = growth()
     with matplotlib_settings():
         (axes,) = draw_error_growth(spreads, "").axes
@@ -100,7 +99,7 @@ def test_errors_along_the_chain_are_the_numbers_in_centimetres() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, 300.0])
-def test_nothing_overlaps(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
+def test_nothing_overlaps(monkeypatch, scale):
     with matplotlib_settings():
         figure = draw_error_growth(growth(scale), "Noise of 0.02 rad moves the fingertip. " * 4)
         texts = drawn_texts(figure, monkeypatch)
@@ -134,7 +133,7 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
             assert words in picture.info["Description"]
 
 
-def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_told(tmp_path):
     for panels, says in (
         ([], "no value"),
         ([SpreadPanel("One", {"a": []})], "no value"),

@@ -29,7 +29,7 @@ def write(stem: Path) -> FigureFiles:
         return write_figure(small_figure(), stem, "What it shows.")
 
 
-def test_three_whole_files_need_no_font_and_nothing_else(tmp_path: Path) -> None:
+def test_three_whole_files_need_no_font_and_nothing_else(tmp_path):
     files = write(tmp_path / "new" / "figure.s2")
     names = sorted(path.name for path in files.png.parent.iterdir())
     assert names == ["figure.s2.pdf", "figure.s2.png", "figure.s2.svg"]
@@ -59,21 +59,21 @@ def test_a_failure_leaves_old_files_and_no_half_ones(tmp_path, monkeypatch):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_figures_of_several_threads_are_those_of_one(tmp_path: Path) -> None:
+def test_figures_of_several_threads_are_those_of_one(tmp_path):
     alone = [path.read_bytes() for path in write(tmp_path / "alone")]
     with ThreadPoolExecutor(3) as threads:
         for files in threads.map(write, [tmp_path / str(i) for i in range(3)]):
             assert [path.read_bytes() for path in files] == alone
 
 
-def test_styles_differ_without_colour() -> None:
+def test_styles_differ_without_colour():
     styles = [REFERENCE_STYLE, *SYSTEM_STYLES]
     assert len({style.dashes for style in styles}) == len(styles)
     assert len({style.marker for style in styles}) == len(styles)
     assert [style for style in styles if not style.dashes] == [REFERENCE_STYLE]
 
 
-def test_wrapped_text_loses_nothing() -> None:
+def test_wrapped_text_loses_nothing():
     text = "a/" + "b" * 90 + "-c_d " + "e" * 5
     for width in (0.05, 0.5, 2.0, 50.0):
         lines = wrap_text(text, 7.0, width, breaks_after="/-_ ")

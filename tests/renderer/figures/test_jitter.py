@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,7 +80,7 @@ def lines_of(axes: Any) -> dict[str, Any]:
     return {line.get_label(): line for line in axes.get_lines() if line.get_label()[0] != "_"}
 
 
-def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence(tmp_path: Path) -> None:
+def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence(tmp_path):
     sentence = "On this clip a has 1.6 times the jerk of b."
     lacking = with_numbers(example_sheet(2), NAMES[1], "raw", spectrum=None)
     files = jitter_sheet(lacking, tmp_path / "jitter", clip="2_scott_0_1_1", sentence=sentence)
@@ -116,13 +115,12 @@ def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(setti
     assert any(list(mark) == [5.0, 5.0] for mark in marks)
 
 
-def test_every_joint_has_its_own_value_over_its_own_name(settings: None) -> None:
+def test_every_joint_has_its_own_value_over_its_own_name(settings):
     sheet = with_numbers(example_sheet(1), NAMES[0], "raw", by_joint=100.0 + np.arange(55))
     axes = panels_of(draw_sheet(sheet, ""))["joints raw"]
     line = lines_of(axes)[NAMES[0]]
     value_at = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     place = {label.get_text(): x for x, label in enumerate(axes.get_xticklabels())}
-
     assert len(place) == 55
     for shown, joint in [
         ("pelvis", "pelvis"),
@@ -135,7 +133,7 @@ def test_every_joint_has_its_own_value_over_its_own_name(settings: None) -> None
     assert sum(np.isnan(y) for y in line.get_ydata()) == 14  # hips, collars and ten fingers
 
 
-def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
+def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings):
     sheet = example_sheet(1, has_reference=False)
     jerk = sheet.jitter[NAMES[0]]["raw"].by_depth.copy()
     jerk[3] = 0.0
@@ -147,7 +145,7 @@ def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
     assert 0.0 < low < high < 1e5
 
 
-def test_periods_found_are_folded_and_named(settings: None) -> None:
+def test_periods_found_are_folded_and_named(settings):
     sheet = replace(example_sheet(2, has_reference=False), window_advance=0, window_overlap=0)
     for kind in VERSIONS:
         sheet = with_numbers(sheet, NAMES[0], kind, by_phase=np.zeros(0))
@@ -168,7 +166,6 @@ def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: in
     texts = drawn_texts(figure, monkeypatch)
     written = "".join(text for text, _ in texts).replace(" ", "")
     assert all(name.replace(" ", "") in written for name in sheet.jitter)
-
     boxes = {axes.get_label(): axes.get_window_extent() for axes in figure.axes}
     assert len(boxes) == 9
     check_apart(figure, texts, boxes, within_panels=("5 Hz", NO_DATA))
@@ -180,7 +177,7 @@ def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: in
 @pytest.mark.parametrize(
     ("names", "has_reference", "factor"),
     [
-        (NAMES[:1], False, 1e-4),
+        pytest.param(NAMES[:1], False, 1e-4, marks=pytest.mark.slow),
         (NAMES[:2], True, 1e3),
         (ODD_NAMES, True, 1.0),
         pytest.param(NAMES, True, 0.0, marks=pytest.mark.slow),
@@ -215,7 +212,7 @@ def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
     assert said == [[NO_DATA]] * 9
 
 
-def test_more_systems_than_fit_are_refused() -> None:
+def test_more_systems_than_fit_are_refused():
     jitter = example_sheet(6).jitter
     with pytest.raises(FigureError, match="1 to 6 systems; got 7"):
         JitterSheet({**jitter, "seventh": jitter[NAMES[0]]})

@@ -71,7 +71,7 @@ def read_bvh(path: Path) -> tuple[float, dict[str, np.ndarray]]:
     return frame_time, positions
 
 
-def test_positions_read_back_are_those_of_the_motion(body: Body, tmp_path: Path) -> None:
+def test_positions_read_back_are_those_of_the_motion(body, tmp_path):
     motion = random_motion(num_frames=9)
     write_bvh(body, motion, tmp_path / "motion.bvh")
     frame_time, positions = read_bvh(tmp_path / "motion.bvh")
@@ -88,7 +88,7 @@ def test_positions_read_back_are_those_of_the_motion(body: Body, tmp_path: Path)
 
 
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 180.0])
-def test_right_angles_lose_nothing(body: Body, tmp_path: Path, degrees: float) -> None:
+def test_right_angles_lose_nothing(body, tmp_path, degrees):
     """At 90 degrees about X two Euler angles fall together; the rotation must survive."""
     poses = BodyMotion.resting(1).poses.copy()
     poses[:, 48] = np.radians(degrees)  # left shoulder about X
@@ -100,7 +100,7 @@ def test_right_angles_lose_nothing(body: Body, tmp_path: Path, degrees: float) -
     np.testing.assert_allclose(positions["left_middle3"], wanted, atol=1e-4)
 
 
-def test_long_motion_keeps_every_frame(body: Body, tmp_path: Path) -> None:
+def test_long_motion_keeps_every_frame(body, tmp_path):
     write_bvh(body, BodyMotion.resting(1030), tmp_path / "long.bvh")
     text = (tmp_path / "long.bvh").read_text()
     assert "Frames: 1030\n" in text
@@ -109,7 +109,7 @@ def test_long_motion_keeps_every_frame(body: Body, tmp_path: Path) -> None:
     assert {len(row.split()) for row in rows} == {168}
 
 
-def test_failure_leaves_no_file(body: Body, tmp_path: Path) -> None:
+def test_failure_leaves_no_file(body, tmp_path):
     folder = tmp_path / "motion.bvh"
     folder.mkdir()
     for place in (tmp_path / "missing" / "motion.bvh", folder):

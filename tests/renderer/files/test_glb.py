@@ -3,7 +3,6 @@
 import json
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,7 +110,7 @@ class Glb:
         return np.einsum("vab,vb->va", blended, np.c_[rest, np.ones(len(rest))])[:, :3]
 
 
-def test_file_read_back_stands_where_the_body_stands(body: Body) -> None:
+def test_file_read_back_stands_where_the_body_stands(body):
     motion = random_motion(num_frames=5)
     glb = Glb(glb_bytes(body, motion))
     posed = np.concatenate(list(body.vertices(motion)))
@@ -123,7 +122,7 @@ def test_file_read_back_stands_where_the_body_stands(body: Body) -> None:
         assert distance_mm.max() < 40, "only pose correctives may be missing"
 
 
-def test_zero_pose_timing_faces_and_colours_are_exact(body: Body) -> None:
+def test_zero_pose_timing_faces_and_colours_are_exact(body):
     glb = Glb(glb_bytes(body, BodyMotion.resting(31)))
     assert max_distance_mm(glb.posed(1), body.template) < 1e-3
     sampler = glb.document["animations"][0]["samplers"][0]
@@ -136,7 +135,7 @@ def test_zero_pose_timing_faces_and_colours_are_exact(body: Body) -> None:
     assert [node["name"] for node in glb.document["nodes"][:55]] == list(JOINT_NAMES)
 
 
-def test_only_expressions_that_move_and_that_the_body_has_are_stored(body: Body) -> None:
+def test_only_expressions_that_move_and_that_the_body_has_are_stored(body):
     expressions = BodyMotion.resting(4).expressions.copy()
     expressions[2, body.expression_names.index("jawOpen")] = 0.8
     motion = replace(BodyMotion.resting(4), expressions=expressions)
@@ -149,7 +148,7 @@ def test_only_expressions_that_move_and_that_the_body_has_are_stored(body: Body)
     assert "targets" not in glb.document["meshes"][0]["primitives"][0]
 
 
-def test_trimesh_opens_it_and_a_failure_leaves_no_file(body: Body, tmp_path: Path) -> None:
+def test_trimesh_opens_it_and_a_failure_leaves_no_file(body, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     with pytest.raises(OSError):
         write_glb(body, BodyMotion.resting(), tmp_path / "missing" / "motion.glb")
@@ -160,7 +159,7 @@ def test_trimesh_opens_it_and_a_failure_leaves_no_file(body: Body, tmp_path: Pat
     assert len(mesh.faces) == len(body.faces)
 
 
-def test_body_without_names_or_colours(tmp_path: Path) -> None:
+def test_body_without_names_or_colours(tmp_path):
     licensed = load_body(smplx_file(tmp_path / "body.npz"))
     motion = random_motion(basis="flame100", num_expressions=10)
     glb = Glb(glb_bytes(licensed, motion))
@@ -168,7 +167,7 @@ def test_body_without_names_or_colours(tmp_path: Path) -> None:
     assert glb.posed(0).shape == (10, 3)
 
 
-def test_every_build_comes_back_within_a_step() -> None:
+def test_every_build_comes_back_within_a_step():
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
     read = np.frombuffer(builds_bytes(), "<i2").reshape(len(BUILDS) - 1, 2, *first.template.shape)
@@ -179,7 +178,7 @@ def test_every_build_comes_back_within_a_step() -> None:
         np.testing.assert_allclose(normals / 32_767, normals_of(expected), atol=2e-5)
 
 
-def test_what_would_not_fit_is_no_build(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_would_not_fit_is_no_build(monkeypatch):
     monkeypatch.setattr("renderer.files.glb.STEP_M", 1e-7)
     with pytest.raises(ValueError, match="out of range"):
         builds_bytes()

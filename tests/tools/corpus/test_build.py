@@ -3,9 +3,8 @@
 import hashlib
 import json
 import re
+import runpy
 import shutil
-import subprocess
-import sys
 import wave
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 
 from model.motion.motion import load_motion
-from tests.helpers import ROOT
 from tests.tools.corpus.conftest import CLIP_S, TWO_CLIPS_H
 from tools.corpus import __main__ as command
 from tools.corpus import build
@@ -33,7 +31,7 @@ def digests(root: Path) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_two_workers_make_the_same_bytes_as_one(corpus: Path, tmp_path: Path) -> None:
+def test_two_workers_make_the_same_bytes_as_one(corpus, tmp_path):
     steps: list[tuple[int, int]] = []
     build_corpus(
         tmp_path / "two", TWO_CLIPS_H, 3, 2, lambda done, total: steps.append((done, total))
@@ -42,7 +40,7 @@ def test_two_workers_make_the_same_bytes_as_one(corpus: Path, tmp_path: Path) ->
     assert steps == [(0, 2), (1, 2), (2, 2)]
 
 
-def test_the_layout_is_beat2s(corpus: Path) -> None:
+def test_the_layout_is_beat2s(corpus):
     table = (corpus / "train_test_split.csv").read_text().splitlines()
     assert table == ["id,type", "1_anna_0_0_0,train", "2_ben_0_1_1,train"]
     for clip_id in ("1_anna_0_0_0", "2_ben_0_1_1"):
@@ -89,7 +87,7 @@ INTERVAL_TIERS = (
 ).split()
 
 
-def test_the_textgrids_read_back_whole_and_agree_with_themselves(corpus: Path) -> None:
+def test_the_textgrids_read_back_whole_and_agree_with_themselves(corpus):
     for path in (corpus / "textgrid").iterdir():
         read = tiers(path)
         assert list(read) == TIERS
@@ -151,7 +149,7 @@ def test_a_command_that_is_stopped_goes_on_where_it_was(corpus, tmp_path, monkey
     assert digests(out) == digests(corpus)
 
 
-def test_a_folder_of_something_else_is_refused_and_left_alone(corpus: Path, tmp_path: Path) -> None:
+def test_a_folder_of_something_else_is_refused_and_left_alone(corpus, tmp_path):
     before = digests(corpus)
     with pytest.raises(CorpusError, match=r"seed 3, .*asked for .*seed 4"):
         build_corpus(corpus, TWO_CLIPS_H, seed=4, workers=1)
@@ -176,7 +174,7 @@ def test_bad_numbers_are_refused_before_anything_is_written(hours, seed, workers
     assert not (tmp_path / "x").exists()
 
 
-def test_what_cannot_be_continued_is_said(corpus: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_continued_is_said(corpus, tmp_path):
     (tmp_path / "taken").write_bytes(b"")
     with pytest.raises(CorpusError, match=r"taken could not be written: a file has that name"):
         build_corpus(tmp_path / "taken", 6 / 3600, seed=1, workers=1)
@@ -192,7 +190,7 @@ def test_what_cannot_be_continued_is_said(corpus: Path, tmp_path: Path) -> None:
             build_corpus(tmp_path, TWO_CLIPS_H, seed=3, workers=1)
 
 
-def test_more_hours_keep_the_clips_there_are() -> None:
+def test_more_hours_keep_the_clips_there_are():
     root = Path("anywhere")
     short, long = plan_jobs(root, 0.1, 1), plan_jobs(root, 0.4, 1)
     assert short == long[: len(short)]
@@ -200,7 +198,7 @@ def test_more_hours_keep_the_clips_there_are() -> None:
     assert len({job.clip_id for job in long}) == 180
 
 
-def test_held_out_speakers_are_only_tested_and_the_others_are_in_every_split() -> None:
+def test_held_out_speakers_are_only_tested_and_the_others_are_in_every_split():
     jobs = plan_jobs(Path("anywhere"), 10.0, 1)
     for speaker in SPEAKERS:
         splits = [job.split for job in jobs if job.speaker_number == speaker.number]
@@ -211,10 +209,12 @@ def test_held_out_speakers_are_only_tested_and_the_others_are_in_every_split() -
             assert set(splits) == {"train", "val", "test"}
 
 
-def test_the_documented_command_is_the_programs() -> None:
-    asked = [sys.executable, "-m", "model.corpus", "--out", "x", "--seed", "1", "--hours", "-1"]
-    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 1 and "--hours must be above 0" in done.stderr
+def test_the_documented_command_is_the_programs(monkeypatch, capsys):
+    asked = ["model.corpus", "--out", "x", "--seed", "1", "--hours", "-1"]
+    monkeypatch.setattr("sys.argv", asked)
+    with pytest.raises(SystemExit, match="1"):
+        runpy.run_module("model.corpus", run_name="__main__")
+    assert "--hours must be above 0" in capsys.readouterr().err
 
 
 def test_a_missing_speech_program_fails_with_a_sentence(tmp_path, monkeypatch, capsys):

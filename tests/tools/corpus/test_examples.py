@@ -2,7 +2,6 @@
 
 import re
 import wave
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ CLIPS = sorted(EXAMPLES.glob("*.wav"))
 
 
 @pytest.mark.parametrize("path", CLIPS, ids=lambda path: path.stem)
-def test_an_example_is_plain_speech_of_ten_to_sixteen_seconds_with_its_text(path: Path) -> None:
+def test_an_example_is_plain_speech_of_ten_to_sixteen_seconds_with_its_text(path):
     with wave.open(str(path)) as sound:
         assert (sound.getnchannels(), sound.getsampwidth()) == (1, 2)
         assert sound.getframerate() == 16000
@@ -62,7 +61,7 @@ def test_the_procedural_speaker_is_what_the_corpus_program_makes(tmp_path, flite
     np.testing.assert_allclose(sound, said, atol=1e-3)
 
 
-def test_the_procedural_speaker_is_told_of_in_full() -> None:
+def test_the_procedural_speaker_is_told_of_in_full():
     plan = annotated_plan(EXAMPLE / f"{NAME}.TextGrid")
     assert plan.duration_s == LENGTH_S
     for phases in (plan.left, plan.right):

@@ -37,7 +37,7 @@ def person(seed: int, finger_scale: float = 1.0) -> Figures:
     )
 
 
-def test_windows_of_two_seconds_start_every_second() -> None:
+def test_windows_of_two_seconds_start_every_second():
     for num_frames, windows in ((64, 0), (65, 1), (94, 1), (95, 2), (300, 8)):
         figures = realism_windows(posed(STILL[:num_frames], np.zeros((num_frames, 3))))
         assert len(figures) == 24
@@ -45,7 +45,7 @@ def test_windows_of_two_seconds_start_every_second() -> None:
         assert all(np.isfinite(values).all() for values in figures.values())
 
 
-def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none() -> None:
+def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none():
     time_s = np.arange(300) / FPS
     figures = realism_windows(posed(STILL, time_s[:, None] * [0.3, 0.0, 0.4]))
     for name in ("wrist speed, m/s", "pelvis speed, m/s", "ankle speed, m/s"):
@@ -69,7 +69,7 @@ TURNING = {
 
 
 @pytest.mark.parametrize("joint", TURNING)
-def test_a_joint_that_turns_shows_in_its_own_figure(joint: str) -> None:
+def test_a_joint_that_turns_shows_in_its_own_figure(joint):
     vectors = STILL.copy()
     vectors[:, JOINT_INDEX[joint], 1] = np.radians(12.0) * np.arange(300) / FPS
     figures = realism_windows(posed(vectors, np.zeros((300, 3))))
@@ -80,7 +80,7 @@ def test_a_joint_that_turns_shows_in_its_own_figure(joint: str) -> None:
         np.testing.assert_allclose(figures[other], 0.0, atol=1e-6)
 
 
-def test_a_tremor_shows_at_its_frequency() -> None:
+def test_a_tremor_shows_at_its_frequency():
     time_s = np.arange(300) / FPS
     vectors = STILL.copy()
     vectors[:, JOINT_INDEX["head"], 0] = 0.01 * np.sin(2 * np.pi * 8.0 * time_s)
@@ -89,7 +89,7 @@ def test_a_tremor_shows_at_its_frequency() -> None:
     assert np.all(np.exp(figures["head log power share above 5 Hz"]) > 0.99)
 
 
-def test_the_regression_is_the_textbook_one() -> None:
+def test_the_regression_is_the_textbook_one():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(40, 3)), rng.normal(np.array([1.0, -0.5, 0.0]), 1.0, (150, 3))
     # scikit-learn weighs the loss instead of the penalty
@@ -99,7 +99,7 @@ def test_the_regression_is_the_textbook_one() -> None:
     np.testing.assert_allclose(logistic_regression(a, b), other.coef_[0], atol=1e-4)
 
 
-def test_stiff_fingers_are_found_and_named_first() -> None:
+def test_stiff_fingers_are_found_and_named_first():
     realism = judge_realism([person(0), person(1)], {"a": [person(2, 0.6), person(3, 0.6)]})
     assert realism.joint > 0.95
     telling = {feature.name for feature in realism.features[:2]}
@@ -116,7 +116,7 @@ def test_stiff_fingers_are_found_and_named_first() -> None:
         judge_realism([person(0)], {"a": [person(1)], "b": [person(2)]})
 
 
-def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures() -> None:
+def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures():
     time_s = np.arange(300) / 30
     vectors = np.zeros((300, 55, 3))
     vectors[:, JOINT_INDEX["head"], 0] = np.radians(6 * np.sin(2 * np.pi * 1.5 * time_s))

@@ -33,21 +33,8 @@ from tools.corpus.report.page import report_page
 from tools.corpus.report.statistics import (
     PosedClip,
     clip_statistics,
-    derivative,
-    turning_deg_s,
     window_features,
 )
-
-
-def test_derivatives_of_a_cubic_and_degrees_a_second_are_known() -> None:
-    time = np.arange(60) / FPS
-    place = np.stack([2.0 * time, 0 * time, time**3], axis=1)
-    np.testing.assert_allclose(derivative(place, 3), 6.0, rtol=1e-6)
-    straight = place * [1.0, 1.0, 0.0]
-    np.testing.assert_allclose(derivative(straight, 1), 2.0, rtol=1e-9)
-    angles = np.radians(np.arange(31))  # one degree a frame
-    rotmat = Rotation.from_rotvec(angles[:, None] * [0.0, 1.0, 0.0]).as_matrix()[:, None]
-    np.testing.assert_allclose(turning_deg_s(rotmat), 30.0, rtol=1e-6)
 
 
 def standing(seconds: float, shake_hz: float) -> PosedClip:
@@ -63,7 +50,7 @@ def standing(seconds: float, shake_hz: float) -> PosedClip:
     return PosedClip(rest, rest, places, tip)
 
 
-def test_a_shaking_tip_has_its_power_where_it_shakes() -> None:
+def test_a_shaking_tip_has_its_power_where_it_shakes():
     key = "fingertip velocity power above 5 Hz, share"
     slow, fast = (clip_statistics(standing(20.0, hz)) for hz in (2.0, 8.0))
     assert slow[key] < 0.01
@@ -76,7 +63,7 @@ def test_a_shaking_tip_has_its_power_where_it_shakes() -> None:
     assert len(window_features(standing(20.0, 1.0), window_s=4.0)) == 8  # they overlap by half
 
 
-def test_area_under_the_curve() -> None:
+def test_area_under_the_curve():
     low, high = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0])
     assert area_under_curve(low, high) == 1.0
     assert area_under_curve(high, low) == 0.0
@@ -84,7 +71,7 @@ def test_area_under_the_curve() -> None:
     assert area_under_curve(np.array([1.0, 3.0]), np.array([2.0])) == 0.5
 
 
-def test_speech_that_drives_a_motion_is_told_from_shifted_speech(tmp_path: Path) -> None:
+def test_speech_that_drives_a_motion_is_told_from_shifted_speech(tmp_path):
     rng = np.random.default_rng(1)
     features, targets = [], []
     for k in range(4):
@@ -101,7 +88,7 @@ def test_speech_that_drives_a_motion_is_told_from_shifted_speech(tmp_path: Path)
     assert np.abs(shifted).max() < 0.5
 
 
-def test_a_hand_in_the_belly_is_inside_and_one_at_the_side_or_in_front_is_not() -> None:
+def test_a_hand_in_the_belly_is_inside_and_one_at_the_side_or_in_front_is_not():
     rig = open_body_rig()
     rest = np.tile(np.eye(3), (10, 55, 1, 1))
 
@@ -123,7 +110,7 @@ def test_a_hand_in_the_belly_is_inside_and_one_at_the_side_or_in_front_is_not() 
             assert hand_inside_share(with_right_hand_at(place, turn_deg), rig) == share
 
 
-def test_trunk_and_thighs_have_the_open_bodys_measures() -> None:
+def test_trunk_and_thighs_have_the_open_bodys_measures():
     """Every slice of the mesh is as wide and deep as the ellipses, within 1 cm."""
     with np.load(ROOT / "renderer" / "assets" / "open_body.npz", allow_pickle=False) as body:
         mesh = body["template"].astype(float)
@@ -145,7 +132,7 @@ def test_trunk_and_thighs_have_the_open_bodys_measures() -> None:
             np.testing.assert_allclose(measured, ellipse, atol=0.01)
 
 
-def test_phrases_are_runs_of_words_between_pauses(tmp_path: Path) -> None:
+def test_phrases_are_runs_of_words_between_pauses(tmp_path):
     rows = [(0, 0.5, ""), (0.5, 1, "one"), (1, 1.1, ""), (1.1, 2, "two"), (2, 3, "three")]
     rows += [(3, 4, "four"), (4, 5, "five"), (5, 5.2, ""), (5.2, 6, "too"), (6, 7, "short")]
     intervals = "".join(
@@ -210,7 +197,7 @@ def test_clips_that_cannot_be_used_are_named_and_left_out(corpus, tmp_path, capl
     assert [clip.clip_id for clip in list_clips(root)] == [n for n in names if n[-1] != "3"]
 
 
-def test_the_verdict_says_what_gives_the_corpus_away(corpus: Path, tmp_path: Path) -> None:
+def test_the_verdict_says_what_gives_the_corpus_away(corpus, tmp_path):
     """Copies of one clip as real and as corpus cannot be told apart; a changed figure can."""
     root = copies_of(corpus, tmp_path / "real", [f"1_a_0_{k}_{k}" for k in range(4)])
     clips = measure_clips(list_clips(root), open_body_rig(), "Measuring")

@@ -25,7 +25,7 @@ def sentences(count: int, split: Split, seed: int = 0) -> list[str]:
     return list(islice(talk(rng, split), count))
 
 
-def test_every_symbol_is_defined_and_every_rule_is_used() -> None:
+def test_every_symbol_is_defined_and_every_rule_is_used():
     named = {
         symbol
         for expansions in GRAMMAR.values()
@@ -39,7 +39,7 @@ def test_every_symbol_is_defined_and_every_rule_is_used() -> None:
     assert set(END_MARKS) <= kinds
 
 
-def test_a_sentence_belongs_to_the_split_it_was_drawn_for() -> None:
+def test_a_sentence_belongs_to_the_split_it_was_drawn_for():
     for split in SPLITS:
         drawn = sentences(50, split)
         assert {split_of(s) for s in drawn} == {split}
@@ -48,7 +48,7 @@ def test_a_sentence_belongs_to_the_split_it_was_drawn_for() -> None:
 
 
 @pytest.mark.slow
-def test_ten_hours_hardly_repeat_a_sentence() -> None:
+def test_ten_hours_hardly_repeat_a_sentence():
     rng = np.random.default_rng(5)
     drawn = [
         sentence
@@ -58,7 +58,7 @@ def test_ten_hours_hardly_repeat_a_sentence() -> None:
     assert len(set(drawn)) > 0.99 * len(drawn)
 
 
-def test_only_a_question_is_followed_by_an_answer() -> None:
+def test_only_a_question_is_followed_by_an_answer():
     drawn = list(islice(talk(np.random.default_rng(4), "train"), 2000))
     after = [b.startswith(("Yes, exactly", "Good question")) for b in drawn[1:]]
     asked = np.array([a.endswith("?") for a in drawn[:-1]])

@@ -6,13 +6,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from model.systems.asynfusion.network import (
-    BRANCHES,
-    Concatenation,
-    CoSync,
-    FeatureBuffer,
-    Gate,
-)
+from model.systems.asynfusion.network import BRANCHES, Concatenation, CoSync, FeatureBuffer, Gate
 from tests.model.systems.asynfusion.made import made_conditions, made_pair, tiny_network
 
 

@@ -64,7 +64,6 @@ def test_a_ddim_step_is_that_of_the_variance_preserving_process(step, earlier):
     x = math.sqrt(kept[step]) * x_0 + math.sqrt(1 - kept[step]) * noise  # eq. 5
     eps = (x - math.sqrt(kept[step]) * told) / math.sqrt(1 - kept[step])
     wanted = math.sqrt(kept[earlier]) * told + math.sqrt(1 - kept[earlier]) * eps
-
     t, t_earlier = times[step].expand(2), times[earlier].expand(2)
     x_t = interpolate(noise, x_0, t)
     torch.testing.assert_close(x_t * scale, x, rtol=1e-5, atol=1e-6)

@@ -110,7 +110,6 @@ def test_a_student_agrees_with_itself_after_a_step_of_its_guided_teacher(strengt
     conditions = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
     steps = torch.tensor([500, 700]), torch.tensor([500, 300])
     found = one_solver_step(config, student, teacher, normaliser, x_t, steps, conditions)
-
     times = flow_times()
     t, earlier = ((times[face - k], times[body - k]) for k in (0, 20) for face, body in [steps])
     heard = teacher(x_t, t, **conditions)

@@ -56,20 +56,6 @@ def test_posterior_is_that_of_the_discrete_chain(steps):
         assert float(deviation[n]) == pytest.approx(np.sqrt(variance), rel=1e-4, abs=1e-6)
 
 
-def test_posterior_is_the_conditional_of_the_joint_gaussian():
-    """Bayes' rule for x_before by precision, from the two ways of diffusing alone."""
-    before, now = torch.tensor([0.35]), torch.tensor([0.6])
-    zero, one = torch.zeros(1, 1, 1), torch.ones(1, 1, 1)
-    forward = [float(diffused(one, zero, a, b)) for a, b in ((0 * now, before), (before, now))]
-    noise = [float(diffused(zero, one, a, b)) for a, b in ((0 * now, before), (before, now))]
-    x_0, x_now = 0.7, -1.3
-    precision = 1 / noise[0] ** 2 + forward[1] ** 2 / noise[1] ** 2
-    wanted = (forward[0] * x_0 / noise[0] ** 2 + forward[1] * x_now / noise[1] ** 2) / precision
-    mean, deviation = posterior(x_now * one, x_0 * one, before, now)
-    assert float(mean) == pytest.approx(wanted, rel=1e-5)
-    assert float(deviation) == pytest.approx(precision**-0.5, rel=1e-5)
-
-
 def test_two_ways_of_diffusing_agree():
     t = torch.tensor([0.2, 0.5, 1.0])
     one, zero = torch.ones(3, 1, 1), torch.zeros(3, 1, 1)

@@ -74,7 +74,7 @@ def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedD
     )
 
 
-def trained(folder: Path, steps: int = 60) -> tuple[DescentTask, PreparedData]:
+def trained(folder: Path, steps: int = 40) -> tuple[DescentTask, PreparedData]:
     """A task after some steps on such data."""
     config = tiny_config(steps=steps, learning_rate=1e-2, batch_size=8, ema_decay=0.9)
     data = made_data(folder)

@@ -24,10 +24,10 @@ from tests.model.systems.official.made_official import make_features, make_offic
 
 @pytest.fixture
 def named(made_once, tmp_path, monkeypatch) -> Path:
-    """The checkpoints, as a person names them, with features of 5 s of speech."""
+    """The checkpoints, as a person names them, with features of 3 s of speech."""
     checkpoints = made_once("official", make_official)
     monkeypatch.setenv("OFFICIAL_DIR", str(checkpoints))
-    monkeypatch.setenv("OFFICIAL_FEATURES", str(make_features(tmp_path / "features.npz", 3)))
+    monkeypatch.setenv("OFFICIAL_FEATURES", str(make_features(tmp_path / "features.npz", 2)))
     monkeypatch.delenv("OFFICIAL_SEED", raising=False)
     return checkpoints
 
@@ -58,11 +58,11 @@ def test_both_move_by_one_network_for_as_long_as_the_speech(named, tmp_path):
     assert [len(sha256) for sha256 in smooth.sha256s.values()] == [64, 64]
     with pytest.raises(UnknownNameError, match="There is no speaker 'nobody'"):
         smooth.speaker_index("nobody")
-    speech = made_speech(80_000)
+    speech = made_speech(48_000)
     options = GenerateOptions(speaker="scott", samples=2, steps=1)
     made_by = {system.name: generate_motion(system, speech, options) for system in (smooth, raw)}
     for first, second in made_by.values():
-        assert first.num_frames == second.num_frames == 150
+        assert first.num_frames == second.num_frames == 90
         assert first.expression_basis == "flame100" and first.expressions.std(0).min() > 1e-3
         assert np.abs(first.poses - second.poses).max() > 1e-2
         np.testing.assert_array_equal(first.expressions, second.expressions)

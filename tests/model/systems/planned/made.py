@@ -44,7 +44,6 @@ def make_planned_weights(folder: Path) -> Path:
     statistics |= {"begins.goals": torch.tensor([[1.0, -1.5, 0.5]] * 2).repeat(4, 1, 1)}
     config = PlannerTrainConfig(system=PLANNER, planner=TINY_PLANNER)
     save_made(folder, config, planner, statistics)
-
     prior = made_prior(TINY_NETWORK.motion_dim)
     mean = torch.zeros(TINY_NETWORK.motion_dim)
     mean[-2] = 1.2

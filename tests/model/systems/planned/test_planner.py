@@ -229,7 +229,6 @@ def test_sliders_act_on_what_has_not_begun(planner):
     assert len(lengths(seldom, "preparation")) < len(lengths(often, "preparation"))
     fast, slow = (began(planner, SPEECH, Manner(fast=times), 60) for times in (2.0, 0.5))
     assert np.mean(lengths(fast, "stroke")) < np.mean(lengths(slow, "stroke"))
-
     changed = Manner(large=1.5, high_m=0.1, smile=0.0)
     plans = []
     for manner in (changed, USUAL):

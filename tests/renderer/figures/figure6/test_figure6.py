@@ -1,7 +1,6 @@
 """Figure 6: what it shows is what it was given, and nothing covers anything else."""
 
 import itertools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -89,14 +88,14 @@ def axes_of(figure: Any) -> dict[str, Any]:
     return {ax.get_label(): ax for ax in figure.axes}
 
 
-def test_the_file_tells_its_caption(tmp_path: Path) -> None:
+def test_the_file_tells_its_caption(tmp_path):
     files = figure6(check(**make_inputs(1, False, 0, 15)), tmp_path / "figure6")
     with Image.open(files.png) as picture:
         assert picture.width == 2016
         assert ONE_SEED_CAVEAT in picture.info["Description"]
 
 
-def test_the_figure_is_its_input() -> None:
+def test_the_figure_is_its_input():
     """Lines, one scale of the three coordinates, snapshots under their frames, the caption."""
     inputs = make_inputs(2, num_snapshots=3)
     inputs["snapshot_frames"] = (20, 50, 100)
@@ -114,7 +113,6 @@ def test_the_figure_is_its_input() -> None:
     scales = [np.ptp(axes[x].get_ylim()) / axes[x].get_window_extent().height for x in "xyz"]
     np.testing.assert_allclose(scales, scales[0], rtol=1e-9)
     assert contents.caption in " ".join(text.get_text() for text in figure.texts)
-
     placed = {image.get_label(): image for image in axes["snapshots"].get_images()}
     boxes = {label: image.get_window_extent() for label, image in placed.items()}
     by_place = sorted(placed, key=lambda label: (-round(boxes[label].y0), boxes[label].x0))
@@ -143,7 +141,7 @@ def test_every_point_is_inside_its_axis_and_each_axis_has_a_scale(shift, spread)
         assert len(inside) >= 2
 
 
-def test_caption_states_frames_source_filter_and_honesty() -> None:
+def test_caption_states_frames_source_filter_and_honesty():
     raw = check(**make_inputs(1), start_frame=30).caption
     assert "frames 30 to 299 of 2_scott_0_1_1 at 30 frames per second" in raw
     assert "Tip source: rigid." in raw
@@ -159,7 +157,7 @@ def test_caption_states_frames_source_filter_and_honesty() -> None:
     assert "The motions differ in length and are cut to the shortest." in contents.caption
 
 
-def test_marks_are_in_the_pictures_and_their_scale_in_the_caption() -> None:
+def test_marks_are_in_the_pictures_and_their_scale_in_the_caption():
     inputs = make_inputs(1, False, 2, 30)
     contents = check(**inputs, marks=make_marks(inputs))
     assert "jerk of each joint around the frame, largest and darkest at 500 m/s³" in (
@@ -169,7 +167,7 @@ def test_marks_are_in_the_pictures_and_their_scale_in_the_caption() -> None:
         assert image.get_array().min() < 60  # nothing else in these pictures is below 90
 
 
-def test_snapshot_frames_are_every_50_of_the_window() -> None:
+def test_snapshot_frames_are_every_50_of_the_window():
     assert choose_snapshot_frames(1000) == (0, 50, 100, 150, 200, 250)
     assert choose_snapshot_frames(1000, start_frame=30, window_frames=101) == (30, 80, 130)
     assert choose_snapshot_frames(15) == (0,)
@@ -227,7 +225,7 @@ FAR = 107_000
 @pytest.mark.parametrize(
     ("inputs", "has_marks", "start"),
     [
-        (make_inputs(1, False, 1, 1), False, 0),
+        pytest.param(make_inputs(1, False, 1, 1), False, 0, marks=SLOW),
         (make_inputs(3, True, 7, names=ODD_NAMES), False, FAR),
         (make_inputs(6, True, 1, 15, names=ODD_NAMES), True, 0),
         *(
@@ -250,7 +248,7 @@ def test_nothing_overlaps(monkeypatch, inputs, has_marks, start):
     check_legible(check(**inputs, start_frame=start, marks=marks), monkeypatch)
 
 
-def test_keys_differ_in_a_greyscale_print() -> None:
+def test_keys_differ_in_a_greyscale_print():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     scale = 288.0
@@ -305,7 +303,7 @@ def test_keys_differ_in_a_greyscale_print() -> None:
         ({"marks": {"values": {NAMES[0]: np.zeros((5, 2))}}}, r"got \(6, 2, 2\) and \(5, 2\)"),
     ],
 )
-def test_refuses_with_one_sentence(changes: dict[str, Any], message: str) -> None:
+def test_refuses_with_one_sentence(changes, message):
     inputs = make_inputs(1, has_reference="marks" not in changes)
     with pytest.raises(FigureError, match=message):
         if "tip" in changes:

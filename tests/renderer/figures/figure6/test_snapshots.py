@@ -18,7 +18,7 @@ LIMBS = [
 
 
 @pytest.mark.parametrize("view", ["front", "side"])
-def test_joints_lie_on_the_body_also_where_the_camera_follows(view: str) -> None:
+def test_joints_lie_on_the_body_also_where_the_camera_follows(view):
     rng = np.random.default_rng(0)
     motion = BodyMotion.resting(61)
     motion.poses[:] = rng.normal(scale=0.15, size=(1, 165))
@@ -27,10 +27,8 @@ def test_joints_lie_on_the_body_also_where_the_camera_follows(view: str) -> None
     settings = RenderSettings(160, 160, view=view, is_transparent=True)
     stage = set_stage(body, [motion], view)
     assert stage.is_following
-
     pictures = render_stills(body, motion, frames, settings, stage=stage)
     pixels = projected_joints(body, motion, frames, settings, stage)
-
     assert pixels.shape == (3, 55, 2)
     columns, rows = np.floor(pixels[:, LIMBS]).astype(int).T
     coverage = pictures[..., 3][np.arange(3), rows, columns]
@@ -38,10 +36,9 @@ def test_joints_lie_on_the_body_also_where_the_camera_follows(view: str) -> None
     assert (pictures[..., 3] == 255).mean() < 0.25  # the body fills little of its picture
 
 
-def test_a_mark_is_centred_on_its_joint_and_nothing_else_changes() -> None:
+def test_a_mark_is_centred_on_its_joint_and_nothing_else_changes():
     pictures = np.full((1, 100, 100, 3), 150, np.uint8)
     marked = mark_joints(pictures, np.array([[[30.5, 60.5]]]), np.array([[1.0]]))[0]
-
     assert np.abs(marked[60, 30] - np.array(CORE_RGB)).max() < 30
     changed = np.argwhere((marked != 150).any(axis=-1))
     np.testing.assert_array_equal(changed.mean(axis=0), [60, 30])
@@ -49,7 +46,7 @@ def test_a_mark_is_centred_on_its_joint_and_nothing_else_changes() -> None:
     assert pictures.max() == 150  # the given pictures stay as they are
 
 
-def test_marks_grow_and_darken_with_the_value() -> None:
+def test_marks_grow_and_darken_with_the_value():
     places = np.array([[[50.0, 50.0]]])
 
     def look(severity: float) -> tuple[int, int]:
@@ -65,7 +62,7 @@ def test_marks_grow_and_darken_with_the_value() -> None:
     assert look(7.0) == look(1.0)
 
 
-def test_a_mark_at_the_edge_is_cut_and_one_outside_is_none() -> None:
+def test_a_mark_at_the_edge_is_cut_and_one_outside_is_none():
     pictures = np.full((1, 40, 60, 3), 150, np.uint8)
     for place in ((-50.0, 5.0), (1e6, 5.0), (np.nan, 5.0), (5.0, -1e5)):
         marked = mark_joints(pictures, np.array([[place]]), np.ones((1, 1)))
@@ -75,16 +72,14 @@ def test_a_mark_at_the_edge_is_cut_and_one_outside_is_none() -> None:
     assert (marked[:20] == 150).all()
 
 
-def test_crop_keeps_all_content_at_one_size() -> None:
+def test_crop_keeps_all_content_at_one_size():
     pictures = np.full((3, 60, 80, 3), 200, dtype=np.uint8)
     pictures += np.arange(60, dtype=np.uint8)[None, :, None, None] // 2  # a vertical gradient
     for i, picture in enumerate(pictures):
         picture[20:50, 10 + 20 * i : 18 + 20 * i] = 30  # walks to the right
     other = pictures.copy()
     other[1, 15:20, 34:36] = 60  # one row's raised hand
-
     cropped = crop_alike({"a": pictures, "b": other})
-
     shapes = {stack.shape for stack in cropped.values()}
     assert len(shapes) == 1
     _, height, width, _ = shapes.pop()
@@ -96,7 +91,7 @@ def test_crop_keeps_all_content_at_one_size() -> None:
     assert (background_a != background_b).any(-1).sum() == 10  # the same place in both rows
 
 
-def test_crop_keeps_empty_and_full_pictures_and_an_arm_that_leaves_whole() -> None:
+def test_crop_keeps_empty_and_full_pictures_and_an_arm_that_leaves_whole():
     empty = {"a": np.full((2, 30, 40, 3), 255, dtype=np.uint8)}
     np.testing.assert_array_equal(crop_alike(empty)["a"], empty["a"])
     rng = np.random.default_rng(0)

@@ -17,13 +17,13 @@ def wave(hertz: float, metres: float, num_frames: int = 300) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("hertz", "kept"), [(1.0, 0.0), (2.0, 0.0), (5.0, 0.5), (10.0, 1.0)])
-def test_what_is_slow_is_taken_away_and_what_is_fast_stays(hertz: float, kept: float) -> None:
+def test_what_is_slow_is_taken_away_and_what_is_fast_stays(hertz, kept):
     """Forwards and backwards, a Butterworth filter halves what lies at its cut-off."""
     off = off_the_slow_path(wave(hertz, 0.01), FPS)[INSIDE]
     assert np.abs(off - kept * 1000 * wave(hertz, 0.01)[INSIDE]).max() < 0.1
 
 
-def test_a_tremble_on_a_wide_path_is_told_in_millimetres() -> None:
+def test_a_tremble_on_a_wide_path_is_told_in_millimetres():
     track = wave(0.5, 0.3) + wave(9.0, 0.002)
     rms = np.sqrt(np.square(off_the_slow_path(track, FPS)[INSIDE]).sum(1).mean())
     assert rms == pytest.approx(2.0 * np.sqrt(3 / 2), rel=0.02)
@@ -35,7 +35,7 @@ def figure_of(tracks: dict[str, np.ndarray], start_frame: int = 0):
         return draw_figure6(contents)
 
 
-def test_each_motion_has_a_strip_on_one_scale_with_its_rms() -> None:
+def test_each_motion_has_a_strip_on_one_scale_with_its_rms():
     quiet, loud = wave(0.5, 0.3) + wave(9.0, 0.001), wave(0.5, 0.3) + wave(9.0, 0.004)
     figure = figure_of({"quiet": quiet, "loud": loud})
     strips = {a.get_label(): a for a in figure.axes if str(a.get_label()).startswith("tremble")}
@@ -51,7 +51,7 @@ def test_each_motion_has_a_strip_on_one_scale_with_its_rms() -> None:
     assert [f"{value:.1f} mm rms" in told for value in rms] == [True, True]
 
 
-def test_the_window_sees_what_lies_before_it() -> None:
+def test_the_window_sees_what_lies_before_it():
     """The filter starts at the clip's beginning, so a window has no ringing at its own."""
     track = wave(0.5, 0.3, 600) + wave(9.0, 0.001, 600)
     whole = off_the_slow_path(track, FPS)
@@ -61,6 +61,6 @@ def test_the_window_sees_what_lies_before_it() -> None:
     assert np.allclose(np.asarray(strip.lines[0].get_xdata()), np.arange(300, 600) / FPS)
 
 
-def test_too_short_a_window_has_none() -> None:
+def test_too_short_a_window_has_none():
     short = {"a": wave(1.0, 0.1, MIN_FRAMES - 1)}
     assert not [a for a in figure_of(short).axes if "tremble" in str(a.get_label())]
