@@ -211,7 +211,7 @@ STAGE_NAMES = {
 }
 READY = "Ready."
 STARTING = "Starting, as soon as the models are read."
-WAITING = "Waiting for its turn on this machine."
+WAITING = "Waiting for its turn."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 SEEN_STARTING = "The video of the stage begins as soon as there is room."
 SEEN_COMING = "The video of the stage is drawn: {share:.0%}."

@@ -75,8 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--short",
         action="store_true",
-        help="a few minutes: without training, families, busy cores, browser, stages of drawing "
-        "and memory",
+        help="a few minutes: without training, families, busy cores, a run of all systems, "
+        "browser, stages of drawing and memory",
     )
     options = parser.parse_args(argv)
     speech = options.speech or min(EXAMPLES.glob("*.wav"))
@@ -98,12 +98,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             add(time_families())
             add(time_training(options.weights))
             add(time_beside_busy_cores(clip, options.weights, folder))
-        add(time_run(clip, options.weights, folder))
+            add(time_run(clip, options.weights, folder))
         add(time_page_run(clip, options.weights, folder))
         if not options.short:
             add(time_browser(clip, options.weights, folder))
-        add(time_measures(folder / "run" / f"{file_stem(usual_systems('bench-busy')[0])}.npz"))
-        add(time_rendering(options.weights, folder, options.short))
+        made = folder / ("page" if options.short else "run")
+        add(time_measures(made / f"{file_stem(usual_systems('bench-busy')[0])}.npz"))
+        add(time_rendering(made, folder, options.short))
         if not (options.no_memory or options.short):
             add(measure_memory(speech, options.weights, folder))
     record = {
@@ -362,13 +363,12 @@ def time_measures(motion_file: Path) -> list[Figure]:
     return [Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")]
 
 
-def time_rendering(weights: Path, folder: Path, is_short: bool) -> list[Figure]:
-    """Videos of the first system's motion, and unless in short by each backend, the stages of
+def time_rendering(made: Path, folder: Path, is_short: bool) -> list[Figure]:
+    """Videos of the first motion that was made, and unless in short by each backend, the stages of
     drawing it, and the usual loop beside."""
     from model.motion.motion import load_motion
 
-    path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
-    motion = body_motion(load_motion(path))
+    motion = body_motion(load_motion(min(made.glob("*.npz"))))
     if is_short:
         return _video_rates(motion, folder)
     return [

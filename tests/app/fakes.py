@@ -11,6 +11,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
+from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun
 from app.live.sessions import LiveSessions
@@ -195,9 +196,10 @@ def make_generate(
             run.record.speech_sha256 = speech.sha256
             run.rows(names)
             run.sound(speech.waveform)
+            recorded = {}
             if request.reference is not None:
-                recorded = first_frames(load_motion(request.reference), num_frames)
-                run.motion(REFERENCE_NAME, recorded)
+                recorded[REFERENCE_NAME] = first_frames(load_motion(request.reference), num_frames)
+                run.motion(REFERENCE_NAME, recorded[REFERENCE_NAME])
             if before_window is not None:
                 tell_windows(run, systems, num_frames, before_window)
             if plan is not None:
@@ -212,8 +214,10 @@ def make_generate(
                 raise late_error
             tip = choose_tip_source(load_body(), None)
             said = RECOGNISED if request.words == "recognise" else given_words(request.transcript)
-            run.timeline(make_timeline(speech, motions, "raw", tip), said)
-            run.find_plans(motions)
+            timeline = make_timeline(speech, motions, "raw", tip)
+            timeline["curves"] |= make_timeline(None, recorded, "raw", tip)["curves"]
+            run.timeline(timeline, said)
+            run.find_plans(motions | recorded)
             reference = measures(104.0) if request.reference else None
             jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
             run.progress("numbers", 1.0)
@@ -226,7 +230,8 @@ def make_generate(
             run.file("figure", "figure6", figure)
             run.note("A note.")
             why = "" if request.take is None else request.take.why_less
-            run.finish(f"Done in 0 s: {len(names)} motions. {why}".strip())
+            done = text.DONE.format(seconds=0, rows=f"{len(names)} motions", frames=num_frames)
+            run.finish(f"{done} {why}".strip())
 
     return generate
 
@@ -243,7 +248,11 @@ def diagnose(request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldC
         for name, motion in motions.items():
             run.motion(name, motion)
         run.note("A <note>.")
-        run.measured(diagnostics_of(**{name: measures(120.0) for name in request.names}))
+        found = diagnostics_of(**{name: measures(120.0) for name in request.names})
+        assumed = {name: [{"what": "up", "why": "so (--up)"}] for name in request.names}
+        for row, path in zip(run.record.rows, request.motions, strict=True):
+            row.ending = path.suffix
+        run.measured(replace(found, assumed=assumed))
         for name in ("diagnostics.json", "jitter.png"):
             path = folder.path(name)
             path.write_bytes(b"0")

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,9 +17,15 @@ from app.page.player.first_look_shown import EXAMPLE
 from app.page.tabs import own_motion
 from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
 from app.run.experiments.mechanism import NAMES
+from app.run.followed_point import choose_tip_source
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord
+from app.run.run_writer import RunWriter
 from model.motion.motion import load_motion, save_motion
-from model.speech.audio import write_wav
+from model.speech.audio import load_speech, write_wav
+from model.speech.transcript import NOTHING_SAID
 from model.systems.globaldiff.config import BEST
+from renderer.body.body import load_body
 from tests.app import fakes
 from tests.browser.conftest import (
     FRAMES,
@@ -79,10 +84,13 @@ def address(
     folder = tmp_path_factory.mktemp("walk")
     config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
     look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
-    look.folder.mkdir(parents=True)
-    shutil.copyfile(look.speech, look.beginning)
-    for name in (STEADY, TREMBLING):
-        save_motion(load_motion(CLEAN).part(slice(45)), look.folder / f"{name}.npz")
+    clean, tip = load_motion(CLEAN).part(slice(45)), choose_tip_source(load_body(), None)
+    look.folder.parent.mkdir(parents=True)
+    with ResultFolder(look.folder) as results:
+        run = RunWriter(results, RunRecord(kind="given", point=tip.point))
+        shown = dict.fromkeys((STEADY, TREMBLING), clean)
+        run.timeline(run.show(shown, load_speech(look.speech), tip), NOTHING_SAID)
+        run.finish("")
     facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
     (look.folder / FACTS).write_text(json.dumps(facts))
     with served(config, is_warmed_up=True, **the_fake.does) as address:

@@ -116,6 +116,7 @@ class Visitor(AbstractContextManager["Visitor"]):
             f"{page.replace('http', 'ws', 1)}/live/speak",
             ssl=self._tls,
             additional_headers={"Origin": page, "Cookie": cookies},
+            source_address=(self._own, 0),
             open_timeout=120,
         ) as socket:
             socket.send(json.dumps({"system": system, "speaker": speaker, "seed": 1}))

@@ -57,7 +57,7 @@ def test_every_import_of_the_modules_is_of_the_form_that_is_read():
 
 def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_path):
     name = "<script>alert(1)<script>"
-    said = Transcript((Word(0, 1, "</script><script>alert(1)</script>"),))
+    said = Transcript((Word(0.0, 1.0, "</script><script>alert(1)</script>"),))
     folder = made_run(tmp_path / "1", "</title><b>", jerk={name: 1.0}, said=said).folder
     html = player_alone(folder)
     assert "alert(1)<script>" not in html and "</title><b>" not in html

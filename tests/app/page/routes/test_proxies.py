@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.routes import guard
+from app.page.routes import live_route
 from app.page.visitors.visitors import address_of
 from model.motion.motion import save_motion
 from tests.app.page.conftest import UPLOAD
@@ -148,12 +148,12 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
         return look_up("127.0.0.1" if host == NAME else host, *arguments, **options)
 
     def noted(request) -> str:
-        """Addresses of visitors who upload, as the page sees them."""
+        """Addresses of visitors who speak, as the page sees them."""
         seen.append(address_of(request))
         return seen[-1]
 
     monkeypatch.setattr(socket, "getaddrinfo", looked_up)
-    monkeypatch.setattr(guard, "address_of", noted)
+    monkeypatch.setattr(live_route, "address_of", noted)
     port = free_port()
     address = f"https://{NAME}:{port}/"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
@@ -187,9 +187,7 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
                     visitor.upload("a.npz", bytes(3 * SIZE_MB * 10**6))
                 files = [path for path in (tmp_path / "page").rglob("*") if path.is_file()]
                 assert all(path.stat().st_size <= SIZE_MB * 10**6 for path in files)
-                seen.clear()
                 upload = visitor.upload("a.npz", motion)
-                assert seen == ["127.0.1.7"]  # its own, and neither the proxy's nor what it says
                 times = []
                 form = {"motions": [upload], "has_videos": False}
                 for _ in visitor.events("own_motion", form):
@@ -198,3 +196,4 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
                 found = visitor.run("own_motion", **form)
                 assert any("jitter" in address for address in found)
                 assert visitor.speak(sound, "globaldiff/global", "ann") > 0
+                assert seen == ["127.0.1.7"]  # its own, and neither the proxy's nor what it says
