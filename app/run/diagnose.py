@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
-from app.flags import OUT_FOLDER, flag, names_of
+from app.flags import OUT_FOLDER, flag, flags_of, names_of
 from app.run.body_motion import body_motion
 from app.run.diagnostics import (
     check_start,
@@ -33,6 +33,7 @@ from app.run.requests.request import (
     START,
     TRANSCRIPT,
     WORDS,
+    FigureAsked,
     WordsAsked,
 )
 from app.run.videos.comparison import Snapshots, draw_poses
@@ -121,6 +122,7 @@ class DiagnoseRequest:
     """The fingertip or joint that figure and tip measures follow."""
     start_frame: int = field(default=0, metadata=START)
     """First frame of Figure 6."""
+    figure: FigureAsked = field(default_factory=FigureAsked, metadata=flags_of(FigureAsked))
     body: Path | None = field(default=None, metadata=BODY)
     has_pictures: bool = field(
         default=True, metadata=flag("a figure without poses", name="--no-pictures")
@@ -220,7 +222,8 @@ def _diagnose(
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request, on_measured)
     shown = _shown(request, read)
-    check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
+    shortest = min(motion.num_frames for motion in read.all.values())
+    check_start(request.start_frame, shortest, request.figure)
     is_pictured = request.is_played or request.videos is not None
     pictured = picture_motions(shown if is_pictured else {})
     with ResultFolder(request.out) as folder:
@@ -474,9 +477,9 @@ def _draw_figure6(
     from renderer.figures.figure6.spec import choose_snapshot_frames
 
     shortest = min(motion.num_frames for motion in motions.values())
-    frames = choose_snapshot_frames(shortest, request.start_frame)
+    frames = request.figure.frames or choose_snapshot_frames(shortest, request.start_frame)
     snapshots = Snapshots(frames)
-    if request.has_pictures:
+    if request.has_pictures and "b" in request.figure.panels:
         share = _POSES_DRAWN - _SHEET_DRAWN
         snapshots = draw_poses(
             motions, request.body, frames, lambda part: on_progress(_SHEET_DRAWN + share * part)
@@ -487,6 +490,7 @@ def _draw_figure6(
         tip,
         folder,
         request.start_frame,
+        request.figure,
         is_generated=False,
         on_piece=lambda: on_progress(_POSES_DRAWN),
     )

@@ -116,7 +116,7 @@ class FiguresShown:
     def take_files(self, paths: Iterable[Path]) -> None:
         """Note the figures among the files of a run."""
         for path in paths:
-            if path.suffix in (".png", ".svg", ".pdf"):
+            if path.suffix in (".png", ".svg", ".pdf", ".txt"):
                 self.take(Artefact("figure", path.stem, path))
 
     def html(self, diagnostics: Diagnostics | None = None) -> str:
@@ -124,7 +124,12 @@ class FiguresShown:
         if diagnostics:
             self._sentences = sentences_of(diagnostics)
         return "".join(
-            _figure(stem, {each: self._url(path) for each, path in paths.items()}, self._sentences)
+            _figure(
+                stem,
+                {each: self._url(paths[each]) for each in _DOWNLOADS if each in paths},
+                self._sentences,
+                paths["txt"].read_text("utf-8") if "txt" in paths else "",
+            )
             for stem, paths in self._paths.items()
             if "png" in paths
         )
@@ -141,20 +146,24 @@ class FiguresShown:
         return self._urls[path]
 
 
-def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) -> str:
+def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(
         f'<a href="{escape(urls[ending])}" download="{escape(stem)}.{ending}">{ending.upper()}</a>'
-        for ending in _DOWNLOADS
-        if ending in urls
+        for ending in urls
     )
     said = "".join(
         f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
+    )
+    beside = (
+        f"<details><summary>{text.CAPTION}</summary><p>{escape(caption)}</p></details>"
+        if caption
+        else ""
     )
     return (
         f"{markup.heading(about.title, about.help)}"
         f'<figure class="plot"><button type="button" class="zoom" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></button>'
-        f'<figcaption>{said}<p class="links">{links}</p></figcaption></figure>'
+        f'<figcaption>{said}{beside}<p class="links">{links}</p></figcaption></figure>'
     )

@@ -136,6 +136,11 @@ def figures(tmp_path: Path, *files: str) -> FiguresShown:
 def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):
     assert figures(tmp_path, "figure6.svg", "diagnostics.png").html() == ""
     html = figures(tmp_path, "figure6.svg", "figure6.png", "jitter.png").html()
+    assert text.CAPTION not in html
+    (tmp_path / "figure6.txt").write_text("Of <one> clip.")
+    captioned = FiguresShown(MediaAddresses(), "")
+    captioned.take_files([tmp_path / name for name in ("figure6.png", "figure6.txt")])
+    assert "<p>Of &lt;one&gt; clip.</p>" in captioned.html(), "it stands beside, to copy"
     assert html.count("<img") == 2
     assert html.count("download=") == 3 and 'download="figure6.svg"' in html
     assert html.index(text.FIGURES["figure6"].title) < html.index(text.FIGURES["jitter"].title)
