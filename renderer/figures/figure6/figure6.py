@@ -126,7 +126,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
         return
     alone = [(name,) for name in names]
     if is_wide:
-        strips = min(count * 12.0, 54.0)
+        strips = min(count * 12.0, 60.0)
         room = MAX_HEIGHT_MM - 2 * _KEY_MM - 2 * (_TITLE_MM + _TIME_MM) - _FRAME_MM - strips
         height = min(36.0, room / count)
         beside = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
@@ -164,7 +164,8 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: Row) -> None:
     """An axis for each coordinate against time, all to one scale in metres per inch."""
     from matplotlib.ticker import MaxNLocator
 
-    limits, times = _limits(contents, 1.14, _MIN_SHARE), contents.times
+    least = _MIN_SHARE if contents.is_in_one_plot else 0.3
+    limits, times = _limits(contents, 1.14, least), contents.times
     spans = np.ptp(limits, axis=1)
     margin = 0.01 * (times[-1] - times[0]) or 0.5 / contents.fps
     stack = part.subplots(3, 1, sharex=True, squeeze=False, height_ratios=spans)[:, 0]
@@ -234,7 +235,7 @@ def _path(part: "SubFigure", contents: Figure6, row: Row) -> None:
     # Numbers stand at the edges that nothing is drawn beyond: below in front, and at the left.
     edges = {0: (limits[1, 0], limits[2, 1]), 1: (limits[0, 0], limits[2, 0]),
              2: (limits[0, 0], limits[1, 0])}  # fmt: skip
-    away = {0: [(2.0, -7.0)] * 2, 1: [(-3.0, 3.0), (-3.0, 0.0)], 2: [(-3.0, -3.0), (-3.0, -7.0)]}
+    away = {0: [(5.0, -7.0)] * 2, 1: [(-3.0, 3.0), (-3.0, 0.0)], 2: [(-3.0, -3.0), (-3.0, -7.0)]}
     for axis, fixed in edges.items():
         start = np.insert(np.array(fixed), axis, 0.0)
         line(start, axis, color=style.INK, linewidth=0.5, zorder=0.6)
@@ -319,7 +320,7 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: Row, cells: Cells) -> 
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0, labeltop=row.is_first and axes is rows[0], labelbottom=False)
         places = step * np.arange(cells.count)
-        axes.set_xticks(places + width / 2, _frame_labels(contents, row))
+        axes.set_xticks(places + width / 2, _frame_labels(contents, row, cells))
         axes.set_yticks([])
         if len(row.names) > 1:
             axes.set_title(style.cut_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
@@ -328,10 +329,11 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: Row, cells: Cells) -> 
         _draw_marks(axes, joints.reshape(-1, 2), values.ravel(), 0.045 * height_pt)
 
 
-def _frame_labels(contents: Figure6, row: Row) -> list[str]:
+def _frame_labels(contents: Figure6, row: Row, cells: Cells) -> list[str]:
     """Frame numbers called so, all where there is room, else the first."""
     labels = [f"frame {frame}" for frame in contents.snapshot_frames]
-    room = row.widths_mm[row.panels.index("b")] / len(labels) - 2.0
+    by_height = cells.aspect * (row.height_mm / len(row.names) - _KEY_MM)
+    room = 0.85 * min(row.widths_mm[row.panels.index("b")] / len(labels), by_height) - 1.0
     if max(style.text_width_mm(label, SMALL_PT) for label in labels) < room:
         return labels
     return [labels[0], *map(str, contents.snapshot_frames[1:])]
@@ -401,7 +403,9 @@ def _strips(part: "SubFigure", contents: Figure6, row: Row) -> None:
             title = f"{style.cut_text(name, SMALL_PT, 0.4 * contents.width_mm)}  {size}"
             axes.set_title(title, size=SMALL_PT, pad=1.5)
         else:
-            label = f"{style.cut_text(name, SMALL_PT, 0.2 * contents.width_mm)}\n{size}"
+            lines = style.wrap_text(name, SMALL_PT, 0.2 * contents.width_mm)
+            more = "\N{HORIZONTAL ELLIPSIS}" if len(lines) > 2 else ""
+            label = "\n".join(lines[:2]) + f"{more}\n{size}"
             axes.set_ylabel(label, size=SMALL_PT, rotation=0, ha="right", va="center", labelpad=4.0)
         end = times[-1] + 4 * margin
         looks = {"color": style.INK, "solid_capstyle": "butt", "clip_on": False}

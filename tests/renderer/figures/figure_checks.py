@@ -54,7 +54,7 @@ def check_apart(
     """No text covers another, a panel or the edge of the figure, and no panel another."""
     for (text_a, box_a), (text_b, box_b) in itertools.combinations(texts, 2):
         is_letter = len(text_a) == len(text_b) == 1  # its box is taller than it
-        assert not overlap(box_a, box_b, 5.0 if is_letter else 0.5), f"{text_a!r} covers {text_b!r}"
+        assert not overlap(box_a, box_b, 6.0 if is_letter else 0.5), f"{text_a!r} covers {text_b!r}"
     for (label_a, a), (label_b, b) in itertools.combinations(panels.items(), 2):
         assert not overlap(a, b), f"{label_a} covers {label_b}"
     for text, box in texts:
