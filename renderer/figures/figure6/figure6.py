@@ -333,7 +333,7 @@ def _frame_labels(contents: Figure6, row: Row, cells: Cells) -> list[str]:
     """Frame numbers called so, all where there is room, else the first."""
     labels = [f"frame {frame}" for frame in contents.snapshot_frames]
     by_height = cells.aspect * (row.height_mm / len(row.names) - _KEY_MM)
-    room = 0.85 * min(row.widths_mm[row.panels.index("b")] / len(labels), by_height) - 1.0
+    room = 0.72 * min(row.widths_mm[row.panels.index("b")] / len(labels), by_height) - 1.0
     if max(style.text_width_mm(label, SMALL_PT) for label in labels) < room:
         return labels
     return [labels[0], *map(str, contents.snapshot_frames[1:])]
