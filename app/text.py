@@ -107,8 +107,8 @@ class FigureText:
 FIGURES = {
     "figure6": FigureText(
         "Fingertip trajectory and poses",
-        "Left: the fingertip over up to 300 frames (10 s). Right: poses every 50 frames. A jagged "
-        "line is jitter that the eye may miss in the video.",
+        "The fingertip over up to 300 frames (10 s), and poses every 50 frames. A jagged line is "
+        "jitter that the eye may miss in the video; of more than two systems each has its own row.",
         ("trajectory", "reference"),
     ),
     "jitter": FigureText(
@@ -140,6 +140,7 @@ FIGURES = {
         (),
     ),
 }
+CAPTION = "Caption, to copy"
 NUMBERS_HEADING = "Measures"
 NUMBERS_HELP = (
     "Followed point: {point}. Lower jerk is smoother, not better: people who talk are not still. "

@@ -236,6 +236,8 @@ def time_beside_busy_cores(clip: Path, weights: Path, folder: Path) -> list[Figu
             "--systems",
             ",".join(usual_systems("bench-busy")),
             "--no-video",
+            "--panels",
+            "a,c,d",
             "--out",
             str(out),
         ]

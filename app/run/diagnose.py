@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.findings.comparison import point_title
-from app.flags import OUT_FOLDER, flag, names_of
+from app.flags import OUT_FOLDER, flag, flags_of, names_of
 from app.run.body_motion import body_motion
 from app.run.diagnostics import (
     check_start,
@@ -39,6 +39,7 @@ from app.run.requests.request import (
     START,
     TRANSCRIPT,
     WORDS,
+    FigureAsked,
     OnEvent,
     ShouldCancel,
     WordsAsked,
@@ -150,6 +151,7 @@ class DiagnoseRequest:
     """The fingertip or joint that figure and tip measures follow."""
     start_frame: int = field(default=0, metadata=START)
     """First frame of Figure 6."""
+    figure: FigureAsked = field(default_factory=FigureAsked, metadata=flags_of(FigureAsked))
     body: Path | None = field(default=None, metadata=BODY)
     has_pictures: bool = field(
         default=True, metadata=flag("a figure without poses", name="--no-pictures")
@@ -309,7 +311,8 @@ def _diagnose(
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request, on_measured)
     shown = _shown(request, read)
-    check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
+    shortest = min(motion.num_frames for motion in read.all.values())
+    check_start(request.start_frame, shortest, request.figure)
     speech = _read_speech(request)
     if speech is not None:
         words.begin(speech.waveform)
@@ -600,9 +603,9 @@ def _draw_figure6(
     from renderer.figures.figure6.spec import choose_snapshot_frames
 
     shortest = min(motion.num_frames for motion in motions.values())
-    frames = choose_snapshot_frames(shortest, request.start_frame)
+    frames = request.figure.frames or choose_snapshot_frames(shortest, request.start_frame)
     snapshots = Snapshots(frames)
-    if request.has_pictures:
+    if request.has_pictures and "b" in request.figure.panels:
         share = _POSES_DRAWN - _SHEET_DRAWN
         snapshots = draw_poses(
             motions, request.body, frames, lambda part: on_progress(_SHEET_DRAWN + share * part)
@@ -613,6 +616,7 @@ def _draw_figure6(
         tip,
         folder,
         request.start_frame,
+        request.figure,
         is_generated=False,
         on_piece=lambda: on_progress(_POSES_DRAWN),
     )

@@ -17,6 +17,7 @@ from app.errors import RunError
 from app.findings.sentences import sentences_of
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
+from app.run.requests.request import FigureAsked
 from app.run.videos.comparison import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version
 from model.speech.transcript import NOTHING_SAID
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
-    from renderer.figures.jitter_series import Jitter
+    from renderer.figures.jitter import Jitter
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _KEPT_CLIPS = 8
@@ -149,14 +150,19 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_start(start_frame: int, num_frames: int) -> None:
-    """Refuse a start of Figure 6 behind the end of the shortest motion, before anything is made.
+def check_start(start_frame: int, num_frames: int, figure: FigureAsked) -> None:
+    """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, before
+    anything is made.
 
     Raises:
         RunError: naming the last frame.
     """
     if not 0 <= start_frame < num_frames:
         raise RunError(f"Figure 6 must start at frame 0 to {num_frames - 1}; got {start_frame}.")
+    if figure.frames and figure.frames[-1] >= num_frames:
+        raise RunError(
+            f"Snapshots of Figure 6 are of frames 0 to {num_frames - 1}; got {figure.frames[-1]}."
+        )
 
 
 def draw_figure6(
@@ -165,13 +171,14 @@ def draw_figure6(
     tip: TipSource,
     folder: ResultFolder,
     start_frame: int,
+    asked: FigureAsked,
     *,
     is_generated: bool,
     post_filter: PostFilter = "none",
     clip: str = "",
     on_piece: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Trajectories of the followed point, with poses where there are any, in all three formats.
+    """Trajectories of the followed point, with poses where there are any: its files.
 
     Args:
         motions: as they are shown; the recorded one as `REFERENCE_NAME`.
@@ -197,6 +204,8 @@ def draw_figure6(
         clip=clip,
         caveat=ONE_SEED_CAVEAT if is_generated else "",
         marks=snapshots.marks.of(motions) if snapshots.marks else None,
+        panels=asked.panels,
+        width_mm=asked.width_mm,
     )
     files = figure6(contents, folder.path("figure6.png").with_suffix(""))
     return [folder.path(path.name) for path in files]
@@ -209,9 +218,8 @@ def draw_jitter(
     names: Sequence[str],
     clip: str = "",
 ) -> list[Path]:
-    """The jitter sheet of some systems, with what its numbers say, in all three formats."""
-    from renderer.figures.jitter import jitter_sheet
-    from renderer.figures.jitter_series import JitterSheet
+    """The jitter sheet of some systems, with what its numbers say: its files."""
+    from renderer.figures.jitter import JitterSheet, jitter_sheet
 
     sentences = sentences_of(diagnostics)
     reference = {} if diagnostics.reference is None else {REFERENCE_NAME: diagnostics.reference}
@@ -232,7 +240,7 @@ def draw_jitter(
 
 
 def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
-    from renderer.figures.jitter_series import Jitter
+    from renderer.figures.jitter import Jitter
 
     def of(measures: Measures) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period

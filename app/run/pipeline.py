@@ -143,7 +143,7 @@ def _run(
     _tell_inputs(request, inputs, reporter)
     tip = choose_tip_source(inputs.body, request.body, request.joint)
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
-    check_start(request.start_frame, min(each.num_frames for each in compared))
+    check_start(request.start_frame, min(each.num_frames for each in compared), request.figure)
 
     plans = any(system.plans for system in inputs.systems)
     if plans and (request.plan is None or request.style):  # from words: these come first
@@ -166,7 +166,7 @@ def _run(
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
         names = [row.name for row in rows_that_fit(rows, reporter)]
         beside = joined_side_by_side(names, inputs.wav, folder, reporter)
-    elif request.has_poses and request.has_figures:
+    elif request.has_poses and request.has_figures and "b" in request.figure.panels:
         snapshots = _draw_poses(request, rows, reporter)
     with beside:
         if request.has_figures:
@@ -396,7 +396,7 @@ def _draw_poses(request: GenerateRequest, rows: Sequence[Row], reporter: Reporte
 
     placed = {row.name: in_register(row.shown) for row in rows_that_fit(rows, reporter)}
     shortest = min(motion.num_frames for motion in placed.values())
-    frames = choose_snapshot_frames(shortest, request.start_frame)
+    frames = request.figure.frames or choose_snapshot_frames(shortest, request.start_frame)
     return draw_poses(placed, request.body, frames, on_share)
 
 
@@ -421,6 +421,7 @@ def _draw_figures(
         tip,
         folder,
         request.start_frame,
+        request.figure,
         is_generated=True,
         post_filter=request.post_filter,
         clip=clip,

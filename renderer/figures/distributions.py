@@ -6,13 +6,12 @@ Drawn from plain numbers, as those of ``app.run.many.table``.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +20,11 @@ if TYPE_CHECKING:
 SHOWN_PERCENT = 99.0
 """Of all values of a panel: its axis ends there, so that one clip does not decide what is seen."""
 _COLUMNS = 3
-_LEFT, _HEIGHT, _BETWEEN, _BELOW = 0.28, 1.15, 0.2, 0.34
+_CAPTION = (
+    "Height is the share of clips at or below a value; a curve further to the right has more of"
+    f" it. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does not"
+    " reach 1 has clips beyond. Each clip as it is, never filtered."
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class SpreadPanel:
 def distributions_figure(
     panels: Sequence[SpreadPanel], out_stem: Path, reference: str | None = None
 ) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
+    """Write the figure with its caption.
 
     Args:
         reference: name of the recorded motion's values, drawn black.
@@ -53,42 +56,34 @@ def distributions_figure(
         raise FigureError(f"There are {len(names)} systems; at most {most} can be told apart.")
     if not all(np.isfinite(each).all() for panel in panels for each in panel.values.values()):
         raise FigureError("A value is no number.")
-    caption = (
-        "Height is the share of clips at or below a value; a curve further to the right has more of"
-        f" it. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does not"
-        " reach 1 has clips beyond. Each clip as it is, never filtered."
-    )
     with matplotlib_settings():
-        figure = draw_distributions(panels, caption, reference)
-        return write_figure(figure, out_stem, description=caption)
+        return write_figure(draw_distributions(panels, reference), out_stem, _CAPTION)
 
 
-def draw_distributions(
-    panels: Sequence[SpreadPanel], caption: str = "", reference: str | None = None
-) -> "Figure":
+def draw_distributions(panels: Sequence[SpreadPanel], reference: str | None = None) -> "Figure":
     """The figure, without a canvas."""
-    names = _names(panels)
+    styles = style.styles_of(_names(panels), reference)
     num_rows = -(-len(panels) // _COLUMNS)
-    row_height = TITLE + 0.06 + _HEIGHT + _BELOW
-    figure, top, styles = begin_page(names, reference, num_rows * row_height, caption)
-    step = (style.FIGURE_WIDTH_IN - 2 * MARGIN + _BETWEEN) / _COLUMNS
-    for number, panel in enumerate(panels):
-        row, column = divmod(number, _COLUMNS)
-        left, at = MARGIN + column * step, top + row * row_height + TITLE + 0.06
-        where = Rect(left + _LEFT, at, step - _BETWEEN - _LEFT, _HEIGHT)
-        axes = figure.add_axes(where.fraction_of(figure.get_figheight()), label=panel.title)
-        write_title(figure, left, at - 0.06, panel.title)
-        for name in names:
+    figure = style.new_figure(style.PAGE_MM, 10.0 + 42.0 * num_rows)
+    style.draw_keys(figure, styles)
+    grid = figure.subplots(num_rows, _COLUMNS, sharey=True, squeeze=False).ravel()
+    for number, (panel, axes) in enumerate(zip(panels, grid, strict=False)):
+        axes.set_label(panel.title)
+        axes.set_title(panel.title, size=style.TITLE_PT, weight="bold")
+        for name, series in styles.items():
             if panel.values.get(name):
                 x, y = _curve(panel.values[name])
-                drawn: dict[str, Any] = {**styles[name].line_properties, "marker": ""}
-                axes.plot(x, y, label=name, drawstyle="steps-post", **drawn)
+                looks = series.line_properties | {"marker": ""}
+                axes.plot(x, y, label=name, drawstyle="steps-post", **looks)
         axes.set_xlim(*_limits(panel))
-        axes.set_ylim(0.0, 1.02)
-        axes.set_yticks([0.0, 0.5, 1.0], ["0", ".5", "1"] if column == 0 else [])
-        axes.grid(axis="y")
-        axes.set_axisbelow(True)
+        axes.grid(True, axis="y")
         axes.locator_params(axis="x", nbins=4)
+        if number % _COLUMNS == 0:
+            axes.set_ylabel("share of clips")
+    grid[0].set_ylim(0.0, 1.02)
+    grid[0].set_yticks([0.0, 0.5, 1.0])
+    for axes in grid[len(panels) :]:
+        axes.remove()
     return figure
 
 

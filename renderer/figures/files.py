@@ -1,4 +1,4 @@
-"""Writing figures as PNG, SVG and PDF, under one set of matplotlib's settings.
+"""Writing figures as PNG, SVG and PDF with a caption beside, under one set of settings.
 
 matplotlib is imported at the first figure, and without pyplot: no windows, no global list of
 figures. Figures are made one at a time, because matplotlib's settings belong to the process. The
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from conventions.names import printable
-from renderer.figures.style import PNG_DPI, RC_PARAMS, VECTOR_DPI
+from renderer.figures.style import DPI, RC_PARAMS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,6 +32,8 @@ class FigureFiles(NamedTuple):
     png: Path
     svg: Path
     pdf: Path
+    txt: Path
+    """Its caption, which stands beside a figure and not in it."""
 
 
 @contextmanager
@@ -43,34 +45,48 @@ def matplotlib_settings() -> Iterator[None]:
         yield
 
 
-def write_figure(figure: "Figure", out_stem: Path, description: str) -> FigureFiles:
-    """Write a figure in all three formats, without dates; call under ``matplotlib_settings``."""
+def write_figure(figure: "Figure", out_stem: Path, caption: str) -> FigureFiles:
+    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``, without dates, and the caption as ``.txt``,
+    in a folder that is made: each whole or not at all. Call under ``matplotlib_settings``."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     _make_printable(figure)
-    description = printable(description)
+    caption = printable(caption)
     out_stem = Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
     files = FigureFiles(*(out_stem.with_name(f"{out_stem.name}.{e}") for e in FigureFiles._fields))
     unfinished = FigureFiles(*(_temporary_name(path) for path in files))
+    figure.set_dpi(DPI)
+    _settle(figure)
     try:
         FigureCanvasAgg(figure).print_figure(
-            unfinished.png, dpi=PNG_DPI, metadata={"Description": description}
+            unfinished.png, dpi=DPI, metadata={"Description": caption}
         )
         FigureCanvasSVG(figure).print_figure(
-            unfinished.svg, dpi=VECTOR_DPI, metadata={"Date": None, "Description": description}
+            unfinished.svg, dpi=DPI, metadata={"Date": None, "Description": caption}
         )
         FigureCanvasPdf(figure).print_figure(
-            unfinished.pdf, dpi=VECTOR_DPI, metadata={"CreationDate": None, "Subject": description}
+            unfinished.pdf, dpi=DPI, metadata={"CreationDate": None, "Subject": caption}
         )
+        unfinished.txt.write_text(f"{caption}\n", "utf-8")
         for source, target in zip(unfinished, files, strict=True):
             os.replace(source, target)
     finally:
         for path in unfinished:
             path.unlink(missing_ok=True)
     return files
+
+
+def _settle(figure: "Figure") -> None:
+    """Find all places once: in each format everything stands at the same."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).get_renderer()
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def _make_printable(figure: "Figure") -> None:

@@ -15,9 +15,9 @@ from jaxtyping import Float
 from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -25,7 +25,6 @@ SHOWN_S = 20.0
 SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
-_ROW, _LEFT, _SHARES, _BETWEEN, _BOTTOM, _KEYS = 1.15, 0.42, 1.9, 0.75, 0.3, 0.2
 _CAPTION = (
     "Arm speed: angular speeds of both shoulders and elbows, summed, over {seconds:.0f} s. Lines "
     "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. Where the "
@@ -48,45 +47,39 @@ class HearingRow:
 
 
 def hearing_figure(rows: Sequence[HearingRow], out_stem: Path) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
+    """Write the figure with its caption.
 
     Raises:
         FigureError: if there is no row.
     """
     if not rows:
         raise FigureError("There is no system to draw.")
+    caption = _CAPTION.format(seconds=_shown_s(rows))
     with matplotlib_settings():
-        return write_figure(
-            draw_hearing(rows), out_stem, description=_CAPTION.format(seconds=SHOWN_S)
-        )
+        return write_figure(draw_hearing(rows), out_stem, caption)
 
 
 def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
     """The figure, without a canvas."""
-    shown_s = min(
-        SHOWN_S, max(len(speed) for row in rows for speed in row.arm_speed.values()) / FPS
-    )
-    row_height = TITLE + _ROW + _BOTTOM
-    body_height, caption = _KEYS + len(rows) * row_height, _CAPTION.format(seconds=shown_s)
-    figure, top, _ = begin_page((), None, body_height, caption)
-    height = figure.get_figheight()
-    wide = style.FIGURE_WIDTH_IN - 2 * MARGIN - _LEFT - _SHARES - _BETWEEN
-    top += _KEYS
+    figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
     highest = max(_shown(speed).max() for row in rows for speed in row.arm_speed.values())
-    for number, row in enumerate(rows):
-        place = Rect(MARGIN + _LEFT, top + TITLE, wide, _ROW)
-        axes = figure.add_axes(place.fraction_of(height), label=f"speed {number}")
-        write_title(figure, MARGIN, top + TITLE - 0.05, row.name)
-        _draw_speeds(axes, row, 1.05 * highest, shown_s)
-        right = Rect(place.right + _BETWEEN, place.top, _SHARES, _ROW)
-        shares = figure.add_axes(right.fraction_of(height), label=f"shares {number}")
+    pairs = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(2.0, 1.0))
+    for number, (row, (speeds, shares)) in enumerate(zip(rows, pairs, strict=True)):
+        speeds.set_label(f"speed {number}")
+        shares.set_label(f"shares {number}")
+        title = style.cut_text(row.name, style.TITLE_PT, 75.0)
+        speeds.set_title(title, size=style.TITLE_PT, weight="bold")
+        _draw_speeds(speeds, row, 1.05 * highest, _shown_s(rows))
         _draw_shares(shares, row)
-        if number == 0:
-            _write_keys(axes, shares, row)
-        if number == len(rows) - 1:
-            axes.set_xlabel("seconds", size=style.LABEL_PT, labelpad=1.0)
-        top += row_height
+    pairs[-1][0].set_xlabel("time (s)")
+    pairs[-1][1].set_xlabel("share")
+    _write_keys(figure, rows[0])
     return figure
+
+
+def _shown_s(rows: Sequence[HearingRow]) -> float:
+    longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
+    return min(SHOWN_S, longest / FPS)
 
 
 def _draw_speeds(axes: "Axes", row: HearingRow, highest: float, shown_s: float) -> None:
@@ -103,9 +96,8 @@ def _draw_speeds(axes: "Axes", row: HearingRow, highest: float, shown_s: float) 
             )
     axes.set_xlim(0.0, shown_s)
     axes.set_ylim(0.0, highest)
-    axes.set_ylabel("arm speed (\N{DEGREE SIGN}/s)", size=style.SMALL_PT, labelpad=2.0)
-    axes.grid(axis="y")
-    axes.set_axisbelow(True)
+    axes.set_ylabel("arm speed (\N{DEGREE SIGN}/s)")
+    axes.grid(True, axis="y")
 
 
 def _draw_shares(axes: "Axes", row: HearingRow) -> None:
@@ -123,30 +115,25 @@ def _draw_shares(axes: "Axes", row: HearingRow) -> None:
     axes.set_xticks([0.0, 0.5, 1.0])
 
 
-def _write_keys(speeds: "Axes", shares: "Axes", row: HearingRow) -> None:
+def _write_keys(figure: "Figure", row: HearingRow) -> None:
     """What colours and kinds of line are, above the first row."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     speeches, seeds = _compared(row)
-    keys = [
-        Line2D([], [], color=SPEECH_COLORS[k], linewidth=1.2, label=_short(name))
+    handles: list[Artist] = [
+        Line2D([], [], color=SPEECH_COLORS[k], label=style.cut_text(name, style.LABEL_PT, 30.0))
         for k, name in enumerate(speeches)
     ]
-    keys += [
+    handles += [
         Line2D([], [], color=style.INK, linewidth=0.8, linestyle=NOISE_LINES[k], label=f"seed {n}")
         for k, n in enumerate(seeds)
     ]
-    parts = [
+    handles += [
         Patch(color=BY_SPEECH, label="decided by speech"),
         Patch(color=BY_NOISE, label="by chance"),
     ]
-    for axes, handles in ((speeds, keys), (shares, parts)):
-        axes.legend(
-            handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.12), ncols=len(handles),
-            frameon=False, fontsize=style.SMALL_PT, borderpad=0.0, handlelength=1.4,
-            columnspacing=0.9, handletextpad=0.4, borderaxespad=0.0,
-        )  # fmt: skip
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), handlelength=1.4)
 
 
 def _compared(row: HearingRow) -> tuple[list[str], list[int]]:
@@ -157,7 +144,3 @@ def _compared(row: HearingRow) -> tuple[list[str], list[int]]:
 
 def _shown(speed: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:
     return speed[: round(SHOWN_S * FPS)]
-
-
-def _short(name: str, longest: int = 24) -> str:
-    return name if len(name) <= longest else name[: longest - 1] + "\N{HORIZONTAL ELLIPSIS}"

@@ -2,254 +2,238 @@
 
 Jerk by depth along the kinematic chain and of every joint, the velocity spectrum of the followed
 point, how much of its jerk each joint of its chain carries, and jerk folded on the windows of
-generation; each as generated and behind one and the same filter, with the recorded reference in
-black.
+generation, with the recorded reference in black. What was not measured, because a clip is too short
+or nothing moved, is NaN and a gap; a motion of which nothing was measured has no curve.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from renderer.figures import style
-from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.jitter_series import JOINT_ORDER, Curves, JitterSheet
-from renderer.figures.page import (
-    CAPTION_GAP,
-    MARGIN,
-    SMALL_LINE,
-    TITLE,
-    TITLE_GAP,
-    Key,
-    Rect,
-    caption_lines,
-    draw_key,
-    place_legend,
-    short_name,
-    write,
-    write_caption,
-    write_title,
-)
-from renderer.figures.style import FIGURE_WIDTH_IN
+from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
+from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMN_HEADS = 0.16
-AXIS_LABELS = 0.54  # left of a panel: its label and its numbers
-TICK_LABELS = 0.14
-X_LABEL = 0.15
-NAMES_BELOW = {"joints": 0.47, "attribution": 0.55}  # names of joints that stand upright
-GAP = 0.12  # between panels side by side, and below the labels of a row
-MAX_HEIGHT = 9.15  # it goes on a page
-PLOT_HEIGHT = 1.05
+Curves = dict[str, tuple[np.ndarray, np.ndarray]]
+"""Name to x and y, both (N,)."""
 
-ROWS = ("depth", "joints", "spectrum", "attribution", "seams")
+_GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb1")
+"""A line through the joints begins anew at these: they do not follow on the joint before."""
 
 
 @dataclass(frozen=True)
-class SheetLayout:
-    """Places of the parts of the jitter sheet."""
+class Jitter:
+    """Of one motion, as generated or filtered."""
 
-    height: float
-    legend: tuple[Key, ...]
-    heads_top: float
-    panels: dict[str, tuple[Rect, ...]]
-    """Raw and filtered side by side; one wide panel for the joints."""
-    caption_top: float
-
-
-def plan_sheet(names: tuple[str, ...], num_caption_lines: int) -> SheetLayout:
-    """Place legend, rows of panels and caption below each other; panels shrink to fit a page."""
-    legend, legend_bottom = place_legend(names)
-    caption_height = CAPTION_GAP + num_caption_lines * SMALL_LINE + MARGIN
-    heads_top = legend_bottom + 0.08
-    labels = sum(_labels_below(row) + TITLE for row in ROWS) + (len(ROWS) - 1) * GAP
-    free = MAX_HEIGHT - heads_top - COLUMN_HEADS - labels - caption_height
-    plot_height = min(PLOT_HEIGHT, free / len(ROWS))
-
-    wide = FIGURE_WIDTH_IN - MARGIN - AXIS_LABELS - MARGIN
-    half = (wide - GAP) / 2.0
-    left = MARGIN + AXIS_LABELS
-    top = heads_top + COLUMN_HEADS
-    panels = {}
-    for row in ROWS:
-        top += TITLE
-        if row == "joints":
-            panels[row] = (Rect(left, top, wide, plot_height),)
-        else:
-            lefts = (left, left + half + GAP)
-            panels[row] = tuple(Rect(each, top, half, plot_height) for each in lefts)
-        top += plot_height + _labels_below(row) + GAP
-    body_bottom = top - GAP
-    return SheetLayout(
-        height=body_bottom + caption_height,
-        legend=legend,
-        heads_top=heads_top,
-        panels=panels,
-        caption_top=body_bottom + CAPTION_GAP,
-    )
+    by_depth: Float[np.ndarray, " depths"]
+    """Mean jerk of the joints so many bones from the pelvis, m/s^3."""
+    by_joint: Float[np.ndarray, " 55"]
+    """Jerk of each of the 55 joints, m/s^3."""
+    spectrum: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]] | None
+    """Frequencies in Hz, and the share of the followed point's velocity power at each."""
+    chain: tuple[str, ...]
+    """The joints from the pelvis to the followed point."""
+    chain_drop: Float[np.ndarray, " chain"]
+    """Of the point's jerk when that joint alone is smoothed; 1 is all of it."""
+    by_phase: Float[np.ndarray, " frames"]
+    """Mean jerk in m/s^3 for each frame of the window, or of the period found; empty without."""
+    period: tuple[int, str] | None
+    """Frames after which jerk comes again, and the part of the body that shows it."""
 
 
-def _labels_below(row: str) -> float:
-    return NAMES_BELOW.get(row, TICK_LABELS + X_LABEL)
+@dataclass(frozen=True)
+class JitterSheet:
+    """What one sheet shows.
+
+    Raises:
+        FigureError: if there are no systems or too many.
+    """
+
+    jitter: Mapping[str, Mapping[Version, Jitter]]
+    """By name; the reference comes first where there is one."""
+    point: str = "followed point"
+    window_advance: int = 0
+    """0 where windows are not known."""
+    window_overlap: int = 0
+
+    def __post_init__(self) -> None:
+        num = len([name for name in self.jitter if name != REFERENCE_NAME])
+        if not 1 <= num <= MAX_SYSTEMS:
+            raise FigureError(f"The jitter sheet holds 1 to {MAX_SYSTEMS} systems; got {num}.")
+
+    @property
+    def styles(self) -> dict[str, SeriesStyle]:
+        return styles_of(self.jitter, REFERENCE_NAME)
+
+    def by_depth(self, kind: Version) -> Curves:
+        """Bones from the pelvis, and the mean jerk of the joints there in m/s^3."""
+        return _curves({name: each.by_depth for name, each in self._of(kind).items()})
+
+    def by_phase(self, kind: Version) -> Curves:
+        """Frame of the window, or of the period found, and mean jerk in m/s^3."""
+        return _curves({name: each.by_phase for name, each in self._of(kind).items()})
+
+    @property
+    def periods(self) -> dict[str, tuple[int, str]]:
+        """Where no windows are known: by name the period found, in frames, and the part of the
+        body that shows it."""
+        if self.window_advance:
+            return {}
+        return {name: each.period for name, each in self._of("raw").items() if each.period}
+
+    def by_joint(self, kind: Version) -> Curves:
+        """Place in `JOINT_ORDER`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""
+        places = np.arange(len(JOINT_ORDER), dtype=float)
+        starts = [k for k, j in enumerate(JOINT_ORDER) if JOINT_NAMES[j].endswith(_GROUP_ENDS)]
+        x = np.insert(places, starts, np.nan)
+        return _with_numbers(
+            {
+                name: (x, np.insert(each.by_joint[list(JOINT_ORDER)], starts, np.nan))
+                for name, each in self._of(kind).items()
+            }
+        )
+
+    def spectrum(self, kind: Version) -> Curves:
+        """Frequency in Hz, and share of the point's velocity power in each bin in percent."""
+        spectra = {name: each.spectrum for name, each in self._of(kind).items()}
+        return _with_numbers(
+            {name: (found[0], 100.0 * found[1]) for name, found in spectra.items() if found}
+        )
+
+    def attribution(self, kind: Version) -> Curves:
+        """Place in :attr:`chain`, and relative drop of the point's jerk in percent."""
+        found = self._of(kind).items()
+        return _curves({name: 100.0 * each.chain_drop for name, each in found})
+
+    @property
+    def chain(self) -> tuple[str, ...]:
+        """The joints from the pelvis to the followed point."""
+        return next((each.chain for each in self._of("raw").values() if each.chain), ())
+
+    def _of(self, kind: Version) -> dict[str, Jitter]:
+        return {name: versions[kind] for name, versions in self.jitter.items()}
 
 
+def _curves(values: Mapping[str, np.ndarray]) -> Curves:
+    return _with_numbers({name: (np.arange(len(y), dtype=float), y) for name, y in values.items()})
+
+
+def _with_numbers(curves: Curves) -> Curves:
+    return {name: (x, y) for name, (x, y) in curves.items() if np.isfinite(y).any()}
+
+
+def _limb(joint_name: str) -> tuple[int, int]:
+    side, _, part = joint_name.partition("_")
+    if side not in ("left", "right") or part.startswith("eye"):
+        return 0, 0
+    is_leg = part in ("hip", "knee", "ankle", "foot")
+    return 1 if is_leg else 2, 0 if side == "left" else 1
+
+
+JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NAMES[j])))
+"""The joints limb by limb: trunk and head, left leg, right leg, left arm, right arm."""
+
+
+ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "seams": 42.0}
+"""By name the height in millimetres."""
 FOLDED = "frame of the period found"
 HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
 NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
+LOG_FROM = 12.0
+"""So many times another system's values make an axis logarithmic: a factor of 1.4, which is the
+message, is seen on a linear one."""
 _JERK = "jerk (m/s³)"
-_DECADES = 3.3
-"""Values lower than this below the highest are drawn at the lower edge of a logarithmic axis."""
-_FEW_DECADES = 60.0
-"""An axis of a smaller ratio of its ends has numbers between the powers of ten."""
 _MARKERS = 9
 _SHADE = "#ececec"
 
 
-def draw_sheet(sheet: JitterSheet, caption: str) -> "Figure":
+def jitter_sheet(
+    sheet: JitterSheet, out_stem: Path, *, clip: str = "", sentence: str = ""
+) -> FigureFiles:
+    """Write the sheet, with what it lacks and says as its caption.
+
+    Args:
+        clip: its name.
+        sentence: what the numbers say, at the end of the caption.
+    """
+    with matplotlib_settings():
+        return write_figure(draw_sheet(sheet), out_stem, _caption(sheet, clip, sentence))
+
+
+def draw_sheet(sheet: JitterSheet) -> "Figure":
     """The figure, without a canvas; its size in inches is its size on paper."""
-    from matplotlib.figure import Figure
-
-    lines = caption_lines(caption)
-    layout = plan_sheet(tuple(sheet.jitter), len(lines))
-    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
-    for key in layout.legend:
-        draw_key(figure, key, sheet.styles[key.name])
-    for kind, rect in zip(VERSIONS, layout.panels["depth"], strict=True):
-        write(figure, rect.left, layout.heads_top, HEADS[kind], size=style.LABEL_PT, va="top")
-
-    _draw_depth(figure, layout, sheet)
-    _draw_joints(figure, layout, sheet)
-    _draw_spectrum(figure, layout, sheet)
-    _draw_attribution(figure, layout, sheet)
-    _draw_seams(figure, layout, sheet)
-    write_caption(figure, lines, layout.caption_top)
+    figure = style.new_figure(style.PAGE_MM, 8.0 + sum(ROWS.values()))
+    style.draw_keys(figure, sheet.styles)
+    parts = figure.subfigures(len(ROWS), 1, squeeze=False, height_ratios=list(ROWS.values()))[:, 0]
+    rows = {}
+    for part, (row, title, y_label, curves_of, without) in zip(parts, _rows(sheet), strict=True):
+        style.write_title(part, title)
+        kinds = VERSIONS[:1] if row == "joints" else VERSIONS
+        rows[row] = part.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
+        curves = [curves_of(kind) for kind in kinds]
+        for kind, axes, drawn in zip(kinds, rows[row], curves, strict=True):
+            axes.set_label(f"{row} {kind}")
+            axes.grid(True, axis="y")
+            _draw_curves(axes, drawn, sheet, row in ("joints", "attribution"), without)
+        if any(curves):
+            rows[row][0].set_ylabel(y_label)
+            _scale(rows[row][0], row, curves)
+    for kind, axes in zip(VERSIONS, rows["depth"], strict=True):
+        axes.set_title(HEADS[kind])
+        axes.set_xlabel("bones from the pelvis")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+    style.name_x(rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5)
+    for axes in (each for each in rows["spectrum"] if each.axison):
+        axes.set_xlabel("frequency (Hz)")
+        axes.axvline(LIMIT_HZ, color=style.FAINT_INK, linewidth=0.7, zorder=0.5)
+        axes.annotate(
+            "5 Hz", (LIMIT_HZ, 1.0), (2.0, -2.0), xycoords=("data", "axes fraction"), va="top",
+            textcoords="offset points", size=style.SMALL_PT, color=style.FAINT_INK,
+        )  # fmt: skip
+    for axes in rows["attribution"]:
+        axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
+        style.name_x(axes, [style.short_joint(name) for name in sheet.chain])
+    for axes in rows["seams"]:
+        if sheet.window_advance:
+            every = sheet.window_advance
+            axes.set_xlabel(f"frame of the window, one every {every}; shaded: shared by two")
+            axes.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
+        else:
+            axes.set_xlabel(FOLDED)
+            axes.xaxis.get_major_locator().set_params(integer=True)
     return figure
 
 
-def _draw_depth(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axes = _row(
-        *(figure, layout, sheet, "depth", sheet.by_depth),
-        title="a  Jerk by depth: mean of the joints so many bones from the pelvis",
-        y_label=_JERK,
-    )
-    for each in axes:
-        each.set_xlabel("bones from the pelvis", size=style.LABEL_PT, labelpad=1.0)
-        each.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _share_log(axes, [sheet.by_depth(kind) for kind in VERSIONS])
-
-
-def _draw_joints(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
-    (axes,) = _row(
-        *(figure, layout, sheet, "joints", sheet.by_joint),
-        title="b  Jerk of each joint, as generated",
-        y_label=_JERK,
-        is_dense=True,
-    )
-    names = [short_name(JOINT_NAMES[joint]) for joint in JOINT_ORDER]
-    _name_x(axes, names, size=5.2)
-    _share_log([axes], [sheet.by_joint("raw")])
-
-
-def _draw_spectrum(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
-    axes = _row(
-        *(figure, layout, sheet, "spectrum", sheet.spectrum),
-        title=f"c  Velocity spectrum: {sheet.point}",
-        y_label="power (%)",
-    )
-    for each in axes:
-        each.set_xlabel("frequency (Hz)", size=style.LABEL_PT, labelpad=1.0)
-        each.axvline(LIMIT_HZ, color=style.FAINT_INK, linewidth=0.7, zorder=0.5)
-        each.annotate(
-            *("5 Hz", (LIMIT_HZ, 1.0)),
-            xycoords=("data", "axes fraction"),
-            xytext=(2.0, -2.0),
-            textcoords="offset points",
-            **{"size": style.SMALL_PT, "color": style.FAINT_INK, "va": "top"},
-        )
-    _share_log(axes, [sheet.spectrum(kind) for kind in VERSIONS], decades=5.0)
-
-
-def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
-    axes = _row(
-        *(figure, layout, sheet, "attribution", sheet.attribution),
-        title=f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}",
-        y_label="drop (%)",
-        is_dense=True,
-    )
-    for each in axes:
-        each.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
-        _name_x(each, [short_name(name) for name in sheet.chain], size=style.SMALL_PT)
-    _share_linear(axes, [sheet.attribution(kind) for kind in VERSIONS])
-
-
-def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
-    is_known = sheet.window_advance > 0
-    axes = _row(
-        *(figure, layout, sheet, "seams", sheet.by_phase),
-        title="e  Seams: mean jerk of all joints, folded on the windows"
-        if is_known
-        else "e  Periods: mean jerk of the body part that repeats, folded on the period found",
-        y_label=_JERK,
-        without=NO_DATA if is_known else NO_PERIOD,
-    )
-    label = f"frame of the window, one every {sheet.window_advance}; shaded: shared by two"
-    for each in axes:
-        each.set_xlabel(label if is_known else FOLDED, size=style.LABEL_PT, labelpad=1.0)
-        if is_known:
-            each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
-        elif sheet.periods:
-            each.set_xticks(_few_frames(max(frames for frames, _ in sheet.periods.values())))
-    _share_linear(axes, [sheet.by_phase(kind) for kind in VERSIONS], from_zero=True)
-
-
-def _few_frames(period: int) -> list[int]:
-    """Frames of a period to put numbers at, at most about eight."""
-    return list(range(0, period, -(-period // 8)))
-
-
-def _row(
-    figure: "Figure",
-    layout: SheetLayout,
+def _rows(
     sheet: JitterSheet,
-    row: str,
-    curves_of: Callable[[Version], Curves],
-    *,
-    title: str,
-    y_label: str,
-    is_dense: bool = False,
-    without: str = NO_DATA,
-) -> list["Axes"]:
-    """The panels of one measure; only the left one has numbers along y.
-
-    Args:
-        without: what a panel says that has no curves.
-    """
-    rects = layout.panels[row]
-    write_title(figure, MARGIN, rects[0].top - TITLE_GAP, title)
-    drawn = []
-    for kind, rect in zip(VERSIONS, rects, strict=False):
-        axes = figure.add_axes(rect.fraction_of(layout.height), label=f"{row} {kind}")
-        _draw_curves(axes, curves_of(kind), sheet, is_dense, without)
-        axes.grid(axis="y")
-        axes.set_axisbelow(True)
-        if rect is not rects[0]:
-            axes.tick_params(axis="y", labelleft=False)
-        drawn.append(axes)
-    if any(curves_of(kind) for kind in VERSIONS):
-        _write_y_label(figure, rects[0], y_label)
-    return drawn
+) -> list[tuple[str, str, str, Callable[[Version], Curves], str]]:
+    """Of each measure its name, title, label along y, curves, and what a panel without any says."""
+    is_known = sheet.window_advance > 0
+    depth = "a  Jerk by depth: mean of the joints so many bones from the pelvis"
+    attribution = f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}"
+    seams = "e  Seams: mean jerk of all joints, folded on the windows"
+    periods = "e  Periods: mean jerk of the body part that repeats, folded on the period found"
+    return [
+        ("depth", depth, _JERK, sheet.by_depth, NO_DATA),
+        ("joints", "b  Jerk of each joint, as generated", _JERK, sheet.by_joint, NO_DATA),
+        ("spectrum", f"c  Velocity spectrum: {sheet.point}", "power (%)", sheet.spectrum, NO_DATA),
+        ("attribution", attribution, "drop (%)", sheet.attribution, NO_DATA),
+        ("seams", seams if is_known else periods, _JERK, sheet.by_phase,
+         NO_DATA if is_known else NO_PERIOD),
+    ]  # fmt: skip
 
 
 def _draw_curves(
@@ -258,96 +242,38 @@ def _draw_curves(
     """Lines in the systems' styles, with their markers at every point or at a few."""
     if not curves:
         axes.text(
-            *(0.5, 0.5, fill(without, 44)),
-            transform=axes.transAxes,
-            **{"size": style.SMALL_PT, "color": style.FAINT_INK, "ha": "center", "va": "center"},
-        )
+            0.5, 0.5, fill(without, 44), transform=axes.transAxes, ha="center", va="center",
+            size=style.SMALL_PT, color=style.FAINT_INK, in_layout=False,
+        )  # fmt: skip
         axes.set_axis_off()  # a scale of nothing would say something
-        return
     for order, (name, (x, y)) in enumerate(curves.items()):
         every = 1 if is_dense or len(x) <= 2 * _MARKERS else max(1, len(x) // _MARKERS)
         # Markers of the curves stand at different places, so that none hides another.
         start = 0 if every == 1 else (order * every) // max(1, len(curves))
-        properties = sheet.styles[name].line_properties
+        looks = sheet.styles[name].line_properties
         if is_dense:
-            properties |= {"markersize": 0.8 * style.MARKER_PT, "linewidth": 0.6}
-        axes.plot(x, y, label=name, markevery=(start, every), **properties)
+            looks |= {"markersize": 0.8 * style.MARKER_PT, "linewidth": 0.6}
+        axes.plot(x, y, label=name, markevery=(start, every), **looks)
 
 
-def _share_log(axes: Sequence["Axes"], curves: Sequence[Curves], decades: float = _DECADES) -> None:
-    """One logarithmic scale for the panels of a row; what lies below it stays at its edge, and what
-    is 0, which has no place on it, is a gap."""
-    from matplotlib.ticker import FuncFormatter, LogLocator
-
-    values = _all_values(curves)
-    values = values[values > 0.0]
-    if not values.size:
-        _share_linear(axes, curves, from_zero=True)
-        return
-    top = float(values.max())
-    bottom = max(float(values.min()), top / 10.0**decades)
-    low, high = bottom / 1.3, top * 1.3
-    steps = (1.0, 2.0, 5.0) if high / low < _FEW_DECADES else (1.0,)
-    for each in axes:
-        each.set_yscale("log")
-        each.set_ylim(low, high)
-        for line in each.get_lines():
-            if line.get_label() and not str(line.get_label()).startswith("_"):
-                y = np.asarray(line.get_ydata(), dtype=float)
-                line.set_ydata(np.where(y > 0.0, np.maximum(y, low), np.nan))
-        each.yaxis.set_major_locator(LogLocator(subs=steps))
-        each.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        each.minorticks_off()
-
-
-def _share_linear(
-    axes: Sequence["Axes"], curves: Sequence[Curves], from_zero: bool = False
-) -> None:
-    """One linear scale for the panels of a row."""
-    values = _all_values(curves)
-    high = float(values.max(initial=0.0))
-    low = 0.0 if from_zero else float(values.min(initial=0.0))
-    margin = 0.08 * (high - low) or 1.0
-    for each in axes:
-        each.set_ylim(low if from_zero else low - margin, high + margin)
-
-
-def _all_values(curves: Sequence[Curves]) -> np.ndarray:
-    """Every finite value of the panels of a row."""
-    parts = [y[np.isfinite(y)] for panel in curves for _, y in panel.values()]
-    return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _name_x(axes: "Axes", names: Sequence[str], size: float) -> None:
-    axes.set_xticks(range(len(names)), names, rotation=90, size=size)
-    axes.tick_params(axis="x", pad=1.0)
-    axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
-
-
-def _write_y_label(figure: "Figure", rect: Rect, text: str) -> None:
-    write(
-        *(figure, MARGIN + 0.06, rect.top + 0.5 * rect.height, text),
-        rotation=90,
-        size=style.LABEL_PT,
-        ha="center",
-        va="center",
-    )
-
-
-def jitter_sheet(
-    sheet: JitterSheet, out_stem: Path, *, clip: str = "", sentence: str = ""
-) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
-
-    Args:
-        sheet: the numbers; what they lack is told in the caption.
-        out_stem: path without an extension; its folder is made.
-        clip: name of the clip, for the caption.
-        sentence: what the numbers say, at the end of the caption.
-    """
-    caption = _caption(sheet, clip, sentence)
-    with matplotlib_settings():
-        return write_figure(draw_sheet(sheet, caption), out_stem, description=caption)
+def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
+    """One scale for the panels of a row: logarithmic for a spectrum and for jerks that are far
+    apart, where what is 0 has no place and is a gap."""
+    values = np.concatenate([y[np.isfinite(y)] for panel in curves for _, y in panel.values()])
+    highest = [float(np.nanmax(y)) for panel in curves for _, y in panel.values()]
+    if row == "attribution":
+        room = 0.08 * float(np.ptp([*values, 0.0])) or 1.0
+        axes.set_ylim(values.min(initial=0.0) - room, values.max(initial=0.0) + room)
+    elif row == "spectrum" or max(highest) > LOG_FROM * max(min(highest), 1e-9):
+        positive = values[values > 0.0]
+        if positive.size:
+            top = float(positive.max())
+            axes.set_yscale("log", nonpositive="mask")
+            axes.set_ylim(max(float(positive.min()), top / 1e5) / 1.3, 1.3 * top)
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.minorticks_off()
+    else:
+        style.from_zero(axes, values)
 
 
 def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:

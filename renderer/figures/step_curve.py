@@ -13,7 +13,6 @@ import numpy as np
 from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +23,12 @@ PANELS = (
     ("distance_cm", "b  From the result of most steps (cm)"),
 )
 REAL_TIME_MS = 1000.0 / FPS
-_LEFT, _HEIGHT, _BETWEEN, _TIMES = 0.38, 2.1, 0.45, 0.36
+_CAPTION = (
+    "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
+    " the clock of this machine, one motion at a time, features of the speech included."
+    " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
+    " with every number of steps. One clip and one noise seed."
+)
 
 
 @dataclass(frozen=True)
@@ -40,11 +44,10 @@ class Mark:
 
 
 def step_curve_figure(points: Sequence[Mark], out_stem: Path) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
+    """Write the figure with its caption.
 
     Args:
         points: those of one system by rising steps.
-        out_stem: path without an extension; its folder is made.
 
     Raises:
         FigureError: if there is no point, or one with a number that cannot be drawn.
@@ -57,51 +60,38 @@ def step_curve_figure(points: Sequence[Mark], out_stem: Path) -> FigureFiles:
             raise FigureError(
                 f"{point.system} with {point.steps} steps has a number that cannot be drawn."
             )
-    caption = (
-        "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
-        " the clock of this machine, one motion at a time, features of the speech included."
-        " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
-        " with every number of steps. One clip and one noise seed."
-    )
     with matplotlib_settings():
-        return write_figure(draw_step_curve(points, caption), out_stem, description=caption)
+        return write_figure(draw_step_curve(points), out_stem, _CAPTION)
 
 
-def draw_step_curve(points: Sequence[Mark], caption: str = "") -> "Figure":
+def draw_step_curve(points: Sequence[Mark]) -> "Figure":
     """The figure, without a canvas."""
-    names = tuple(dict.fromkeys(point.system for point in points))
-    above = 0.06 + TITLE
-    figure, top, styles = begin_page(names, None, above + _HEIGHT + _TIMES, caption)
-    top += above
-    height = figure.get_figheight()
-    width = (style.FIGURE_WIDTH_IN - 2 * MARGIN - 2 * _LEFT - _BETWEEN) / 2
+    styles = style.styles_of(dict.fromkeys(point.system for point in points), None)
+    figure = style.new_figure(style.PAGE_MM, 75.0)
+    style.draw_keys(figure, styles)
     times = [point.ms_per_frame for point in points]
-    for number, (quantity, title) in enumerate(PANELS):
-        left = MARGIN + _LEFT + number * (width + _LEFT + _BETWEEN)
-        axes = figure.add_axes(Rect(left, top, width, _HEIGHT).fraction_of(height), label=quantity)
-        write_title(figure, left - _LEFT, top - 0.06, title)
-        for name in names:
+    for axes, (quantity, title) in zip(figure.subplots(1, 2), PANELS, strict=True):
+        axes.set_label(quantity)
+        axes.set_title(title, size=style.TITLE_PT, weight="bold")
+        for name, series in styles.items():
             own = [point for point in points if point.system == name]
             x = [point.ms_per_frame for point in own]
             y = [getattr(point, quantity) for point in own]
-            axes.plot(x, y, label=name, **styles[name].line_properties)
+            axes.plot(x, y, label=name, **series.line_properties)
             for point, at_x, at_y in zip(own, x, y, strict=True):
                 axes.annotate(
-                    str(point.steps), (at_x, at_y), xytext=(2.5, 2.5),
-                    textcoords="offset points", size=style.SMALL_PT - 1, color=styles[name].color,
+                    str(point.steps), (at_x, at_y), xytext=(2.5, 2.5), textcoords="offset points",
+                    size=style.SMALL_PT, color=series.color,
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.set_xlim(min(times) / 1.3, max(times) * 1.5)
-        highest = max(getattr(point, quantity) for point in points)
-        axes.set_ylim(0.0, 1.12 * highest or 1.0)
-        axes.grid(axis="y")
-        axes.set_axisbelow(True)
+        style.from_zero(axes, [getattr(point, quantity) for point in points])
         axes.xaxis.set_major_formatter("{x:g}")
-        axes.set_xlabel("milliseconds a frame", size=style.LABEL_PT, labelpad=2.0)
+        axes.set_xlabel("milliseconds a frame")
         if axes.get_xlim()[1] > REAL_TIME_MS:
             axes.axvline(REAL_TIME_MS, color=style.FAINT_INK, linewidth=0.5)
             axes.annotate(
-                "real time", (REAL_TIME_MS, highest), size=style.SMALL_PT, rotation=90, va="top",
-                ha="right", color=style.FAINT_INK,
+                "real time", (REAL_TIME_MS, 1.0), xycoords=("data", "axes fraction"), va="top",
+                ha="right", size=style.SMALL_PT, rotation=90, color=style.FAINT_INK,
             )  # fmt: skip
     return figure

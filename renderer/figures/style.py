@@ -1,67 +1,81 @@
-"""How the figures look: colours, line styles, type sizes and the measuring of text.
+"""How all figures look: widths, type, colours, keys and titles; matplotlib finds the places.
 
-Colours are Okabe and Ito's palette without its yellow, which vanishes on white. No series is told
-apart by colour alone: each also has a dash pattern and a marker of its own, so that a greyscale
-print and a colour-blind reader lose nothing. Gaps between dashes hold a tint of the colour: a curve
-with holes would look rougher than it is. Importing this module does not import matplotlib.
+Colours are Okabe and Ito's palette without its yellow, which vanishes on white; each has a marker
+of its own beside it. Lines are never dashed: a curve with holes hides how jagged it is. Importing
+this module does not import matplotlib.
 """
 
+import math
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-FIGURE_WIDTH_IN = 7.0  # text width of a two-column page: the figure goes in at scale 1
-PNG_DPI = 288  # 2016 pixels wide
-VECTOR_DPI = 300  # of the snapshots inside the SVG and the PDF
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
-TITLE_PT = 7.5
-LABEL_PT = 7.0
-SMALL_PT = 6.0
+MM = 1.0 / 25.4
+PAGE_MM, COLUMN_MM = 174.0, 85.0
+"""The widths that journals print: figures go in at scale 1."""
+MAX_HEIGHT_MM = 235.0
+DPI = 300  # of PNG, and of the pictures inside SVG and PDF
+
+TITLE_PT, LABEL_PT, SMALL_PT = 7.5, 7.0, 6.0
 MARKER_PT = 3.0
 
 INK = "#1a1a1a"
 FAINT_INK = "#555555"
 GRID_INK = "#dcdcdc"
-PANE_INK = "#f8f8f8"
-SNAPSHOT_INK = "#b8b8b8"
-
-ROUND_NUMBERS = np.outer(10.0 ** np.arange(-9, 10), [1.0, 2.0, 5.0]).ravel()
-"""Steps that ticks and grids may have, increasing."""
+SNAPSHOT_INK = "#c8c8c8"
 
 RC_PARAMS: dict[str, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": LABEL_PT,
     "text.parse_math": False,  # a name may hold a dollar sign
     "text.color": INK,
+    "axes.axisbelow": True,
     "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.5,
     "axes.formatter.useoffset": False,
-    "axes.spines.top": False,
+    "axes.labelcolor": INK,
+    "axes.labelpad": 1.5,
+    "axes.labelsize": LABEL_PT,
+    "axes.linewidth": 0.5,
     "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 3.0,
+    "axes.titlesize": LABEL_PT,
+    "figure.constrained_layout.h_pad": 0.02,
+    "figure.constrained_layout.w_pad": 0.03,
+    "figure.constrained_layout.hspace": 0.0,
+    "figure.constrained_layout.wspace": 0.0,
+    "grid.color": GRID_INK,
+    "grid.linewidth": 0.4,
+    "image.composite_image": False,  # each row of snapshots stays a picture of its own
+    "legend.borderaxespad": 0.4,
+    "legend.borderpad": 0.0,
+    "legend.columnspacing": 1.6,
+    "legend.fontsize": LABEL_PT,
+    "legend.frameon": False,
+    "legend.handletextpad": 0.5,
+    "legend.labelspacing": 0.3,
+    "pdf.fonttype": 42,  # text stays text; many journals refuse Type 3
+    "ps.fonttype": 42,
+    "svg.fonttype": "path",  # outlines: nobody needs the font, so nothing moves or overlaps
+    "svg.hashsalt": "co-speech motion figure",
     "xtick.color": INK,
     "ytick.color": INK,
     "xtick.labelsize": SMALL_PT,
     "ytick.labelsize": SMALL_PT,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
-    "xtick.major.size": 2.0,
-    "ytick.major.size": 2.0,
     "xtick.major.pad": 2.0,
     "ytick.major.pad": 2.0,
-    "grid.color": GRID_INK,
-    "grid.linewidth": 0.4,
-    "axes3d.xaxis.panecolor": PANE_INK,
-    "axes3d.yaxis.panecolor": PANE_INK,
-    "axes3d.zaxis.panecolor": PANE_INK,
-    "image.composite_image": False,  # each snapshot stays a picture of its own
-    "pdf.fonttype": 42,  # whole TrueType outlines; many journals refuse Type 3
-    "ps.fonttype": 42,
-    "svg.fonttype": "path",  # outlines: nobody needs the font, so nothing moves or overlaps
-    "svg.hashsalt": "co-speech motion figure",
+    "xtick.major.size": 2.0,
+    "ytick.major.size": 2.0,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
 }
 
 
@@ -71,25 +85,16 @@ class SeriesStyle:
 
     color: str
     dashes: tuple[float, ...]
-    """On and off lengths in line widths; empty means solid."""
+    """On and off lengths in line widths, for the page's keys; figures draw no dashes."""
     marker: str
     width_pt: float
-
-    @property
-    def gap_color(self) -> tuple[float, float, float]:
-        """The colour, halfway to white."""
-        red, green, blue = (int(self.color[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
-        return (0.5 + 0.5 * red, 0.5 + 0.5 * green, 0.5 + 0.5 * blue)
 
     @property
     def line_properties(self) -> dict[str, Any]:
         """Keyword arguments of matplotlib's ``Line2D``."""
         return {
             "color": self.color,
-            "linestyle": (0.0, self.dashes) if self.dashes else "-",
             "linewidth": self.width_pt,
-            "gapcolor": self.gap_color if self.dashes else None,
-            "dash_capstyle": "butt",
             "solid_joinstyle": "round",
             "marker": self.marker,
             "markersize": MARKER_PT,
@@ -98,14 +103,14 @@ class SeriesStyle:
         }
 
 
-REFERENCE_STYLE = SeriesStyle("#000000", (), "o", 1.3)
+REFERENCE_STYLE = SeriesStyle("#000000", (), "o", 1.1)
 SYSTEM_STYLES = (  # the first few differ most in lightness
-    SeriesStyle("#D55E00", (9.0, 1.5), "s", 0.9),
-    SeriesStyle("#56B4E9", (3.0, 1.5), "^", 0.9),
-    SeriesStyle("#0072B2", (6.0, 1.5, 1.5, 1.5), "D", 0.9),
-    SeriesStyle("#E69F00", (1.3, 1.3), "v", 0.9),
-    SeriesStyle("#009E73", (4.0, 1.3, 1.3, 1.3, 1.3, 1.3), "P", 0.9),
-    SeriesStyle("#CC79A7", (9.0, 1.5, 3.0, 1.5), "X", 0.9),
+    SeriesStyle("#D55E00", (9.0, 1.5), "s", 0.8),
+    SeriesStyle("#56B4E9", (3.0, 1.5), "^", 0.8),
+    SeriesStyle("#0072B2", (6.0, 1.5, 1.5, 1.5), "D", 0.8),
+    SeriesStyle("#E69F00", (1.3, 1.3), "v", 0.8),
+    SeriesStyle("#009E73", (4.0, 1.3, 1.3, 1.3, 1.3, 1.3), "P", 0.8),
+    SeriesStyle("#CC79A7", (9.0, 1.5, 3.0, 1.5), "X", 0.8),
 )
 MAX_SYSTEMS = len(SYSTEM_STYLES)
 
@@ -116,17 +121,53 @@ def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesSt
     return {name: REFERENCE_STYLE if name == reference else next(systems) for name in names}
 
 
-def text_width_in(text: str, size_pt: float) -> float:
-    """Width of one line of the figures' type, in inches."""
+def new_figure(width_mm: float, height_mm: float) -> "Figure":
+    """A white figure whose parts find their places by themselves; call under the settings of
+    `renderer.figures.files`."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    x, y = 1.0 / width_mm, 1.0 / height_mm  # a millimetre
+    layout = ConstrainedLayoutEngine(rect=(x, y, 1.0 - 2 * x, 1.0 - 2 * y))
+    return Figure((width_mm * MM, height_mm * MM), facecolor="white", layout=layout)
+
+
+def draw_keys(
+    figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle], more: Sequence[Any] = ()
+) -> None:
+    """Line samples with whole names above all else, in as many columns as fit; ``more`` handles
+    follow them."""
+    from matplotlib.lines import Line2D
+
+    width_mm = figure.bbox.width / figure.get_figure(root=True).dpi / MM
+    handles = []
+    for name, series in styles.items():
+        label = "\n".join(wrap_text(name, LABEL_PT, width_mm - 14.0))
+        handles.append(Line2D([], [], label=label, **series.line_properties))
+    handles += more
+    lines = [line for each in handles for line in str(each.get_label()).split("\n")]
+    column_mm = max((text_width_mm(line, LABEL_PT) for line in lines), default=0.0) + 12.0
+    columns = max(1, min(len(handles), int((width_mm - 2.0) / column_mm)))
+    if handles:
+        figure.legend(handles=handles, loc="outside upper left", ncols=columns)
+
+
+def write_title(part: "SubFigure", text: str) -> None:
+    """The bold title of a part, at its left."""
+    part.suptitle(text, x=0.0, ha="left", size=TITLE_PT, weight="bold")
+
+
+def text_width_mm(text: str, size_pt: float) -> float:
+    """Width of one line of the figures' type."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
     font = FontProperties(family=str(RC_PARAMS["font.family"]), size=size_pt)
     width_pt, _, _ = TextToPath().get_text_width_height_descent(text, font, ismath=False)
-    return float(width_pt) / 72.0
+    return float(width_pt) / 72.0 / MM
 
 
-def wrap_text(text: str, size_pt: float, width_in: float, breaks_after: str = " ") -> list[str]:
+def wrap_text(text: str, size_pt: float, width_mm: float, breaks_after: str = "/-_. ") -> list[str]:
     """The text on as many lines as fit the width; nothing of it is left out.
 
     A line ends after one of ``breaks_after`` where it can, else in the middle of a word.
@@ -136,8 +177,8 @@ def wrap_text(text: str, size_pt: float, width_in: float, breaks_after: str = " 
     while rest:
         too_long = bisect_right(
             range(len(rest) + 1),
-            width_in,
-            key=lambda count, line=rest: text_width_in(line[:count].rstrip(), size_pt),
+            width_mm,
+            key=lambda count, line=rest: text_width_mm(line[:count].rstrip(), size_pt),
         )
         fits = max(1, too_long - 1)
         if fits < len(rest):
@@ -146,3 +187,35 @@ def wrap_text(text: str, size_pt: float, width_in: float, breaks_after: str = " 
         lines.append(rest[:fits].strip())
         rest = rest[fits:].lstrip()
     return lines or [""]
+
+
+def round_below(value: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value)
+
+
+def cut_text(text: str, size_pt: float, width_mm: float) -> str:
+    """As much of a name as one line holds; a key has the whole."""
+    first, *rest = wrap_text(text, size_pt, width_mm)
+    return f"{first}\N{HORIZONTAL ELLIPSIS}" if rest else first
+
+
+def short_joint(joint: str) -> str:
+    """``left_middle2`` as 'L middle 2'."""
+    words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
+    return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
+
+
+def from_zero(axes: "Axes", *values: Any) -> None:
+    """A grid and a linear scale from zero to a little above the highest value."""
+    numbers = np.concatenate([np.asarray(each, float).ravel() for each in values or [[]]])
+    highest = float(numbers[np.isfinite(numbers)].max(initial=0.0))
+    axes.set_ylim(0.0, 1.08 * highest or 1.0)
+    axes.grid(True, axis="y")
+
+
+def name_x(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
+    """Names that stand upright, one at each place along x."""
+    axes.set_xticks(range(len(names)), names, rotation=90, size=size_pt)
+    axes.set_xlim(-0.6, max(len(names), 1) - 0.4)

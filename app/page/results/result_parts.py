@@ -100,29 +100,39 @@ def figures_html(
         address: gives a file its place for one browser.
         sentences: as of `app.findings.sentences.sentences_of`.
     """
-    figures: dict[str, dict[str, str]] = {}
+    figures: dict[str, dict[str, Path]] = {}
     for path in files:
-        if path.suffix.lstrip(".") in _DOWNLOADS:
-            figures.setdefault(path.stem, {})[path.suffix.lstrip(".")] = address(path)
+        figures.setdefault(path.stem, {})[path.suffix.lstrip(".")] = path
     return "".join(
-        _figure(stem, urls, sentences) for stem, urls in figures.items() if "png" in urls
+        _figure(
+            stem,
+            {each: address(paths[each]) for each in _DOWNLOADS if each in paths},
+            sentences,
+            paths["txt"].read_text("utf-8") if "txt" in paths else "",
+        )
+        for stem, paths in figures.items()
+        if "png" in paths
     )
 
 
-def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) -> str:
+def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(
         f'<a href="{escape(urls[ending])}" download="{escape(stem)}.{ending}">{ending.upper()}</a>'
-        for ending in _DOWNLOADS
-        if ending in urls
+        for ending in urls
     )
     said = "".join(
         f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
+    )
+    beside = (
+        f"<details><summary>{text.CAPTION}</summary><p>{escape(caption)}</p></details>"
+        if caption
+        else ""
     )
     return (
         f"{markup.heading(about.title, about.help)}"
         f'<figure class="plot"><button type="button" class="zoom" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></button>'
-        f'<figcaption>{said}<p class="links">{links}</p></figcaption></figure>'
+        f'<figcaption>{said}{beside}<p class="links">{links}</p></figcaption></figure>'
     )

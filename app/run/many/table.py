@@ -322,7 +322,7 @@ LEAST_CLIPS = 5
 def draw_spread(
     out: Path, systems: list[str], numbers: list[dict[str, Any]]
 ) -> tuple[tuple[Path, ...], list[str]]:
-    """Write ``distributions.png``, ``.svg`` and ``.pdf``; files and what must be said of them.
+    """Write ``distributions.png`` and beside it; files and what must be said of them.
 
     Args:
         numbers: of each clip, as `app.run.many.table.numbers_of` in ``systems`` by name.

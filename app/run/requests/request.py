@@ -131,6 +131,53 @@ def read_channel(written: str) -> int:
     return int(written) - 1
 
 
+FIGURE_PANELS = ("a", "b", "c", "d")
+MAX_SNAPSHOTS = 7
+
+
+def read_panels(written: str) -> tuple[str, ...]:
+    """``a,b,d``. Raises `RunError` if there is none of the name."""
+    known = {panel: panel for panel in FIGURE_PANELS}
+    return _known(written, known, "no panel {name!r}; Figure 6 has {names}")
+
+
+def read_frames(written: str) -> tuple[int, ...]:
+    """``0,40,80``. Raises `RunError` for what is no frame, and for too many."""
+    names = names_of(written)
+    if not all(name.isdecimal() for name in names) or not 1 <= len(names) <= MAX_SNAPSHOTS:
+        raise RunError(f"{written!r} is not 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
+    return tuple(sorted({int(name) for name in names}))
+
+
+@dataclass(frozen=True)
+class FigureAsked:
+    """What Figure 6 shows, and how wide it is printed."""
+
+    panels: tuple[str, ...] = field(
+        default=FIGURE_PANELS,
+        metadata=flag(
+            "panels of Figure 6: a coordinates, b snapshots, c path in space, d tremble (default: "
+            "all)",
+            "a,b,...",
+            read_panels,
+        ),
+    )
+    frames: tuple[int, ...] = field(
+        default=(),
+        metadata=flag(
+            "its snapshots (default: every 50 frames from --start)", "N,...", read_frames
+        ),
+    )
+    width: str = field(
+        default="174mm",
+        metadata=flag("its width in print (default: %(default)s)", choices=("85mm", "174mm")),
+    )
+
+    @property
+    def width_mm(self) -> float:
+        return float(self.width.removesuffix("mm"))
+
+
 TRANSCRIPT = flag(
     "what is said: a TextGrid, or a plain English text (.txt), which is looked for in the speech",
     "FILE",
@@ -304,6 +351,7 @@ class GenerateRequest:
     `app.run.followed_point`."""
     start_frame: int = field(default=0, metadata=START)
     """First of the 300 frames of Figure 6."""
+    figure: FigureAsked = field(default_factory=FigureAsked, metadata=flags_of(FigureAsked))
     reference: Path | None = field(default=None, metadata=REFERENCE)
     """A motion file of the same speech, shown and measured beside the systems."""
     told: Told = field(default=Told(), metadata=ASSUME)
@@ -329,10 +377,8 @@ class GenerateRequest:
     quarters as wide from the knees up. A close-up adds half the width."""
     display: Display = field(default_factory=Display, metadata=flags_of(Display))
     """What the videos show beyond the body as it moves."""
-    has_video: bool = field(
-        default=True, metadata=flag("no videos, figure without poses", name="--no-video")
-    )
-    has_poses: bool = False
+    has_video: bool = field(default=True, metadata=flag("no videos", name="--no-video"))
+    has_poses: bool = True
     """Whether Figure 6 shows poses where no videos are drawn, too."""
     has_figures: bool = field(
         default=True, metadata=flag("neither Figure 6 nor jitter", name="--no-figures")

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from app.run.inputs import Inputs
     from model.motion.motion import Motion
     from renderer.body.body import Body, BodyMotion
-    from renderer.figures.figure6.snapshots import JointMarks
+    from renderer.figures.figure6.spec import JointMarks
     from renderer.scene.stage import Stage
     from renderer.video.settings import RenderSettings
 
@@ -53,7 +53,7 @@ def jerk_marks(
 
     The full scale is a round number that nearly all values stay under.
     """
-    from renderer.figures.figure6.snapshots import JointMarks
+    from renderer.figures.figure6.spec import JointMarks
     from renderer.video.render import projected_joints
 
     values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
@@ -140,7 +140,7 @@ def draw_all(
         name: marks_of(motion, request.display, tip, inputs.body) for name, motion in placed.items()
     }
     shortest = min(motion.num_frames for motion in motions.values())
-    frames = choose_snapshot_frames(shortest, request.start_frame)
+    frames = request.figure.frames or choose_snapshot_frames(shortest, request.start_frame)
     has_poses = request.display.is_plain and request.framing == "whole"
     jobs: dict[str, RenderJob] = {}
     named: dict[str, str] = {}

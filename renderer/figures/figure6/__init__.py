@@ -1,1 +1,1 @@
-"""Figure 6 of the GlobalDiff paper; may import `figures`, not `jitter`."""
+"""Figure 6 of the GlobalDiff paper; may import `figures`."""

@@ -1,238 +1,421 @@
 """Figure 6 of the GlobalDiff paper for any motions: a fingertip's path beside snapshots.
 
-Call it under the settings of :mod:`renderer.figures.files`; without these the type sizes that
-the layout measured are not the ones that are drawn.
-
-Left, the trajectory of one point, one axis per coordinate, and its path in space; right, one row of
-snapshots per system, all from the same camera. Nothing here knows where the positions or the
-pictures come from.
+Up to two systems share plots, as in the paper; of more, each has a row of small ones, with the
+reference or the first faint behind. Nothing here knows where the positions or the pictures come
+from.
 """
 
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from renderer.figures import style
-from renderer.figures.figure6.curves import draw_path, draw_strips
-from renderer.figures.figure6.layout import (
-    COORDINATE_GAP,
-    FRAME_NUMBERS,
-    Layout,
-    plan_layout,
-)
-from renderer.figures.figure6.snapshots import JointMarks, crop_alike, mark_joints
-from renderer.figures.figure6.spec import (
-    COORDINATES,
-    MIN_SPAN_M,
-    Figure6,
-)
+from renderer.figures.figure6.spec import COORDINATES, CUT_OFF_HZ, FAINTEST, PANELS, Figure6
 from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import (
-    MARGIN,
-    TITLE_GAP,
-    Rect,
-    caption_lines,
-    draw_key,
-    write,
-    write_caption,
-    write_title,
-)
-from renderer.figures.style import ROUND_NUMBERS
+from renderer.figures.style import MAX_HEIGHT_MM, SMALL_PT
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
+MIN_SPAN_M = 0.02
+"""A point that stands still is drawn on an axis of two centimetres."""
+MARK_RGB = (0.29, 0.08, 0.43)
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
-_SCALE_MARK, _SCALE_GAP = 0.12, 0.03  # inches of a sample of the marks, and beside it
-_SCALE_PIXELS, _SCALE_RADIUS = 60, 0.32
-_ROOMY_TICKS, _CLOSEST_TICKS = 0.2, 0.09  # inches between numbers one above the other
+_FAINT = 0.3
+_KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
+_HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
+"""What a body has beyond its outermost joints, as shares of the height of all of them."""
+
+
+def figure6(contents: Figure6, out_stem: Path) -> FigureFiles:
+    """Write ``<out_stem>.png``, ``.svg``, ``.pdf`` and the caption."""
+    with matplotlib_settings():
+        return write_figure(draw_figure6(contents), out_stem, contents.caption)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Panels side by side, of some of the motions; of none a row of titles alone."""
+
+    names: tuple[str, ...]
+    panels: tuple[str, ...]
+    height_mm: float
+    widths_mm: tuple[float, ...]
+    has_titles: bool
+    is_first: bool
+    is_last: bool
+    """Of the rows of these panels: the one with frame numbers, and the one with times."""
+    extra_mm: tuple[float, float] = (0.0, 0.0)
+    """What frame numbers and times take above and below what all such rows have."""
 
 
 def draw_figure6(contents: Figure6) -> "Figure":
     """The figure, without a canvas; its size in inches is its size on paper."""
-    from matplotlib.figure import Figure
-
-    snapshots = crop_alike(_marked(contents)) if contents.snapshots else {}
-    num_snapshots = len(contents.snapshot_frames) if snapshots else 0
-    aspect = 1.0
-    if snapshots:
-        height, width = next(iter(snapshots.values())).shape[1:3]
-        aspect = width / height
-    caption = caption_lines(contents.caption)
-    limits = _coordinate_limits(contents.trajectories)
-    layout = plan_layout(
-        tuple(contents.trajectories), num_snapshots, aspect, len(caption),
-        _number_width_in(limits), len(contents.tremble),
-    )  # fmt: skip
-
-    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
-    for key in (*layout.legend, *layout.row_keys):
-        draw_key(figure, key, contents.styles[key.name])
-    _draw_coordinates(figure, layout, contents, limits)
-    grid_pitch = draw_path(figure, layout.path.fraction_of(layout.height), contents)
-    letter = "c" if snapshots else "b"
-    write_title(
-        figure,
-        layout.path.left,
-        layout.path.top - TITLE_GAP,
-        f"{letter}  Path in space (grid {grid_pitch:g} m)",
-    )
-    if snapshots:
-        _draw_snapshots(figure, layout, contents, snapshots)
-    if contents.tremble:
-        draw_strips(figure, layout, contents)
-    write_caption(figure, caption, layout.caption_top)
+    cells = Cells.of(contents) if "b" in contents.panels else None
+    rows = list(_plan(contents, cells.aspect * cells.count if cells else 1.0))
+    heights = [row.height_mm for row in rows]
+    total = 2 * _KEY_MM + sum(heights)
+    total = min(total, MAX_HEIGHT_MM) if contents.is_in_one_plot else total
+    figure = style.new_figure(contents.width_mm, total)
+    marks = _mark_samples(contents) if cells else []
+    style.draw_keys(figure, contents.styles if contents.is_in_one_plot else {}, marks)
+    titles = {
+        "a": contents.point,
+        "b": "Snapshots",
+        "c": "Path in space (m)",
+        "d": f"Tremble: off its own path below {CUT_OFF_HZ:g} Hz",
+    }
+    letters = dict(zip(contents.panels, PANELS, strict=False))  # those shown count from a
+    parts = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for row, part in zip(rows, parts, strict=True):
+        if len(row.names) == 1 and row.panels != ("d",) and not contents.is_in_one_plot:
+            style.draw_keys(part, {name: contents.styles[name] for name in row.names})
+        places = part.subfigures(1, len(row.panels), squeeze=False, width_ratios=row.widths_mm)[0]
+        for panel, place in zip(row.panels, places, strict=True):
+            if row.has_titles:
+                style.write_title(place, f"{letters[panel]}  {titles[panel]}")
+            if panel == "b" and row.names:
+                assert cells is not None
+                _snapshots(place, contents, row, cells)
+            elif row.names:
+                {"a": _coordinates, "c": _path, "d": _strips}[panel](place, contents, row)
     return figure
 
 
-def _marked(contents: Figure6) -> dict[str, np.ndarray]:
-    """The snapshots, with their marks where there are any."""
-    marks = contents.marks
-    if marks is None:
-        return contents.snapshots
-    return {
-        name: mark_joints(
-            pictures, marks.pixels[name], np.asarray(marks.values[name]) / marks.full_scale
-        )
-        for name, pictures in contents.snapshots.items()
-    }
+def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
+    """The rows, from above; ``aspect`` is the width of a row of snapshots over its height."""
+    names, width = tuple(contents.trajectories), contents.width_mm
+    count, is_wide = len(names), contents.width_mm > 1.5 * style.COLUMN_MM
+
+    def rows(panels: str, groups: Sequence[tuple[str, ...]], height: float, *widths: float) -> Any:
+        shown = [(p, w) for p, w in zip(panels, widths, strict=True) if p in contents.panels]
+        if not shown:
+            return
+        letters, shares = zip(*shown, strict=True)
+        has_header = len(groups) > 1
+        if has_header:
+            yield Row((), letters, _TITLE_MM, shares, True, False, False)
+        for group in groups:
+            first, last = group == groups[0], group == groups[-1]
+            above = _FRAME_MM * (first and "b" in letters)
+            below = _TIME_MM * (last and letters != ("b",))
+            total = height + above + below + _TITLE_MM * (not has_header)
+            yield Row(group, letters, total, shares, not has_header, first, last, (above, below))
+
+    if contents.is_in_one_plot:
+        strips = count * (14.0 if is_wide else 17.0)
+        room = 0.6 * width if is_wide and "a" in contents.panels else width
+        each = min(room / aspect, (110.0 if is_wide else 75.0) / count)
+        pictures = count * (each + _KEY_MM)
+        if is_wide:
+            beside = each * aspect + 3.0
+            tall = {"a": 70.0, "b": pictures - _TIME_MM, "c": 52.0, "d": strips}
+            tall = {panel: mm if panel in contents.panels else 0.0 for panel, mm in tall.items()}
+            high, low = max(tall["a"], tall["b"]), max(tall["c"], tall["d"])
+            yield from rows("ab", [names], high, max(width - beside, 1.0), beside)
+            yield from rows("cd", [names], low, 0.38 * width, 0.62 * width)
+        else:
+            for panel, height in zip("abcd", (54.0, pictures, 42.0, strips), strict=True):
+                yield from rows(panel, [names], height, width)
+        return
+    alone = [(name,) for name in names]
+    if is_wide:
+        strips = min(count * 12.0, 60.0)
+        room = MAX_HEIGHT_MM - 2 * _KEY_MM - 2 * (_TITLE_MM + _TIME_MM) - _FRAME_MM - strips
+        height = min(36.0, room / count)
+        beside = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
+        path = min(0.45 * (width - beside), 1.3 * height)
+        yield from rows("abc", alone, height, width - beside - path, beside, path)
+    else:  # with all panels of many motions taller than a page
+        strips, each = count * 11.0, min(width / aspect, 24.0)
+        yield from rows("ac", alone, 26.0, 0.65 * width, 0.35 * width)
+        yield from rows("b", [names], count * (each + _KEY_MM), width)
+    yield from rows("d", [names], strips, width)
 
 
-def _draw_scale(figure: "Figure", marks: JointMarks, right: float, bottom: float) -> None:
-    """Two marks with their values, ending at the right edge of the snapshots."""
-    samples = {1.0: f"{marks.full_scale:g} {marks.unit} {marks.quantity}"}
-    samples[0.5] = f"{0.5 * marks.full_scale:g}"
-    empty = np.full((1, _SCALE_PIXELS, _SCALE_PIXELS, 3), 255, np.uint8)
-    centre = np.full((1, 1, 2), 0.5 * _SCALE_PIXELS)
-    for severity, text in samples.items():  # from the right to the left
-        right -= style.text_width_in(text, style.SMALL_PT)
-        place = (right, bottom - 0.5 * _SCALE_MARK)
-        write(figure, *place, text, size=style.SMALL_PT, va="center_baseline")
-        right -= _SCALE_MARK + _SCALE_GAP
-        rect = Rect(right, bottom - _SCALE_MARK, _SCALE_MARK, _SCALE_MARK)
-        axes = figure.add_axes(rect.fraction_of(figure.get_figheight()), label="scale of marks")
-        axes.set_axis_off()
-        axes.imshow(mark_joints(empty, centre, np.full((1, 1), severity), _SCALE_RADIUS)[0])
-        right -= 3.0 * _SCALE_GAP
+def _curves(contents: Figure6, row: Row) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The motions of a row with how their lines look, behind them the first one of all, faint."""
+    first = next(iter(contents.trajectories))
+    if first not in row.names:
+        looks = contents.styles[first].line_properties
+        yield first, looks | {"marker": "", "alpha": _FAINT, "zorder": 1.5, "linewidth": 0.7}
+    for name in row.names:
+        yield name, contents.styles[name].line_properties | {"markevery": contents.marker_frames}
 
 
-def _coordinate_limits(
-    trajectories: dict[str, np.ndarray],
-) -> list[tuple[float, float]]:
-    """Limits of x, y and z in metres, in proportion to the heights their axes get."""
-    positions = np.concatenate(list(trajectories.values())).astype(np.float64)
+def _limits(contents: Figure6, room: float, least: float) -> np.ndarray:
+    """Limits of x, y and z in metres (3, 2): all that is drawn, with some room, and the flattest
+    with a share of the others."""
+    positions = np.concatenate(list(contents.trajectories.values())).astype(np.float64)
     low, high = positions.min(axis=0), positions.max(axis=0)
-    spans = np.maximum(1.14 * (high - low), MIN_SPAN_M)
-    spans = np.maximum(spans, _MIN_SHARE * spans.sum())
+    spans = np.maximum(room * (high - low), MIN_SPAN_M)
+    spans = np.maximum(spans, least * spans.sum())
     middle = 0.5 * (low + high)
-    return [(float(m - s / 2), float(m + s / 2)) for m, s in zip(middle, spans, strict=True)]
+    return np.stack([middle - spans / 2, middle + spans / 2], axis=1)
 
 
-def _draw_coordinates(
-    figure: "Figure", layout: Layout, contents: Figure6, limits: list[tuple[float, float]]
-) -> None:
-    """One axis per coordinate against time, all to one scale in metres per inch."""
-    from matplotlib.ticker import MultipleLocator
+def _coordinates(part: "SubFigure", contents: Figure6, row: Row) -> None:
+    """An axis for each coordinate against time, all to one scale in metres per inch."""
+    from matplotlib.ticker import MaxNLocator
 
-    area = layout.coordinates
-    scale = (area.height - 2 * COORDINATE_GAP) / sum(high - low for low, high in limits)
-    tick_step = _tick_step(limits, scale)
-    times = (contents.start_frame + np.arange(contents.num_frames)) / contents.fps
+    least = _MIN_SHARE if contents.is_in_one_plot else 0.3
+    limits, times = _limits(contents, 1.14, least), contents.times
+    spans = np.ptp(limits, axis=1)
     margin = 0.01 * (times[-1] - times[0]) or 0.5 / contents.fps
-    write_title(figure, MARGIN, area.top - TITLE_GAP, f"a  {contents.point}")
-    top = area.top
-    for coordinate, (low, high) in enumerate(limits):
-        rect = Rect(area.left, top, area.width, scale * (high - low))
-        top = rect.bottom + COORDINATE_GAP
-        axes = figure.add_axes(rect.fraction_of(layout.height))
-        axes.set_label(COORDINATES[coordinate])
-        for frame in contents.snapshot_marks:
+    stack = part.subplots(3, 1, sharex=True, squeeze=False, height_ratios=spans)[:, 0]
+    for k, (axes, letter) in enumerate(zip(stack, COORDINATES, strict=True)):
+        axes.set_label(letter)
+        for frame in contents.shown_frames:
             axes.axvline(times[frame], color=style.SNAPSHOT_INK, linewidth=0.5, zorder=0.5)
-        for name, positions in contents.trajectories.items():
-            axes.plot(
-                times,
-                positions[:, coordinate],
-                label=name,
-                markevery=list(contents.marker_frames),
-                **contents.styles[name].line_properties,
-            )
-        axes.set_xlim(times[0] - margin, times[-1] + margin)
-        axes.set_ylim(low, high)
-        axes.grid(axis="y")
-        axes.set_axisbelow(True)
-        axes.yaxis.set_major_locator(MultipleLocator(tick_step))
-        is_last = coordinate == len(limits) - 1
-        axes.tick_params(axis="x", labelbottom=is_last)
-        middle = 1.0 - (rect.top + 0.5 * rect.height) / layout.height
-        figure.text(
-            (MARGIN + 0.06) / style.FIGURE_WIDTH_IN,
-            middle,
-            f"{COORDINATES[coordinate]} (m)",
-            rotation=90,
-            size=style.LABEL_PT,
-            ha="center",
-            va="center",
-        )
-        if is_last:
-            axes.set_xlabel("time (s)", size=style.LABEL_PT, labelpad=2.0)
+        for name, looks in _curves(contents, row):
+            axes.plot(times, contents.trajectories[name][:, k], label=name, clip_on=False, **looks)
+        axes.set_xlim(times[0] - margin, times[-1] + 3 * margin)
+        axes.set_ylim(*limits[k])
+        axes.grid(True, axis="y")
+        most = max(1, int(0.14 * row.height_mm * spans[k] / spans.sum()))
+        ticks = MaxNLocator(most, steps=[1, 2, 5, 10], min_n_ticks=2).tick_values(*limits[k])
+        ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
+        axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
+        upright = {} if contents.is_in_one_plot else {"rotation": 0, "ha": "right", "va": "center"}
+        axes.set_ylabel(f"{letter} (m)", **upright)
+    _write_times(stack[-1], row)
+    part.align_ylabels(stack)
 
 
-def _number_width_in(limits: list[tuple[float, float]]) -> float:
-    """Room for the numbers at the coordinate axes, whatever step the ticks will have."""
-    total_span = sum(high - low for low, high in limits)
-    decimals = max(0, int(np.ceil(-np.log10(total_span / 20.0))))
-    largest = max(abs(value) for pair in limits for value in pair)
-    return style.text_width_in(f"\N{MINUS SIGN}{largest:.{decimals}f}", style.SMALL_PT)
+def _write_times(axes: "Axes", row: Row) -> None:
+    axes.tick_params(axis="x", labelbottom=row.is_last)
+    axes.set_xlabel("time (s)" if row.is_last else "")
 
 
-def _tick_step(limits: list[tuple[float, float]], scale: float) -> float:
-    """Metres between ticks: 0.2 inches or more, less where an axis would have fewer than two."""
-    steps = ROUND_NUMBERS[ROUND_NUMBERS * scale >= _CLOSEST_TICKS]
-    roomy = steps[steps * scale >= _ROOMY_TICKS]
-    for step in (float(roomy[0]), *steps[steps < roomy[0]][::-1]):
-        if all(np.floor(high / step) > np.ceil(low / step) for low, high in limits):
-            return float(step)
-    return float(roomy[0])
+_ELEVATION, _AZIMUTH = np.radians(20.0), np.radians(36.0)
+_TO_CAMERA = np.array(
+    [
+        -np.sin(_AZIMUTH) * np.cos(_ELEVATION),
+        np.sin(_ELEVATION),
+        np.cos(_AZIMUTH) * np.cos(_ELEVATION),
+    ]
+)  # from the front, above the body's right hand
+_ACROSS = np.array([np.cos(_AZIMUTH), 0.0, np.sin(_AZIMUTH)])
+PROJECTION = np.stack([_ACROSS, np.cross(_TO_CAMERA, _ACROSS)], axis=1)
+"""(3, 2): x, y and z on paper, without perspective."""
 
 
-def _draw_snapshots(
-    figure: "Figure", layout: Layout, contents: Figure6, snapshots: dict[str, np.ndarray]
-) -> None:
-    """Rows of pictures under their frame numbers."""
-    first_row = layout.cells[0]
-    top = layout.row_keys[0].rect.top
-    title_bottom = top - FRAME_NUMBERS - TITLE_GAP
-    if contents.marks is None:
-        write_title(figure, first_row[0].left, title_bottom, "b  Snapshots at frame")
-    else:
-        write_title(figure, first_row[0].left, title_bottom, "b  Snapshots")
-        _draw_scale(figure, contents.marks, layout.row_keys[0].rect.right, title_bottom)
-    for cell, frame in zip(first_row, contents.snapshot_frames, strict=True):
-        write(
-            figure,
-            cell.left + 0.5 * cell.width,
-            top,
-            str(frame),
-            size=style.SMALL_PT,
-            ha="center",
-            va="bottom",
-        )
-    # One pair of axes in inches for all pictures: 49 pairs would take longer than all the rest.
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label="snapshots", zorder=-1)
+def _path(part: "SubFigure", contents: Figure6, row: Row) -> None:
+    """The path in space before a floor and two walls, all three axes to one scale."""
+    limits = _limits(contents, 1.06, _MIN_SHARE)
+    above, below = (0.0, 0.0) if contents.is_in_one_plot else row.extra_mm
+    heights = [mm for mm in (above, row.height_mm - above - below, below) if mm]
+    grid = part.add_gridspec(len(heights), 1, height_ratios=heights)
+    axes = part.add_subplot(grid[1 if above else 0])  # one scale in all rows
+    axes.set_label("path")
+    axes.set_aspect("equal")
     axes.set_axis_off()
-    for row, (name, pictures) in zip(layout.cells, snapshots.items(), strict=True):
-        for cell, frame, picture in zip(row, contents.snapshot_frames, pictures, strict=True):
-            image = axes.imshow(
-                picture, extent=(cell.left, cell.right, cell.bottom, cell.top), aspect="auto"
-            )
-            image.set_label(f"{name} at frame {frame}")
-    axes.set_xlim(0.0, style.FIGURE_WIDTH_IN)
-    axes.set_ylim(layout.height, 0.0)
+    spans = np.ptp(limits, axis=1)
+    pitch = style.round_below(0.5 * float(spans.min()))
+    decimals = max(0, -math.floor(math.log10(pitch)))
+    corner = np.array([limits[0, 1], limits[1, 0], limits[2, 0]])  # floor and walls meet here
+
+    def line(start: np.ndarray, along: int, **looks: Any) -> None:
+        ends = np.stack([start, start])
+        ends[:, along] = limits[along]
+        axes.plot(*(ends @ PROJECTION).T, solid_capstyle="round", **looks)
+
+    ticks = [np.arange(np.ceil(low / pitch), high / pitch) * pitch + 0.0 for low, high in limits]
+    for axis, along in product(range(3), range(3)):
+        for tick in [*ticks[axis], *limits[axis]] if axis != along else ():
+            start = corner.copy()
+            start[axis] = tick
+            line(start, along, color=style.GRID_INK, linewidth=0.4, zorder=0.5)
+    # Numbers stand at the edges that nothing is drawn beyond: below in front, and at the left.
+    edges = {0: (limits[1, 0], limits[2, 1]), 1: (limits[0, 0], limits[2, 0]),
+             2: (limits[0, 0], limits[1, 0])}  # fmt: skip
+    away = {0: [(5.0, -7.0)] * 2, 1: [(-3.0, 3.0), (-3.0, 0.0)], 2: [(-3.0, -3.0), (-3.0, -7.0)]}
+    for axis, fixed in edges.items():
+        start = np.insert(np.array(fixed), axis, 0.0)
+        line(start, axis, color=style.INK, linewidth=0.5, zorder=0.6)
+        letters = ("", f"{COORDINATES[axis]} ")
+        for place, letter, offset in zip(ticks[axis][[0, -1]], letters, away[axis], strict=True):
+            text = f"{letter}{place:.{decimals}f}".replace("-", "\N{MINUS SIGN}")
+            start[axis] = place
+            axes.annotate(
+                text, tuple(start @ PROJECTION), offset, textcoords="offset points", size=SMALL_PT,
+                ha="right" if axis else "center", va="center", annotation_clip=False,
+            )  # fmt: skip
+    for name, looks in _curves(contents, row):
+        axes.plot(*(contents.trajectories[name] @ PROJECTION).T, label=name, **looks)
 
 
-def figure6(contents: Figure6, out_stem: Path) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``, in a folder that is made; each appears whole
-    or not at all."""
-    with matplotlib_settings():
-        return write_figure(draw_figure6(contents), out_stem, description=contents.caption)
+@dataclass(frozen=True)
+class Cells:
+    """The snapshots of each motion, cut to one size around the joints: the cut is at one place in
+    all pictures of a frame, so bodies keep their size everywhere and their place among systems,
+    while one who walks stays in the middle."""
+
+    rows: dict[str, np.ndarray]
+    """By name (N, h, w, 3)."""
+    pixels: dict[str, np.ndarray]
+    """Of the joints in them, (N, J, 2)."""
+
+    @classmethod
+    def of(cls, contents: Figure6) -> "Cells":
+        assert contents.marks is not None
+        pixels = np.stack([np.asarray(contents.marks.pixels[n]) for n in contents.snapshots])
+        stack = next(iter(contents.snapshots.values()))
+        limits = np.array(stack.shape[2:0:-1])  # width, height
+        inside = np.where(np.isfinite(pixels), np.clip(pixels, 0, limits), np.nan)
+        has_any = np.isfinite(inside).any(axis=(0, 2, 3))
+        inside[:, ~has_any] = 0.5 * limits  # nobody knows where the body is
+        low, high = np.nanmin(inside, axis=(0, 2)), np.nanmax(inside, axis=(0, 2))  # (N, 2)
+        tall = float((high - low)[:, 1].max())
+        low, high = low - tall * np.array([_SIDE, _HEAD]), high + tall * np.array([_SIDE, _FOOT])
+        size = np.ceil((high - low).max(axis=0))
+        size = np.where(size < 8, limits, np.minimum(size, limits)).astype(int)
+        starts = np.clip(np.rint((low + high - size) / 2), 0, limits - size).astype(int)
+
+        def cut(pictures: np.ndarray) -> np.ndarray:
+            pairs = zip(pictures, starts, strict=True)
+            return np.stack([p[y : y + size[1], x : x + size[0]] for p, (x, y) in pairs])
+
+        return cls(
+            {name: cut(pictures) for name, pictures in contents.snapshots.items()},
+            dict(zip(contents.snapshots, pixels - starts[:, None], strict=True)),
+        )
+
+    @property
+    def count(self) -> int:
+        return len(next(iter(self.rows.values())))
+
+    @property
+    def gap(self) -> int:
+        """Pixels between two snapshots."""
+        return max(1, round(0.03 * next(iter(self.rows.values())).shape[2]))
+
+    @property
+    def aspect(self) -> float:
+        """Of one snapshot, with the gap beside it."""
+        height, width = next(iter(self.rows.values())).shape[1:3]
+        return (width + self.gap) / height
+
+
+def _snapshots(part: "SubFigure", contents: Figure6, row: Row, cells: Cells) -> None:
+    """A row of pictures for each motion, the first under its frame numbers."""
+    assert contents.marks is not None
+    height_pt = row.height_mm / len(row.names) / 25.4 * 72.0
+    rows = part.subplots(len(row.names), 1, squeeze=False)[:, 0]
+    for name, axes in zip(row.names, rows, strict=True):
+        _, height, width, _ = cells.rows[name].shape
+        step = width + cells.gap
+        strip = np.full((height, step * cells.count - cells.gap, 3), 255, np.uint8)
+        for k, picture in enumerate(cells.rows[name]):
+            strip[:, k * step : k * step + width] = picture
+        axes.imshow(strip, extent=(0, strip.shape[1], height, 0), label=name)
+        axes.set_label(f"snapshots of {name}")
+        axes.set_anchor("NW")
+        axes.spines[:].set_visible(False)
+        axes.tick_params(length=0, labeltop=row.is_first and axes is rows[0], labelbottom=False)
+        places = step * np.arange(cells.count)
+        axes.set_xticks(places + width / 2, _frame_labels(contents, row, cells))
+        axes.set_yticks([])
+        if len(row.names) > 1:
+            axes.set_title(style.cut_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
+        joints = cells.pixels[name] + np.stack([places, 0 * places], axis=1)[:, None]
+        values = np.asarray(contents.marks.values[name]) / contents.marks.full_scale
+        _draw_marks(axes, joints.reshape(-1, 2), values.ravel(), 0.045 * height_pt)
+
+
+def _frame_labels(contents: Figure6, row: Row, cells: Cells) -> list[str]:
+    """Frame numbers called so: all where there is room, else the first, else none."""
+    labels = [f"frame {frame}" for frame in contents.snapshot_frames]
+    by_height = cells.aspect * (row.height_mm / len(row.names) - _KEY_MM)
+    room = 0.72 * min(row.widths_mm[row.panels.index("b")] / len(labels), by_height) - 1.0
+    if max(style.text_width_mm(label, SMALL_PT) for label in labels) < room:
+        return labels
+    numbers = [*map(str, contents.snapshot_frames)]
+    first, *others = (style.text_width_mm(each, SMALL_PT) for each in (labels[0], *numbers[1:]))
+    return [labels[0], *numbers[1:]] if first + max(others, default=0.0) < 2 * room else numbers
+
+
+def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray, largest_pt: float) -> None:
+    """Dark cores in white rims, so that they are seen on a light and on a dark body, in colour and
+    in a grey print; the strongest last, none of what is faint or not known."""
+    strength = np.clip(np.nan_to_num(values), 0.0, 1.0)
+    order = np.argsort(strength, kind="stable")
+    shown = order[(strength[order] >= FAINTEST) & np.isfinite(joints[order]).all(axis=1)]
+    opacity = _opacity(strength[shown])
+    axes.scatter(
+        *joints[shown].T,
+        s=np.square(largest_pt * (0.45 + 0.55 * strength[shown])),
+        color=[(*MARK_RGB, alpha) for alpha in opacity],
+        edgecolor=[(1.0, 1.0, 1.0, alpha) for alpha in opacity],
+        linewidth=0.08 * largest_pt,
+        zorder=3,
+    )
+
+
+def _opacity(strength: Any) -> Any:
+    return 0.9 * (0.25 + 0.75 * strength)
+
+
+def _mark_samples(contents: Figure6) -> list[Any]:
+    """Keys of half and full strength."""
+    from matplotlib.lines import Line2D
+
+    marks = contents.marks
+    assert marks is not None
+    texts = {
+        0.5: f"{0.5 * marks.full_scale:g}",
+        1.0: f"{marks.full_scale:g} {marks.unit} {marks.quantity}",
+    }
+    return [
+        Line2D(
+            [], [], linestyle="", marker="o", markersize=4.5 * (0.45 + 0.55 * strength), label=text,
+            markerfacecolor=(*MARK_RGB, _opacity(strength)), markeredgecolor="white",
+        )
+        for strength, text in texts.items()
+    ]  # fmt: skip
+
+
+def _strips(part: "SubFigure", contents: Figure6, row: Row) -> None:
+    """A strip for each motion with x above y above z, all to one scale, and their rms."""
+    times = contents.times
+    margin = 0.01 * (times[-1] - times[0])
+    sizes = np.abs(np.concatenate(list(contents.tremble.values())))
+    apart = max(1.1 * float(np.percentile(sizes, 99.0)), 0.1)
+    lifts = apart * np.array([1.0, 0.0, -1.0])
+    lifted = {name: values + lifts for name, values in contents.tremble.items()}
+    ends = [f(each) for each in lifted.values() for f in (np.min, np.max)]
+    low, high = min(*ends, -1.6 * apart), max(*ends, 1.6 * apart)
+    bar = style.round_below(apart)
+    strips = part.subplots(len(row.names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for name, axes in zip(row.names, strips, strict=True):
+        axes.set_label(f"tremble of {name}")
+        axes.plot(times, lifted[name], color=contents.styles[name].color, linewidth=0.6)
+        axes.set_yticks(lifts, COORDINATES if contents.is_in_one_plot else ("x", "", "z"))
+        axes.tick_params(axis="y", length=0)
+        axes.grid(True, axis="y")
+        rms = float(np.sqrt(np.square(contents.tremble[name]).sum(axis=1).mean()))
+        size = f"{rms:.1f} mm rms"
+        if contents.is_in_one_plot:
+            title = f"{style.cut_text(name, SMALL_PT, 0.4 * contents.width_mm)}  {size}"
+            axes.set_title(title, size=SMALL_PT, pad=1.5)
+        else:
+            lines = style.wrap_text(name, SMALL_PT, 0.2 * contents.width_mm)
+            more = "\N{HORIZONTAL ELLIPSIS}" if len(lines) > 2 else ""
+            label = "\n".join(lines[:2]) + f"{more}\n{size}"
+            axes.set_ylabel(label, size=SMALL_PT, rotation=0, ha="right", va="center", labelpad=4.0)
+        end = times[-1] + 4 * margin
+        looks = {"color": style.INK, "solid_capstyle": "butt", "clip_on": False}
+        axes.plot([end, end], [-bar / 2, bar / 2], linewidth=1.2, **looks)
+        axes.annotate(
+            f"{bar:g} mm", (end, 0.0), (3.0, 0.0), textcoords="offset points", va="center",
+            size=SMALL_PT, annotation_clip=False,
+        )  # fmt: skip
+        _write_times(axes, replace(row, is_last=axes is strips[-1]))
+    strips[0].set_xlim(times[0] - margin, times[-1] + 3 * margin)
+    strips[0].set_ylim(1.04 * low, 1.04 * high)

@@ -4,26 +4,36 @@ A path of 30 cm hides a tremble of 2 mm; on a scale of its own one sees which mo
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
 from conventions.names import PostFilter
-from renderer.figures.figure6.snapshots import JointMarks
 from renderer.figures.files import FigureError
-from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
+from renderer.figures.style import MAX_SYSTEMS, PAGE_MM, SeriesStyle, styles_of
 
 CUT_OFF_HZ = 5.0
 ORDER = 4
 MIN_FRAMES = 32
 """About a second; fewer frames cannot tell 5 Hz from what lies below it."""
+WINDOW_FRAMES = 300
+SNAPSHOT_EVERY = 50
+MAX_SNAPSHOTS = 7
+COORDINATES = ("x", "y", "z")
+PANELS = ("a", "b", "c", "d")
+"""Coordinates, snapshots, path in space, tremble."""
+MOST_IN_ONE_PLOT = 2
+"""Systems whose curves share a plot, as in the paper; each of more has a row of its own."""
+ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
+FAINTEST = 0.12
+"""Share of the full scale below which no mark is drawn: every joint of a moving body has some."""
 
-
-def has_tremble(num_frames: int, fps: float) -> bool:
-    """Whether so short or slow a track can show any."""
-    return num_frames >= MIN_FRAMES and fps > 2.0 * CUT_OFF_HZ
+_FILTER_SENTENCES: dict[PostFilter, str] = {
+    "none": "Raw motion, no filter.",
+    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
+}
 
 
 def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
@@ -34,18 +44,35 @@ def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[
     return 1000.0 * (exact - sosfiltfilt(low, exact, axis=0))
 
 
-WINDOW_FRAMES = 300
-SNAPSHOT_EVERY = 50
-MAX_SNAPSHOTS = 7
-COORDINATES = ("x", "y", "z")
-MIN_SPAN_M = 0.02
-"""A point that stands still is drawn on an axis of two centimetres."""
-ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
+@dataclass(frozen=True)
+class JointMarks:
+    """Where each joint is in each snapshot, and a value for it."""
 
-_FILTER_SENTENCES: dict[PostFilter, str] = {
-    "none": "Raw motion, no filter.",
-    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
-}
+    pixels: Mapping[str, np.ndarray]
+    """By name, (N, J, 2) from the upper left corner; NaN draws nothing."""
+    values: Mapping[str, np.ndarray]
+    """By name, (N, J) in ``unit``; NaN draws nothing."""
+    full_scale: float
+    """Value of the strongest mark; larger ones look the same."""
+    quantity: str = "jerk"
+    unit: str = "m/s³"
+
+    def of(self, names: Iterable[str]) -> "JointMarks":
+        """The marks of some of the names."""
+        names = list(names)
+        return replace(
+            self,
+            pixels={name: self.pixels[name] for name in names},
+            values={name: self.values[name] for name in names},
+        )
+
+    @property
+    def caption(self) -> str:
+        return (
+            f"Marks: {self.quantity} of each joint around the frame, largest and darkest at"
+            f" {self.full_scale:g} {self.unit} and above, none below"
+            f" {FAINTEST * self.full_scale:g} {self.unit}."
+        )
 
 
 @dataclass(frozen=True)
@@ -54,9 +81,13 @@ class Figure6:
 
     trajectories: dict[str, np.ndarray]
     """Name to positions (T, 3) in metres inside the window; the reference comes first."""
+    tremble: dict[str, np.ndarray]
+    """Name to millimetres (T, 3) off its slow path; empty where the window is too short."""
     snapshots: dict[str, np.ndarray]
     """Name to pictures (N, H, W, 3) uint8, in the order of the trajectories; may be empty."""
     snapshot_frames: tuple[int, ...]
+    marks: JointMarks | None
+    """Of the snapshots; None without."""
     fps: float
     start_frame: int
     reference: str | None
@@ -67,34 +98,41 @@ class Figure6:
     caveat: str
     is_cut: bool
     """Whether a motion had more frames inside the window than the shortest one."""
-    tremble: dict[str, np.ndarray]
-    """Name to millimetres (T, 3) off its slow path; empty where the window is too short."""
-    marks: JointMarks | None = None
-    """Values at the joints of the snapshots."""
+    panels: tuple[str, ...]
+    """Of `PANELS`, those asked for of which there is something to show."""
+    width_mm: float
 
     @property
     def num_frames(self) -> int:
         return len(next(iter(self.trajectories.values())))
 
     @property
+    def times(self) -> np.ndarray:
+        """Seconds of the window's frames."""
+        return (self.start_frame + np.arange(self.num_frames)) / self.fps
+
+    @property
     def styles(self) -> dict[str, SeriesStyle]:
         return styles_of(self.trajectories, self.reference)
 
     @property
-    def snapshot_marks(self) -> tuple[int, ...]:
+    def is_in_one_plot(self) -> bool:
+        """Whether curves share plots; otherwise each motion has small ones of its own."""
+        return len(self.trajectories) - (self.reference is not None) <= MOST_IN_ONE_PLOT
+
+    @property
+    def shown_frames(self) -> tuple[int, ...]:
         """Frames of the snapshots inside the window, counted from its start."""
-        if not self.snapshots:
+        if "b" not in self.panels:
             return ()
         inside = (frame - self.start_frame for frame in self.snapshot_frames)
         return tuple(frame for frame in inside if 0 <= frame < self.num_frames)
 
     @property
-    def marker_frames(self) -> tuple[int, ...]:
+    def marker_frames(self) -> list[int]:
         """Frames of the curves' markers: those of the snapshots, or six where there are none."""
-        if self.snapshot_marks:
-            return self.snapshot_marks
-        evenly = np.linspace(0, self.num_frames, 6, endpoint=False)
-        return tuple(sorted({int(frame) for frame in evenly}))
+        evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
+        return list(self.shown_frames) or sorted({int(frame) for frame in evenly})
 
     @property
     def caption(self) -> str:
@@ -104,13 +142,16 @@ class Figure6:
             f"{self.point}, frames {self.start_frame} to {last_frame}{clip}"
             f" at {self.fps:g} frames per second; metres, y up, one scale for x, y and z."
         ]
+        if not self.is_in_one_plot:
+            behind = next(iter(self.trajectories))
+            sentences.append(f"A row for each motion; faint behind it: {behind}.")
         if self.is_cut:
             sentences.append("The motions differ in length and are cut to the shortest.")
-        if self.snapshot_marks:
+        if self.shown_frames:
             sentences.append("Grey lines and markers: the frames of the snapshots.")
         if self.marks is not None:
             sentences.append(self.marks.caption)
-        if self.tremble:
+        if "d" in self.panels:
             sentences.append("Tremble: x, y and z less what lies below 5 Hz; one scale.")
         if self.tip_source:
             sentences.append(f"Tip source: {self.tip_source}.")
@@ -135,6 +176,7 @@ def check_figure6(
     snapshot_frames: Sequence[int],
     fps: float,
     *,
+    marks: JointMarks | None = None,
     reference: str | None = None,
     start_frame: int = 0,
     window_frames: int = WINDOW_FRAMES,
@@ -143,7 +185,8 @@ def check_figure6(
     post_filter: PostFilter = "none",
     clip: str = "",
     caveat: str = ONE_SEED_CAVEAT,
-    marks: JointMarks | None = None,
+    panels: Sequence[str] = PANELS,
+    width_mm: float = PAGE_MM,
 ) -> Figure6:
     """Cut the trajectories to the window, put the reference first, refuse what cannot be drawn.
 
@@ -152,20 +195,15 @@ def check_figure6(
             frame. One to six systems, and the reference. Motions of different length are cut to
             the shortest, and the caption says so.
         snapshots: name to pictures (N, H, W, 3) uint8 of one camera, for the same names; empty
-            for a figure without pictures. Margins that are empty in all of them are cut off.
+            for a figure without pictures.
         snapshot_frames: the N frames of the clip at which the snapshots were taken, at most 7;
             see :func:`choose_snapshot_frames`.
-        fps: frames per second of the trajectories.
+        marks: where the joints are in the snapshots (:func:`renderer.video.render.projected_joints`
+            ), around which they are cut, and the values there.
         reference: which of the names is recorded motion; drawn first and in black.
-        start_frame: first frame of the window.
-        window_frames: longest window; a shorter clip gives a shorter one.
-        point: what the trajectories are of, for the title.
         tip_source: where the point sits on the body, such as ``rigid`` or ``vertex 7794``.
         post_filter: the filter that all trajectories have been through; only named here.
-        clip: name of the clip, for the caption.
-        caveat: last sentence of the caption.
-        marks: values at the joints of the snapshots, of the same names; see
-            :func:`renderer.video.render.projected_joints` for where the joints are.
+        panels: of `PANELS`; those of which there is nothing to show are left out.
 
     Raises:
         FigureError: with one sentence that names the limit and what was found.
@@ -187,10 +225,8 @@ def check_figure6(
             f"The window starts at frame 0 or later and has at least 1 frame; got start frame"
             f" {start_frame} and {window_frames} frames."
         )
-
-    windows, whole = {}, {}
-    for name in names:
-        positions = np.asarray(trajectories[name])
+    whole = {name: np.asarray(trajectories[name]) for name in names}
+    for name, positions in whole.items():
         if positions.ndim != 2 or positions.shape[1] != 3:
             raise FigureError(
                 f"The trajectory of {name!r} must have shape (frames, 3); got {positions.shape}."
@@ -200,26 +236,32 @@ def check_figure6(
                 f"The window starts at frame {start_frame}, but {name!r} has only"
                 f" {len(positions)} frames; choose an earlier start."
             )
-        windows[name] = positions[start_frame : start_frame + window_frames]
-        whole[name] = positions
-        if not np.isfinite(windows[name]).all():
-            bad = int(np.flatnonzero(~np.isfinite(windows[name]).all(axis=1))[0])
+        window = positions[start_frame : start_frame + window_frames]
+        if not np.isfinite(window).all():
+            bad = int(np.flatnonzero(~np.isfinite(window).all(axis=1))[0])
             raise FigureError(
                 f"The trajectory of {name!r} is not a number at frame {start_frame + bad}."
             )
-    num_frames = min(len(window) for window in windows.values())
-    inside = slice(start_frame, start_frame + num_frames)
-    tremble = (
-        {name: off_the_slow_path(whole[name], fps)[inside] for name in names}
-        if has_tremble(num_frames, fps)
-        else {}
-    )
-    pictures = _check_snapshots(snapshots, snapshot_frames, names)
-
+    lengths = [min(len(each) - start_frame, window_frames) for each in whole.values()]
+    inside = slice(start_frame, start_frame + min(lengths))
+    can_tremble = min(lengths) >= MIN_FRAMES and fps > 2.0 * CUT_OFF_HZ
+    if snapshots:
+        _check_snapshots(snapshots, snapshot_frames, names, marks)
+    empty = {letter for letter, has in (("b", snapshots), ("d", can_tremble)) if not has}
+    shown = tuple(letter for letter in PANELS if letter in panels and letter not in empty)
+    if not shown:
+        raise FigureError(
+            f"Of the panels {', '.join(panels)} none has anything to show: snapshots (b) need"
+            f" pictures, and tremble (d) needs {MIN_FRAMES} frames."
+        )
     return Figure6(
-        trajectories={name: window[:num_frames] for name, window in windows.items()},
-        snapshots=pictures,
+        trajectories={name: positions[inside] for name, positions in whole.items()},
+        tremble={name: off_the_slow_path(whole[name], fps)[inside] for name in names}
+        if can_tremble
+        else {},
+        snapshots={name: np.asarray(snapshots[name]) for name in names} if snapshots else {},
         snapshot_frames=tuple(int(frame) for frame in snapshot_frames),
+        marks=marks if "b" in shown else None,
         fps=float(fps),
         start_frame=start_frame,
         reference=reference,
@@ -228,29 +270,35 @@ def check_figure6(
         post_filter=post_filter,
         clip=clip,
         caveat=caveat,
-        tremble=tremble,
-        is_cut=any(len(window) > num_frames for window in windows.values()),
-        marks=None if marks is None else _check_marks(marks, pictures),
+        is_cut=max(lengths) > min(lengths),
+        panels=shown,
+        width_mm=width_mm,
     )
 
 
 def _check_snapshots(
-    snapshots: Mapping[str, np.ndarray], snapshot_frames: Sequence[int], names: list[str]
-) -> dict[str, np.ndarray]:
-    if not snapshots:
-        return {}
-    if set(snapshots) != set(names):
+    snapshots: Mapping[str, np.ndarray],
+    snapshot_frames: Sequence[int],
+    names: list[str],
+    marks: JointMarks | None,
+) -> None:
+    if marks is None or not (
+        set(snapshots) == set(names) == set(marks.pixels) == set(marks.values)
+    ):
         raise FigureError(
-            f"Snapshots and trajectories must be of the same systems; got snapshots of"
-            f" {_listed(snapshots)} and trajectories of {_listed(names)}."
+            f"Snapshots, their marks and trajectories must be of the same systems; got snapshots"
+            f" of {_listed(snapshots)}, marks of {_listed(marks.values if marks else ())} and"
+            f" trajectories of {_listed(names)}."
         )
+    if not marks.full_scale > 0 or not np.isfinite(marks.full_scale):
+        raise FigureError(f"The full scale of marks must be positive; got {marks.full_scale}.")
     if not 1 <= len(snapshot_frames) <= MAX_SNAPSHOTS:
         raise FigureError(
             f"A row holds 1 to {MAX_SNAPSHOTS} snapshots; got {len(snapshot_frames)}."
         )
-    ordered = {name: np.asarray(snapshots[name]) for name in names}
-    frame_shape = ordered[names[0]].shape[1:]
-    for name, pictures in ordered.items():
+    size = np.shape(snapshots[names[0]])[1:]
+    for name in names:
+        pictures = np.asarray(snapshots[name])
         if pictures.dtype != np.uint8 or pictures.ndim != 4 or pictures.shape[3] != 3:
             raise FigureError(
                 f"Snapshots of {name!r} must be uint8 of shape (N, height, width, 3); got"
@@ -260,30 +308,17 @@ def _check_snapshots(
             raise FigureError(
                 f"{name!r} has {len(pictures)} snapshots for {len(snapshot_frames)} frames."
             )
-        if pictures.shape[1:] != frame_shape or not pictures.size:
+        if pictures.shape[1:] != size or not pictures.size:
             raise FigureError(
                 f"Snapshots must all have one size; {name!r} has {pictures.shape[1:3]},"
-                f" {names[0]!r} has {frame_shape[:2]}."
+                f" {names[0]!r} has {size[:2]}."
             )
-    return ordered
-
-
-def _check_marks(marks: JointMarks, pictures: Mapping[str, np.ndarray]) -> JointMarks:
-    if set(marks.pixels) != set(pictures) or set(marks.values) != set(pictures):
-        raise FigureError(
-            f"Marks and snapshots must be of the same systems; got marks of"
-            f" {_listed(marks.pixels)} and snapshots of {_listed(pictures)}."
-        )
-    if not marks.full_scale > 0 or not np.isfinite(marks.full_scale):
-        raise FigureError(f"The full scale of marks must be positive; got {marks.full_scale}.")
-    for name, stack in pictures.items():
         pixels, values = np.shape(marks.pixels[name]), np.shape(marks.values[name])
-        if len(values) != 2 or values[0] != len(stack) or pixels != (*values, 2):
+        if len(values) != 2 or values[0] != len(pictures) or pixels != (*values, 2):
             raise FigureError(
                 f"Marks of {name!r} must have pixels (N, J, 2) and values (N, J) for its"
-                f" {len(stack)} snapshots; got {pixels} and {values}."
+                f" {len(pictures)} snapshots; got {pixels} and {values}."
             )
-    return marks
 
 
 def _listed(names: Iterable[str]) -> str:

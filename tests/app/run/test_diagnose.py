@@ -62,7 +62,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
-        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
+        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
     }
     # There is a point to stop at between all files, measures and figures.
     assert shares == sorted(shares) and shares[-1] == 1.0

@@ -53,7 +53,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     assert sorted(path.name for path in hearing.files) == [
         *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
-        *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg")),
+        *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg", "txt")),
     ]
     options = GenerateOptions("ann", seed=1, guidance=4.0)
     (expected,) = generate_motion(get_system(WORLD, weights), load_speech(speeches[1]), options)
@@ -100,7 +100,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     shown = capsys.readouterr()
     assert "hears: speech decides" in shown.err
     assert shown.out.splitlines() == [
-        str(out / f"hearing.{kind}") for kind in ("json", "csv", "png", "svg", "pdf")
+        str(out / f"hearing.{kind}") for kind in ("json", "csv", "png", "svg", "pdf", "txt")
     ]
     with pytest.raises(SystemExit):
         main(["hearing", "a.wav", "b.wav", "--out", str(tmp_path / "no"), "--speakers", "bob"])
@@ -241,7 +241,7 @@ def test_points_are_what_generation_and_measures_say(
     assert curve.points[0].tip_jerk_m_s3 == pytest.approx(measures.raw.point.tip_jerk_m_s3)
     assert all(point.ms_per_frame > 0 and point.face_steps is None for point in curve.points)
     assert heard.shares == sorted(heard.shares) and heard.shares[-1] == 1.0
-    endings = ("json", "csv", "png", "svg", "pdf")
+    endings = ("json", "csv", "png", "svg", "pdf", "txt")
     assert [path.name for path in curve.files] == [f"steps.{ending}" for ending in endings]
     table = json.loads((out / "steps.json").read_text())
     with (out / "steps.csv").open() as file:

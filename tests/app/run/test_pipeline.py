@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.errors import CancelledRun, sentence_of
+from app.errors import CancelledRun, RunError, sentence_of
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import generate_all
 from app.run.requests.request import (
     Event,
+    FigureAsked,
     GenerateRequest,
     GenerateResult,
     Grown,
@@ -92,7 +93,8 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(who
     videos = {
         f"{name}{view}.mp4" for name in ("globaldiff-global", "reference") for view in ("", ".side")
     }
-    figures = {f"{name}.{kind}" for name in ("figure6", "jitter") for kind in ("png", "svg", "pdf")}
+    kinds = ("png", "svg", "pdf", "txt")
+    figures = {f"{name}.{kind}" for name in ("figure6", "jitter") for kind in kinds}
     assert names_in(result.out) == WITHOUT_VIDEO | figures | videos | {"comparison.mp4"}
     assert names_in(result.out) == {file.name for file in result.files}
     told = read_run(result.out)
@@ -182,7 +184,7 @@ def test_without_gl_a_run_with_video_leaves_all_but_pictures_and_says_so(
 ) -> None:
     run = generate_all(ask(systems=(WORLD,), has_video=True, has_figures=True))
     figures = {
-        f"{name}.{ending}" for name in ("figure6", "jitter") for ending in ("png", "svg", "pdf")
+        f"{name}.{end}" for name in ("figure6", "jitter") for end in ("png", "svg", "pdf", "txt")
     }
     assert figures <= names_in(run.out) and not any(
         name.endswith("mp4") for name in names_in(run.out)
@@ -370,10 +372,16 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
 @pytest.mark.slow
 @pytest.mark.gl
 def test_figure_6_has_poses_where_no_video_is_drawn(ask: Ask, short: Path) -> None:
-    asked = ask(speech=short, systems=(WORLD,), has_poses=True, has_figures=True)
+    shown = FigureAsked(panels=("b",), frames=(3, 9), width="85mm")
+    asked = ask(speech=short, systems=(WORLD,), has_figures=True, figure=shown)
     result = generate_all(asked)
     assert not [path for path in result.files if path.suffix in (".mp4", ".jpg")]
-    assert (asked.out / "figure6.svg").read_text().count("<image") == 3
+    drawn = (asked.out / "figure6.svg").read_text()
+    assert drawn.count("<image") == 1 and "frame 9" in drawn and "time (s)" not in drawn
+    assert 'width="240.94' in drawn, "85 mm in points"
+    late = replace(asked, figure=FigureAsked(frames=(3, SHORT)), out=asked.out / "late")
+    with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
+        generate_all(late)
 
 
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:

@@ -1,5 +1,6 @@
 """Figures as files, and the styles that all of them share."""
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,11 @@ def write(stem: Path) -> FigureFiles:
 def test_three_whole_files_need_no_font_and_nothing_else(tmp_path):
     files = write(tmp_path / "new" / "figure.s2")
     names = sorted(path.name for path in files.png.parent.iterdir())
-    assert names == ["figure.s2.pdf", "figure.s2.png", "figure.s2.svg"]
+    assert names == [f"figure.s2.{ending}" for ending in ("pdf", "png", "svg", "txt")]
     with Image.open(files.png) as picture:
-        assert picture.width == 2 * 288 and np.asarray(picture.convert("L")).std() > 10
+        assert picture.width == 2 * 300 and np.asarray(picture.convert("L")).std() > 10
         assert picture.info["Description"] == "What it shows."
+    assert files.txt.read_text() == "What it shows.\n"
     pdf = files.pdf.read_bytes()
     assert pdf.startswith(b"%PDF-") and b"/FontFile2" in pdf and b"/Type3" not in pdf
     assert b"/Subtype /TrueType" in pdf or b"/CIDFontType2" in pdf
@@ -68,13 +70,16 @@ def test_figures_of_several_threads_are_those_of_one(tmp_path):
 
 def test_styles_differ_without_colour():
     styles = [REFERENCE_STYLE, *SYSTEM_STYLES]
-    assert len({style.dashes for style in styles}) == len(styles)
     assert len({style.marker for style in styles}) == len(styles)
-    assert [style for style in styles if not style.dashes] == [REFERENCE_STYLE]
+    assert len({style.dashes for style in styles}) == len(styles)  # of the page's keys
+    swatches = [Image.new("RGB", (1, 1), style.color) for style in styles[:3]]
+    greys = sorted(int(np.asarray(swatch.convert("L"))[0, 0]) for swatch in swatches)
+    assert min(b - a for a, b in itertools.pairwise(greys)) > 35
+    assert not any("linestyle" in style.line_properties for style in styles), "lines are unbroken"
 
 
 def test_wrapped_text_loses_nothing():
     text = "a/" + "b" * 90 + "-c_d " + "e" * 5
-    for width in (0.05, 0.5, 2.0, 50.0):
+    for width in (1.0, 12.0, 50.0, 1200.0):
         lines = wrap_text(text, 7.0, width, breaks_after="/-_ ")
         assert "".join(lines).replace(" ", "") == text.replace(" ", "")

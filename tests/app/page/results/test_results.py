@@ -129,12 +129,15 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
     assert explained("jerk") == f'<abbr title="{WORDS["jerk"]}">jerk</abbr>'
 
 
-def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files():
+def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):
     def html(*files: str, said: Mapping[str, str] = NO_WORDS) -> str:
-        return figures_html(map(Path, files), str, said)
+        return figures_html((tmp_path / name for name in files), lambda path: path.name, said)
 
     assert html("figure6.svg", "diagnostics.json") == ""
     told = html("figure6.svg", "figure6.png", "jitter.png")
+    assert text.CAPTION not in told
+    (tmp_path / "figure6.txt").write_text("Of <one> clip.")
+    assert "<p>Of &lt;one&gt; clip.</p>" in html("figure6.png", "figure6.txt"), "to copy"
     assert told.count("<img") == 2
     assert told.count("download=") == 3 and 'download="figure6.svg"' in told
     assert told.index(text.FIGURES["figure6"].title) < told.index(text.FIGURES["jitter"].title)

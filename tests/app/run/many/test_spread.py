@@ -19,7 +19,9 @@ def test_few_clips_have_no_figure(tmp_path: Path):
     systems = ["a", REFERENCE_NAME]
     assert draw_spread(tmp_path, systems, numbers(LEAST_CLIPS - 1, systems)) == ((), [])
     files, said = draw_spread(tmp_path, systems, numbers(LEAST_CLIPS, systems))
-    assert [path.name for path in files] == [f"distributions.{e}" for e in ("png", "svg", "pdf")]
+    assert [path.name for path in files] == [
+        f"distributions.{e}" for e in ("png", "svg", "pdf", "txt")
+    ]
     assert all(path.is_file() for path in files) and not said
     text = (tmp_path / "distributions.svg").read_text()
     assert "Slide on the ground" in text and "BeatAlign" not in text
