@@ -531,7 +531,7 @@ def test_three_videos_keep_within_a_frame_of_the_sound_and_are_compared(page: Pa
     assert page.evaluate("document.querySelector('#player audio').playbackRate") == 2
     assert page.evaluate(IN_SYNC, PATIENCE_MS) == 8
     press(bar, "Pause")
-    expect_frames(page, state(page, "frame")[0])
+    page.wait_for_function(f"() => new Set([...({READ_FRAMES})(), {LOCKSTEP}.frame]).size === 1")
     page.evaluate(f"{LOCKSTEP}.setLoop(null)")
 
     # Each picture holds body, face and hands; the tile shows what is asked for.
