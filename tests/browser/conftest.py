@@ -97,6 +97,13 @@ IN_SIGHT = """(what) => {
 _FAILED_SCRIPTS: list[str] = []
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A journey of a minute takes several where other work has the machine."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent:
+            item.add_marker(pytest.mark.timeout(400))
+
+
 # ---------------------------------------------------------------- the browser
 
 

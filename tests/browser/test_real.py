@@ -547,7 +547,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
 
     # What was said of that file is not said of this one.
     give_motions(page, bvh.rename(tmp_path / "again.bvh"))
-    expect(page.locator("#own-player .stage-tag b")).to_have_text(["again"])
+    expect(page.locator("#own-player .stage-tag header > b")).to_have_text(["again"])
     expect(chips).to_have_text(["how it was read"])
     files.locator("summary").click()
     again = load_motion(saved(page, files.locator("a[download$='.npz']").first, tmp_path))
