@@ -27,7 +27,7 @@ from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body, nothing_draws
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH as HEARD
-from app.run.output.run_folder import RunRecord, begun
+from app.run.output.run_folder import RunRecord, begun, ending_of
 from app.run.output.telling import share_teller
 from app.run.requests.request import (
     ASSUME,
@@ -326,7 +326,7 @@ def _diagnose(
     files = dict(zip(_names_of(request), request.motions, strict=True))
     files |= {REFERENCE_NAME: request.reference} if request.reference else {}
     for row in run.record.rows:
-        row.ending = files[row.name].suffix.lower()
+        row.ending = ending_of(files[row.name])
     run.measured(diagnostics)
     run.find_plans(pictured.motions)
     errors = _grow_errors(read.all, request.joint, on_measured)

@@ -16,6 +16,7 @@ from app.page.routes.media import MediaAddresses
 from app.run.output.run_folder import (
     RUN,
     Row,
+    RowKind,
     RunRecord,
     file_of,
     noise_of,
@@ -65,14 +66,14 @@ class Showing:
     def has_begun(self) -> bool:
         return (self.folder / RUN).is_file()
 
-    def file(self, kind: str, name: str) -> Path | None:
+    def file(self, kind: RowKind, name: str) -> Path | None:
         """Of a row, a take's too."""
         folder, record = self.folder, self.record
         if name in self.takes:
             folder = self.takes[name][0]
             record = read_run(folder)
         row = record.row(name)
-        return None if row is None else file_of(folder, row.files.get(kind))  # type: ignore[call-overload]
+        return None if row is None else file_of(folder, row.files.get(kind))
 
     def motions(self) -> dict[str, Path]:
         """The motion files of the run's own rows."""
@@ -143,7 +144,7 @@ class Showing:
             "is_reference": row.name == REFERENCE_NAME,
             "noise": noise_of(told.get("of", row.name)),
             "is_drawn": self.is_drawn,
-            **({"assumed": _assumed(row)} if row.assumed and row.ending else {}),
+            **({"assumed": _assumed(row)} if row.assumed else {}),
         }
 
     def _addresses(self, folder: Path, names: Any) -> dict[str, str]:

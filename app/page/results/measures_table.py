@@ -202,7 +202,8 @@ def _findings(run: RunRecord) -> str:
     """What stands out in the motions, the gravest few apart, and in which nothing does."""
     items = [_finding(found) for found in run.findings]
     by_name = {str(n): [each for each in run.findings if each.name == n] for n in run.numbers}
-    clean = f"<p>{escape(clean_line(by_name))}</p>" if clean_line(by_name) else ""
+    line = clean_line(by_name)
+    clean = f"<p>{escape(line)}</p>" if line else ""
     if not items:
         return f'<div class="findings">{clean}</div>' if clean else ""
     rest = "".join(items[GRAVEST:])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import struct
 import threading
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,6 +49,7 @@ def _stays_inside(name: str) -> str:
     return name
 
 
+_ENDING = r"^(\.[a-z0-9]{1,8})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -82,8 +84,8 @@ class Row(_Strict):
     there: There | None = None
     assumed: Annotated[list[dict[Name, Any]], Field(max_length=40)] = []
     """As what its file was understood, where it came from one."""
-    ending: Annotated[str, Field(pattern=r"^(\.[a-z0-9]{1,8})?$")] = ""
-    """Of that file's name."""
+    ending: Annotated[str, Field(pattern=_ENDING)] = ""
+    """Of that file's name; see `ending_of`."""
 
 
 class Told(_Strict):
@@ -330,6 +332,12 @@ def _jsonable(value: Any) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         return {key: _jsonable(each) for key, each in vars(value).items()}
     return value if isinstance(value, int | float | None) else printable(str(value))
+
+
+def ending_of(path: Path) -> str:
+    """Of a file's name, where it is a plain one as kinds of files have; else none."""
+    ending = path.suffix.lower()
+    return ending if re.fullmatch(_ENDING, ending) else ""
 
 
 def shown_file(name: str, ending: str) -> str:

@@ -16,10 +16,12 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
+    ending_of,
     file_of,
     is_run_zip,
     noise_of,
     read_run,
+    rows_of,
     series_looks,
     zip_run,
 )
@@ -262,3 +264,12 @@ def test_only_a_zip_of_one_run_is_taken_for_one_and_a_run_of_ones_own_is_shown_a
         copy = copied_run(own, tmp_path / str(number))
         assert read_run(copy) == read_run(results)
         assert (copy / "shown/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
+
+
+def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
+    (row,) = rows_of(["a"])
+    for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
+        row.ending = ending_of(Path(name))
+        assert row.ending == ending
+        RunRecord(kind="given", point="right_wrist", rows=[row]).write(tmp_path / RUN)
+        assert read_run(tmp_path).rows[0].ending == ending
