@@ -135,6 +135,7 @@ def _build_form(check: UploadCheck) -> FormParts:
         choices=[],
         multiselect=True,
         max_choices=MAX_COMPARED,
+        allow_custom_value=True,  # of files just taken away: a click may come before the answer
         visible=False,
         label=SHOWN_LABEL,
         info=SHOWN_HELP,

@@ -246,7 +246,7 @@ def add_files(folder: Path, artefacts: Sequence[Artefact]) -> None:
             os.link(artefact.path, folder / name)
             row = record.row(artefact.name)
             if row is not None and artefact.kind in ("video", "poster"):
-                row.files[artefact.kind] = name
+                row.files[artefact.kind] = min(row.files.get(artefact.kind, name), name, key=len)
             if name not in record.files:
                 record.files.append(name)
         record.write(folder / RUN)
