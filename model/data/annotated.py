@@ -16,9 +16,9 @@ from tqdm import tqdm
 from conventions.rates import FPS
 from model.data.prepared import Batch, Clip, PreparedData
 from model.data.recordings import DataError, copy_speed
+from model.plan.files import annotated_plan
 from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
-from model.plan.textgrid import annotated_plan
 from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
 from model.plan.tracks import NUM_TRACKS, hand_tracks, tracks_of
 from model.speech.codes import PHONES, TOLD

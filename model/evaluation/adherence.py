@@ -34,7 +34,7 @@ from model.generation.windows import GenerateOptions, draw_plans
 from model.measures.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
-from model.motion.tracks import Tracks, track_points
+from model.motion.tracks import Tracks, track_points, wrist_places
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.plan.editing import (
     Edited,
@@ -48,10 +48,9 @@ from model.plan.editing import (
     sized,
     with_hands,
 )
-from model.plan.kinds import wrist_places
-from model.plan.palette import PLACES, REST_PLACE
+from model.plan.files import annotated_plan
+from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
-from model.plan.textgrid import annotated_plan
 from model.plan.tracks import hand_tracks, tracks_of
 from model.speech.audio import Speech, SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError

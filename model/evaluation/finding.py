@@ -26,11 +26,10 @@ from conventions.rates import FPS
 from model.data.recordings import DataError, read_split, speaker_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
-from model.motion.tracks import track_points
+from model.motion.tracks import track_points, wrist_places
+from model.plan.files import annotated_plan
 from model.plan.found import DILATIONS, KERNEL, WEIGHTS, found_plan, hand_features
-from model.plan.kinds import wrist_places
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase, PlanError
-from model.plan.textgrid import annotated_plan
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
 

@@ -23,9 +23,9 @@ from conventions.rates import FPS
 from model.motion.kinematics import RestSkeleton, joint_positions_from_local
 from model.motion.limb import HingedLimb, unit
 from model.motion.motion import Motion
-from model.plan.kinds import OUTWARD
-from model.plan.plan import SIDES, GesturePlan, Planted, Side
-from model.plan.tracks import goal_path, without_gaps
+from model.motion.tracks import OUTWARD
+from model.plan.plan import SIDES, GesturePlan, Planted, Side, without_gaps
+from model.plan.tracks import goal_path
 
 ANKLE_M = 0.074
 """Height of the open body's ankle over the floor with its sole flat."""

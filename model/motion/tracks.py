@@ -81,3 +81,18 @@ def moving_chain(point: str) -> tuple[int, ...]:
     if point in FINGERTIP_NAMES:
         return chain_to_root(FINGERTIP_JOINTS[FINGERTIP_NAMES.index(point)])[::-1]
     return chain_to_root(JOINT_INDEX[point])[:0:-1]
+
+
+OUTWARD = {"left": (1.0, 1.0, 1.0), "right": (-1.0, 1.0, 1.0)}
+"""What turns the chest's axes into out, up and forward, and back."""
+
+
+def wrist_places(tracks: Tracks) -> dict[str, Float[np.ndarray, "T 3"]]:
+    """Metres from the chest joint in the chest's frame: out to the hand's own side, up, forward."""
+    chest = JOINT_INDEX["spine3"]
+    turned = tracks.global_rot[:, chest].astype(np.float64)
+    places: dict[str, Float[np.ndarray, "T 3"]] = {}
+    for side in OUTWARD:
+        off = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
+        places[side] = np.einsum("tij,ti->tj", turned, off) * np.array(OUTWARD[side])
+    return places

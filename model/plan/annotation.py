@@ -1,4 +1,4 @@
-"""A plan as annotators write it down, in named tiers, and the plan that such tiers tell.
+"""A plan as tiers, as annotators write it down, and the plan that such tiers tell.
 
 Our own tiers tell all of a plan. Those of other habits are understood as far as their names and
 labels can be: a tier for each phase, short labels, no places; what was made of them is said.
@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TypeVar
 
 from conventions.rates import FPS
-from model.plan.palette import REST_PLACE, Place, usual_goal
+from model.plan.kinds import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -32,6 +32,7 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
+from model.plan.textgrid import NamedTier, Row
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS
@@ -41,33 +42,6 @@ USUAL_NOD_DEG, USUAL_BROW, USUAL_SMILE = 4.0, 0.5, 0.4
 """Of those marked without a number."""
 MAX_ROWS = 100_000
 _FEW = 6
-
-
-@dataclass(frozen=True)
-class Row:
-    """What a tier says of some time; of a moment where both times are the same."""
-
-    start_s: float
-    end_s: float
-    label: str
-
-    @property
-    def middle_s(self) -> float:
-        if self.start_s == self.end_s:
-            return self.start_s
-        return round(0.5 * (self.start_s + self.end_s), 4)
-
-
-@dataclass(frozen=True)
-class NamedTier:
-    """Rows under one name, in time."""
-
-    name: str
-    rows: tuple[Row, ...]
-    has_points: bool = False
-    """Its rows are moments."""
-    parent: str = ""
-    """The tier whose rows these tell more of, one for one of some of them."""
 
 
 @dataclass(frozen=True)
@@ -86,48 +60,41 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     """
     tiers: list[NamedTier] = []
     for side in SIDES:
-        phases, name = plan.hand(side), f"{PHASE_TIER}_{side}"
-
-        def told(
-            what: str,
-            label: Callable[[HandPhase], str],
-            side: Side = side,
-            name: str = name,
-        ) -> NamedTier:
-            rows = (_row(phase, label(phase)) for phase in plan.hand(side))
-            return NamedTier(f"{what}_{side}", tuple(r for r in rows if r.label), parent=name)
-
-        tiers += [
-            NamedTier(name, tuple(_row(phase, phase.phase) for phase in phases)),
-            told(KIND_TIER, lambda phase: phase.kind),
-            told(WORD_TIER, lambda phase: phase.word),
-            told(GOAL_TIER, lambda phase: _numbered(phase.goal)),
-        ]
-    moments: Mapping[str, Iterable[tuple[float, str]]] = {
-        "nods": ((nod.time_s, _numbered([nod.depth_deg])) for nod in plan.nods),
-        "brows": ((brow.time_s, _numbered([brow.height])) for brow in plan.brows),
-        "blinks": ((blink.time_s, "shut") for blink in plan.blinks),
-    }
-    tiers += [
-        NamedTier(
-            name,
-            tuple(Row(round(at, 4), round(at, 4), label) for at, label in sorted(rows)),
-            has_points=True,
-        )
-        for name, rows in moments.items()
-    ]
-    tiers += [
-        NamedTier("gaze", _in_turn("looks", [
-            _row(look, _numbered([look.yaw_deg, look.pitch_deg])) for look in plan.looks])),
-        NamedTier("smile", _in_turn("smiles", [
-            _row(smile, _numbered([smile.size])) for smile in plan.smiles])),
-        NamedTier("weight", _in_turn("stands", [_row(one, one.leg) for one in plan.stands])),
+        name, phases = f"{PHASE_TIER}_{side}", plan.hand(side)
+        tiers.append(NamedTier(name, tuple(_row(phase, phase.phase) for phase in phases)))
+        for what, labels in (
+            (KIND_TIER, [phase.kind for phase in phases]),
+            (WORD_TIER, [phase.word for phase in phases]),
+            (GOAL_TIER, [_numbered(*phase.goal) for phase in phases]),
+        ):
+            rows = tuple(_row(p, label) for p, label in zip(phases, labels, strict=True) if label)
+            tiers.append(NamedTier(f"{what}_{side}", rows, parent=name))
+    for name, events in (
+        ("nods", [(nod.time_s, _numbered(nod.depth_deg)) for nod in plan.nods]),
+        ("brows", [(brow.time_s, _numbered(brow.height)) for brow in plan.brows]),
+        ("blinks", [(blink.time_s, "shut") for blink in plan.blinks]),
+    ):
+        moments = ((round(at, 4), label) for at, label in sorted(events))
+        tiers.append(NamedTier(name, tuple(Row(at, at, label) for at, label in moments), True))
+    spans: tuple[tuple[str, str, list[Row]], ...] = (
+        ("gaze", "looks", [_row(e, _numbered(e.yaw_deg, e.pitch_deg)) for e in plan.looks]),
+        ("smile", "smiles", [_row(e, _numbered(e.size)) for e in plan.smiles]),
+        ("weight", "stands", [_row(e, e.leg) for e in plan.stands]),
         *(
-            NamedTier(f"foot_{side}", _in_turn("planted feet", [
-                _row(one, "planted") for one in plan.planted if one.foot == side]))
+            (f"foot_{side}", "planted feet", [
+                _row(e, "planted") for e in plan.planted if e.foot == side])
             for side in SIDES
         ),
-    ]  # fmt: skip
+    )  # fmt: skip
+    for name, what, rows in spans:
+        rows.sort(key=lambda row: row.start_s)
+        for before, after in pairwise(rows):
+            if after.start_s < before.end_s:
+                raise PlanError(
+                    f"The plan's {what} overlap at {after.start_s:.2f} s, which a tier cannot "
+                    "hold; part them, or write the plan as JSON."
+                )
+        tiers.append(NamedTier(name, tuple(rows)))
     return tuple(tiers)
 
 
@@ -135,22 +102,34 @@ def _row(event: HandPhase | Look | Smile | Stand | Planted, label: str) -> Row:
     return Row(round(event.start_s, 4), round(event.end_s, 4), label)
 
 
-def _in_turn(name: str, rows: list[Row]) -> tuple[Row, ...]:
-    rows = sorted(rows, key=lambda row: row.start_s)
-    for before, after in pairwise(rows):
-        if after.start_s < before.end_s:
-            raise PlanError(
-                f"The plan's {name} overlap at {after.start_s:.2f} s, which a tier cannot hold; "
-                "part them, or write the plan as JSON."
-            )
-    return tuple(rows)
-
-
-def _numbered(numbers: Iterable[float]) -> str:
+def _numbered(*numbers: float) -> str:
     return " ".join(f"{number:.4f}" for number in numbers)
 
 
-Told = TypeVar("Told")
+def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
+    """The same as Praat's users have it, whose tiers have no parents: phases with their kinds in
+    one label, and what tells more of them as points at their ends."""
+    kinds = {
+        (tier.parent, row.end_s): f" {row.label}"
+        for tier in tiers
+        if tier.name.startswith(f"{KIND_TIER}_")
+        for row in tier.rows
+    }
+    found = []
+    for tier in tiers:
+        if tier.name.startswith(f"{KIND_TIER}_"):
+            continue
+        rows = tier.rows
+        if tier.parent:
+            rows = tuple(Row(row.end_s, row.end_s, row.label) for row in rows)
+        elif tier.name.startswith(PHASE_TIER):
+            labels = (row.label + kinds.get((tier.name, row.end_s), "").rstrip(" ") for row in rows)
+            told = zip(rows, labels, strict=True)
+            rows = tuple(Row(row.start_s, row.end_s, label) for row, label in told)
+        found.append(NamedTier(tier.name, rows, tier.has_points or bool(tier.parent)))
+    return found
+
+
 _LEFT, _RIGHT, _BOTH = {"left", "lh", "l"}, {"right", "rh", "r"}, {"both", "bh", "bimanual"}
 _SPEECH = {"words", "phones", "accents", "listening", "apex", "transcript", "utterance", "speech"}
 _GESTURES = {PHASE_TIER, "gestures", "phrase", "phrases", "hand"}
@@ -167,7 +146,7 @@ _PHASE_WORDS: Mapping[str, Phase] = {
 _LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip
-_WHAT: Mapping[str, set[str]] = {
+_BODY: Mapping[str, set[str]] = {
     "nods": {"nod", "nods"},
     "gaze": {"gaze", "look", "looks"},
     "brows": {"brow", "brows", "eyebrow", "eyebrows"},
@@ -176,6 +155,12 @@ _WHAT: Mapping[str, set[str]] = {
     "weight": {"weight", "stand", "stands"},
     "foot": {"foot", "feet"},
 }
+_MORE: Mapping[str, set[str]] = {
+    GOAL_TIER: {GOAL_TIER, "goals"},
+    WORD_TIER: {WORD_TIER, "lexical", "affiliate"},
+    KIND_TIER: {KIND_TIER, "type", "shape"},
+}
+"""What tells more of a hand's phases."""
 
 
 def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
@@ -184,95 +169,88 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
     Raises:
         PlanError: if no tier tells what a hand does, or what they tell is no plan.
     """
-    named = _Named(tiers)
-    if not named.tells_hands:
+    told = _Told()
+    of_phases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
+    phrases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
+    left_out: list[str] = []
+    for tier in tiers:
+        if len(tier.rows) > MAX_ROWS:
+            raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
+        words = _words(tier.name)
+        sides = _sides(words)
+        body = next((what for what, signs in _BODY.items() if signs & words), None)
+        more = next((what for what, signs in _MORE.items() if signs & words), None)
+        phase = next((phase for word, phase in _PHASE_WORDS.items() if word in words), None)
+        if tier.name == "apex":
+            told.apexes += tier.rows
+        if _SPEECH & words:
+            continue
+        if body:
+            for side in sides if body == "foot" else ("",):
+                told.rows[body, side] += tier.rows
+        elif more and (sides or more == KIND_TIER):
+            told.add_more(more, sides, tier)
+        elif phase or words & {"phase", "phases"} or (words & _GESTURES and _has_phases(tier)):
+            of_phases.append((tier, sides, phase))
+        elif words & _GESTURES and "unit" not in words:
+            phrases.append((tier, sides, None))
+        elif tier.rows:
+            left_out.append(tier.name)
+    if not of_phases and not phrases:
         found = ", ".join(tier.name[:40] for tier in tiers[:_FEW]) or "no tier"
         raise PlanError(
             f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
             f"{found}."
         )
-    hands = {side: named.hand(side) for side in SIDES}
+    if of_phases:  # then phrases tell what kind they are of
+        for tier, sides, _ in phrases:
+            told.add_more(KIND_TIER, sides, tier)
+    told.add_phases(of_phases or phrases)
+    if left_out:
+        told.notes.append(f"Left out, for they tell of no plan: {_listed(left_out)}.")
+    left, right = (told.hand(side) for side in SIDES)
     plan = GesturePlan(
-        duration_s=duration_s,
-        left=hands["left"],
-        right=hands["right"],
-        nods=named.told("nods", lambda r: Nod(r.middle_s, _first(r, USUAL_NOD_DEG))),
-        looks=named.told("gaze", lambda r: Look(r.start_s, r.end_s, *_direction(r))),
-        brows=named.told("brows", lambda r: Brow(r.middle_s, _height(r))),
-        smiles=named.told("smile", lambda r: Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE))),
-        blinks=named.told("blinks", lambda r: Blink(r.middle_s)),
-        stands=named.told("weight", _stand),
-        planted=tuple(
-            Planted(row.start_s, row.end_s, side) for side in SIDES for row in named.feet[side]
-        ),
+        duration_s,
+        left,
+        right,
+        tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in told.of_body("nods")),
+        tuple(Look(r.start_s, r.end_s, *_direction(r)) for r in told.of_body("gaze")),
+        tuple(Brow(r.middle_s, _height(r)) for r in told.of_body("brows")),
+        tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in told.of_body("smile")),
+        tuple(Blink(r.middle_s) for r in told.of_body("blinks")),
+        tuple(_stand(r) for r in told.of_body("weight")),
+        tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in told.rows["foot", side]),
     )
-    return PlanRead(plan, tuple(named.notes))
+    return PlanRead(plan, tuple(told.notes))
 
 
-class _Named:
-    """Tiers by what their names say they tell."""
+@dataclass
+class _Told:
+    """Rows by what they tell."""
 
-    def __init__(self, tiers: Sequence[NamedTier]) -> None:
-        self.notes: list[str] = []
-        self.phases: dict[Side, list[tuple[Row, Phase, str]]] = {side: [] for side in SIDES}
-        self.tells_hands = False
-        """Some tier is there for what hands do, be it empty."""
-        self.feet: dict[Side, list[Row]] = {side: [] for side in SIDES}
-        self._more: dict[tuple[str, Side], list[Row]] = {}
-        self._at_end: dict[tuple[str, Side], dict[float, str]] = {}
-        self._body: dict[str, list[Row]] = {}
-        marks = [
-            (row.end_s, row.label.split(" "))
-            for tier in tiers
-            if tier.name == "apex"
-            for row in tier.rows
-        ]
-        self._apexes = {
-            side: {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
-            for side in SIDES
-        }
-        left_out: list[str] = []
-        proper: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
-        phrases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
-        for tier in tiers:
-            if len(tier.rows) > MAX_ROWS:
-                raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
-            words = _words(tier.name)
-            sides = _sides(words)
-            what = next((name for name, signs in _WHAT.items() if signs & words), None)
-            phase: Phase | None = next(
-                (p for word, p in _PHASE_WORDS.items() if word in words), None
-            )
-            if _SPEECH & words:
-                continue
-            if what == "foot":
-                for side in sides:
-                    self.feet[side] += tier.rows
-            elif what:
-                self._body.setdefault(what, []).extend(tier.rows)
-            elif sides and words & {GOAL_TIER, "goals"}:
-                self._tell_more(GOAL_TIER, sides, tier.rows)
-            elif sides and words & {WORD_TIER, "lexical", "affiliate"}:
-                self._tell_more(WORD_TIER, sides, tier.rows)
-            elif words & {KIND_TIER, "type", "shape"}:
-                self._tell_more(KIND_TIER, sides or ("right",), tier.rows)
-            elif phase or words & {"phase", "phases"} or (words & _GESTURES and _has_phases(tier)):
-                proper.append((tier, sides, phase))
-            elif words & _GESTURES and "unit" not in words:
-                phrases.append((tier, sides, None))
-            elif tier.rows:
-                left_out.append(tier.name)
-        if proper:  # then phrases tell what kind they are of
-            for tier, sides, _ in phrases:
-                self._tell_more(KIND_TIER, sides or ("right",), tier.rows)
-        self.tells_hands = bool(proper or phrases)
-        self._take_phases(proper or phrases)
-        if left_out:
-            self.notes.append(f"Left out, for they tell of no plan: {_listed(left_out)}.")
+    rows: defaultdict[tuple[str, str], list[Row]] = field(default_factory=lambda: defaultdict(list))
+    """By what they tell, and of which hand or foot; "" of all of the body."""
+    at_end: dict[tuple[str, str, float], str] = field(default_factory=dict)
+    """Labels by when their rows end."""
+    apexes: list[Row] = field(default_factory=list)
+    phases: dict[Side, list[tuple[Row, Phase, str]]] = field(
+        default_factory=lambda: {side: [] for side in SIDES}
+    )
+    """Of each hand, with their kinds."""
+    notes: list[str] = field(default_factory=list)
 
-    def _take_phases(
-        self, tiers: Sequence[tuple[NamedTier, tuple[Side, ...], Phase | None]]
-    ) -> None:
+    def of_body(self, what: str) -> list[Row]:
+        """In time."""
+        return sorted(self.rows[what, ""], key=lambda row: row.start_s)
+
+    def add_more(self, what: str, sides: Iterable[Side], tier: NamedTier) -> None:
+        """A tier that tells more of a hand's phases."""
+        for side in sides or ("right",):
+            self.rows[what, side] += tier.rows
+            self.at_end |= {(what, side, round(row.end_s, 4)): row.label for row in tier.rows}
+
+    def add_phases(self, tiers: Sequence[tuple[NamedTier, tuple[Side, ...], Phase | None]]) -> None:
+        """Tiers of phases, each of one phase alone if that is told."""
         strokes = set()
         for tier, sides, phase in tiers:
             if not sides:
@@ -292,72 +270,59 @@ class _Named:
                 f"{', '.join(PHASES)}."
             )
 
-    def _tell_more(self, what: str, sides: Iterable[Side], rows: Iterable[Row]) -> None:
-        for side in sides:
-            self._more.setdefault((what, side), []).extend(rows)
-            ends = {round(row.end_s, 4): row.label for row in rows}
-            self._at_end.setdefault((what, side), {}).update(ends)
-
-    def told(self, what: str, made: Callable[[Row], Told]) -> tuple[Told, ...]:
-        """What is told of the body, in time."""
-        rows = sorted(self._body.get(what, []), key=lambda row: row.start_s)
-        return tuple(made(row) for row in rows)
-
     def hand(self, side: Side) -> tuple[HandPhase, ...]:
         """A hand's phases with their places; where none are told, with usual ones."""
-        rows = sorted(self.phases[side], key=lambda found: found[0].start_s)
+        phases = sorted(self.phases[side], key=lambda found: found[0].start_s)
         kinds = [
-            kind or self._of(KIND_TIER, side, row) or self._around(KIND_TIER, side, row)
-            for row, _, kind in rows
+            kind or self._at_end(KIND_TIER, side, row) or self._around(KIND_TIER, side, row)
+            for row, _, kind in phases
         ]
-        goals = self._goals(side, [row for row, _, _ in rows])
-        if rows and all(goal is None for goal in goals):
+        goals = self._goals(side, [row for row, _, _ in phases])
+        if phases and all(goal is None for goal in goals):
             self.notes.append(
                 f"No places are told for the {side} hand; it goes where such gestures usually do."
             )
         found: list[HandPhase] = []
         before = REST_PLACE
-        for k, (row, phase, _) in enumerate(rows):
+        for k, (row, phase, _) in enumerate(phases):
             goal = goals[k]
             if goal is None:
-                later = range(k, len(rows))
-                stroke = next((j for j in later if rows[j][1] == "stroke"), k)
-                kind = kinds[k] or kinds[stroke]
-                goal = usual_goal(phase, kind, before, goals[stroke])
-            word = self._of(WORD_TIER, side, row) or self._landed(side, row, phase)
+                stroke = next((j for j in range(k, len(phases)) if phases[j][1] == "stroke"), k)
+                goal = usual_goal(phase, kinds[k] or kinds[stroke], before, goals[stroke])
+            word = self._at_end(WORD_TIER, side, row)
+            if not word and phase == "stroke":
+                word = self._landed_on(side, row.end_s)
             found.append(HandPhase(row.start_s, row.end_s, phase, goal, kinds[k], word))
             before = goal
         return tuple(found)
 
     def _goals(self, side: Side, rows: Sequence[Row]) -> list[Place | None]:
         """That which is told for a row's end, or else the last one reached by then."""
-        told = sorted(self._more.get((GOAL_TIER, side), []), key=lambda row: row.end_s)
+        told = sorted(self.rows[GOAL_TIER, side], key=lambda row: row.end_s)
         goals = {round(row.end_s, 4): _place(row) for row in told}
         times = list(goals)
-        found: list[Place | None] = []
-        for row in rows:
-            own = goals.get(round(row.end_s, 4))
-            if own is None and goals:
-                reached = bisect_right(times, row.end_s + _SAME_MOMENT_S)
-                own = goals[times[max(reached - 1, 0)]]
-            found.append(own)
-        return found
+        if not goals:
+            return [None] * len(rows)
+        return [
+            goals.get(round(row.end_s, 4))
+            or goals[times[max(bisect_right(times, row.end_s + _SAME_MOMENT_S) - 1, 0)]]
+            for row in rows
+        ]
 
-    def _of(self, what: str, side: Side, row: Row) -> str:
-        return self._at_end.get((what, side), {}).get(round(row.end_s, 4), "")
+    def _at_end(self, what: str, side: Side, row: Row) -> str:
+        return self.at_end.get((what, side, round(row.end_s, 4)), "")
 
     def _around(self, what: str, side: Side, row: Row) -> str:
         """Of the row of some longer tier in which this one lies."""
-        rows = self._more.get((what, side), [])
-        around = (more for more in rows if more.start_s <= row.middle_s < more.end_s)
+        around = (r for r in self.rows[what, side] if r.start_s <= row.middle_s < r.end_s)
         return next((more.label for more in around), "")
 
-    def _landed(self, side: Side, row: Row, phase: Phase) -> str:
-        words = self._apexes[side]
-        if phase != "stroke" or not words:
-            return ""
-        at = min(words, key=lambda at: abs(at - row.end_s))
-        return words[at] if abs(at - row.end_s) < APEX_S else ""
+    def _landed_on(self, side: Side, end_s: float) -> str:
+        """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
+        marks = ((row.end_s, row.label.split(" ")) for row in self.apexes)
+        words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
+        at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
+        return words[at] if abs(at - end_s) < APEX_S else ""
 
 
 def _words(name: str) -> set[str]:
@@ -390,10 +355,6 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
     return known[-1] if known else None, ""  # the last: "post-stroke hold"
 
 
-def _first(row: Row, usual: float) -> float:
-    return (_numbers(row) or [usual])[0]
-
-
 def _numbers(row: Row) -> list[float]:
     """The numbers that a label begins with."""
     numbers: list[float] = []
@@ -408,6 +369,10 @@ def _numbers(row: Row) -> list[float]:
     return numbers
 
 
+def _first(row: Row, usual: float) -> float:
+    return (_numbers(row) or [usual])[0]
+
+
 def _place(row: Row) -> Place:
     numbers = _numbers(row)
     if len(numbers) != 3:
@@ -419,12 +384,9 @@ def _place(row: Row) -> Place:
 
 
 _DIRECTIONS: Mapping[str, tuple[float, float]] = {
-    "left": (12.0, 0.0),
-    "right": (-12.0, 0.0),
-    "up": (0.0, -8.0),
-    "down": (0.0, 10.0),
+    "left": (12.0, 0.0), "right": (-12.0, 0.0), "up": (0.0, -8.0), "down": (0.0, 10.0),
     "away": (14.0, 5.0),
-}
+}  # fmt: skip
 
 
 def _direction(row: Row) -> tuple[float, float]:

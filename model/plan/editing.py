@@ -1,4 +1,4 @@
-"""Changes of a plan: each takes a plan and gives another, or says in a sentence why it cannot.
+"""Changes of a plan: each takes a plan and gives another, or says why not by a `PlanError`.
 
 A hand's phases follow one another without a gap, from the start to the end: what one gains its
 neighbours lose, and no phase is squeezed below what a hand needs for it. A gesture is its
@@ -12,16 +12,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from model.plan.kinds import TOGETHER_S, Spoken, Stroke, strokes_of
-from model.plan.palette import (
+from model.plan.kinds import (
     BY_BOTH,
+    HOLD_S,
+    LANDS_AT,
+    LEAST_REST_S,
     PLACES,
+    PREPARATION_S,
     REST_PLACE,
+    RETRACTION_S,
+    STROKE_S,
+    TOGETHER_S,
     Place,
+    Spoken,
+    Stroke,
     ready_for,
+    strokes_of,
     usual_place,
 )
 from model.plan.plan import (
+    EVENTS,
     SIDES,
     Blink,
     Brow,
@@ -29,26 +39,27 @@ from model.plan.plan import (
     HandPhase,
     Look,
     Nod,
+    Phase,
     PlanError,
     Side,
     Smile,
     Stand,
+    without_gaps,
 )
-from model.plan.tracks import without_gaps
 
-LEAST_STROKE_S = 0.2
-LEAST_MOVE_S = 0.2
-"""Of preparations and retractions."""
-LEAST_BEAT_S = 0.1
-USUAL_STROKE_S, USUAL_PREPARATION_S, USUAL_HOLD_S, USUAL_RETRACTION_S = 0.31, 0.49, 0.3, 0.8
-LANDS_AT = 0.3
-"""Of a word's length, where a stroke on it ends."""
-LEAST_BACK_S, LEAST_REST_S = 0.5, 0.2
-"""A hand goes back to rest only where it has so long for it, and may rest a moment."""
+LEAST_S: dict[Phase, float] = {
+    "rest": LEAST_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,
+    "retraction": 0.5,
+}  # fmt: skip
+"""Shorter no phase is made; one that was shorter stays so."""
+GOES_BACK_S = LEAST_S["retraction"] + LEAST_REST_S
+"""A hand goes back to rest only where it has so long for it."""
 ARM_M = 0.72
 """Wrists reach no farther from the chest."""
 BODY_WIDTH_M, BODY_DEPTH_M, LEAST_UP_M, MOST_UP_M = 0.16, 0.14, -0.5, 0.12
 """The part of the chest's frame that the body fills: so wide to either side, so far forward."""
+SAME_S = 0.01
+"""To which a gesture or a phase is found by its end."""
 _TINY_S = 1e-6
 Hands = Literal["left", "right", "both"]
 
@@ -69,6 +80,10 @@ class Edited:
     notes: tuple[str, ...] = ()
 
 
+def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
+    return list(without_gaps(plan.hand(side), plan.duration_s))
+
+
 def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
     """The gestures of a hand, in time."""
     return tuple(Gesture(side, s.lands.end_s) for s in strokes_of(plan) if s.side == side)
@@ -84,22 +99,17 @@ def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None 
 
     Args:
         word: what it lands on now; None leaves what is told.
-
-    Raises:
-        PlanError: if there is no such gesture, or no time for it there.
     """
     phases, block = _taken_out(plan, gesture)
     if word is not None:
         block = [replace(one, word=word if one.phase == "stroke" else "") for one in block]
-    return _laid(plan, gesture.side, phases, _shifted(block, lands_s - gesture.lands_s), lands_s)
+    by_s = lands_s - gesture.lands_s
+    block = [replace(p, start_s=p.start_s + by_s, end_s=p.end_s + by_s) for p in block]
+    return _laid(plan, gesture.side, phases, block, lands_s)
 
 
 def deleted(plan: GesturePlan, gesture: Gesture) -> Edited:
-    """The plan without a gesture: the hand stays as it was before it.
-
-    Raises:
-        PlanError: if there is no such gesture.
-    """
+    """The plan without a gesture: the hand stays as it was before it."""
     phases, _ = _taken_out(plan, gesture)
     return Edited(plan.with_hand(gesture.side, tuple(phases)))
 
@@ -111,29 +121,22 @@ def added(
 
     Args:
         hands: None is both where both make it, or else the right.
-
-    Raises:
-        PlanError: if the palette has no such kind, or the hand has no time for it there.
     """
     if kind not in PLACES:
         raise PlanError(f"There is no gesture {kind[:40]!r}; choose one of {', '.join(PLACES)}.")
     hands = hands or ("both" if kind in BY_BOTH else "right")
     goal = usual_place(kind)
-    strikes_s = lands_s - USUAL_STROKE_S
+    strikes_s = lands_s - STROKE_S
     block = [
-        HandPhase(strikes_s - USUAL_PREPARATION_S, strikes_s, "preparation", ready_for(goal), kind),
+        HandPhase(strikes_s - PREPARATION_S, strikes_s, "preparation", ready_for(goal), kind),
         HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
-        HandPhase(lands_s, lands_s + USUAL_HOLD_S, "hold", goal, kind),
+        HandPhase(lands_s, lands_s + HOLD_S, "hold", goal, kind),
     ]
     return _on_hands(plan, _sides(hands), block, lands_s)
 
 
 def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Edited:
-    """The gesture made by other hands, and no more by those that made it.
-
-    Raises:
-        PlanError: if there is no such gesture, or a hand has no time for it.
-    """
+    """The gesture made by other hands, and no more by those that made it."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
     partner = partner_of(plan, gesture)
@@ -143,11 +146,7 @@ def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Edited:
 
 
 def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Edited:
-    """The gesture with a hold of some length at its end; 0 is none.
-
-    Raises:
-        PlanError: if there is no such gesture, or the length is negative.
-    """
+    """The gesture with a hold of some length at its end; 0 is none."""
     if not 0 <= hold_s < math.inf:
         raise PlanError(f"A hold lasts 0 s or longer; got {hold_s:g} s.")
     phases, block = _taken_out(plan, gesture)
@@ -158,41 +157,34 @@ def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Edited:
         held_at = HandPhase(end_s, end_s + hold_s, "hold", block[-1].goal, block[-1].kind)
         block.append(held_at)
     edited = _laid(plan, gesture.side, phases, block, gesture.lands_s)
-    now = next(p for p in edited.plan.hand(gesture.side) if p.end_s >= end_s + 1e-6)
-    if now.phase == "hold" and hold_s > 0 and now.end_s < end_s + hold_s - 1e-6:
+    now = next(p for p in edited.plan.hand(gesture.side) if p.end_s >= end_s + _TINY_S)
+    if now.phase == "hold" and hold_s > 0 and now.end_s < end_s + hold_s - _TINY_S:
         note = f"The hold ends at {now.end_s:.2f} s, where the next gesture begins."
         return replace(edited, notes=(*edited.notes, note))
     return edited
 
 
 def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Edited:
-    """The gesture ``size`` times as large, seen from where hands rest.
-
-    Raises:
-        PlanError: if there is no such gesture, or the size is not .1 to 4.
-    """
+    """The gesture ``size`` times as large, seen from where hands rest."""
     if not 0.1 <= size <= 4:
         raise PlanError(f"A size is .1 to 4 times as large; got {size:g}.")
-    return _with_goals(plan, gesture, lambda goal: _from_rest(goal, size))
+
+    def grown(goal: Place) -> Place:
+        out, up, forward = (r + size * (g - r) for g, r in zip(goal, REST_PLACE, strict=True))
+        return out, up, forward
+
+    return _with_goals(plan, gesture, grown)
 
 
 def raised(plan: GesturePlan, gesture: Gesture, by_m: float) -> Edited:
-    """The gesture so much higher, or lower.
-
-    Raises:
-        PlanError: if there is no such gesture, or it is more than an arm.
-    """
+    """The gesture so much higher, or lower."""
     if not abs(by_m) <= 1:
         raise PlanError(f"A gesture is at most 1 m higher or lower; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
 def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Edited:
-    """The gesture's preparation and strokes ``speed`` times as fast; it lands when it did.
-
-    Raises:
-        PlanError: if there is no such gesture, no time for it, or the speed is not .2 to 5.
-    """
+    """The gesture's preparation and strokes ``speed`` times as fast; it lands when it did."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
     phases, block = _taken_out(plan, gesture)
@@ -200,7 +192,7 @@ def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Edited:
     at_s, slower = gesture.lands_s, []
     for one in reversed([p for p in block if p.end_s <= gesture.lands_s + 1e-9]):
         wanted = (one.end_s - one.start_s) / speed
-        lasts = max(wanted, min(one.end_s - one.start_s, _least(one)))
+        lasts = max(wanted, _least(one))
         if lasts > wanted + 1e-9:
             notes.append(f"Its {one.phase} lasts {lasts:.2f} s; hands need as long.")
         slower.append(replace(one, start_s=at_s - lasts, end_s=at_s))
@@ -210,18 +202,119 @@ def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Edited:
     return replace(edited, notes=(*notes, *edited.notes))
 
 
+def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Edited:
+    """The phase of a hand that ends at ``end_s`` ends at ``at_s``, or as near to that as can be.
+
+    A hold for whose way back there is no time any more lasts until the next gesture. Where a hand
+    leaves a gesture so much earlier that it can go back to rest before the next one, it does.
+    """
+    phases = _phases(plan, side)
+    k = _ending_at(phases, end_s)
+    if k is None:
+        raise PlanError(f"The {side} hand does nothing that ends at {end_s:.2f} s.")
+    if k == len(phases) - 1:
+        raise PlanError(
+            f"The {side} hand's {phases[k].phase} ends with the speech; an end before that can be "
+            "moved."
+        )
+    one, then = phases[k], phases[k + 1]
+    if then.phase == "retraction":
+        changed, why = _before_way_back(phases, k, at_s, plan.duration_s)
+    elif (
+        then.phase == "preparation"
+        and one.phase in ("stroke", "hold", "beat")
+        and then.start_s - max(at_s, one.start_s + _least(one)) >= GOES_BACK_S
+    ):
+        to_s, why = _no_earlier(one, at_s)
+        back = _back_to_rest(phases, to_s, then.start_s)
+        changed = [*phases[:k], replace(one, end_s=to_s), *back, *phases[k + 1 :]]
+    else:
+        to_s, why = _no_earlier(one, at_s)
+        latest_s = then.end_s - _least(then)
+        if to_s > latest_s:
+            to_s, why = latest_s, _needs(one, then, latest_s)
+        changed = [*phases]
+        changed[k], changed[k + 1] = replace(one, end_s=to_s), replace(then, start_s=to_s)
+    if why and abs(changed[k].end_s - one.end_s) < SAME_S:
+        raise PlanError(why)
+    return Edited(plan.with_hand(side, tuple(changed)), (why,) if why else ())
+
+
+def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
+    """When the phase ends that is the other hand's part in the phase of a hand that ends at
+    ``end_s``; None where the hands do not make a gesture together, or end it apart."""
+    filled = replace(plan, left=tuple(_phases(plan, "left")), right=tuple(_phases(plan, "right")))
+    k, strokes = _ending_at(filled.hand(side), end_s), strokes_of(filled)
+    if k is None:
+        return None
+    own = next((s for s in strokes if s.side == side and s.first <= k <= s.last), None)
+    partner = partner_of(plan, Gesture(side, own.lands.end_s)) if own else None
+    if partner is None:
+        return None
+    theirs = next(s for s in strokes if Gesture(s.side, s.lands.end_s) == partner)
+    near = [
+        phase.end_s
+        for phase in filled.hand(partner.side)[theirs.first : theirs.last + 1]
+        if phase.phase == filled.hand(side)[k].phase and abs(phase.end_s - end_s) < TOGETHER_S
+    ]
+    return min(near, key=lambda at: abs(at - end_s), default=None)
+
+
+def _before_way_back(
+    phases: Sequence[HandPhase], k: int, at_s: float, duration_s: float
+) -> tuple[list[HandPhase], str]:
+    """The phases with another end of the one before a way back, and what was mended."""
+    one, back = phases[k], phases[k + 1]
+    rest = phases[k + 2] if k + 2 < len(phases) and phases[k + 2].phase == "rest" else None
+    until_s = back.end_s if rest is None else rest.end_s
+    after = phases[k + 2 if rest is None else k + 3 :]
+    to_s, why = _no_earlier(one, at_s)
+    rested_s = until_s if rest is None else until_s - _least(rest)
+    latest_s = rested_s - _least(back)
+    if to_s > latest_s and one.phase == "hold":
+        end = "the speech ends" if until_s > duration_s - SAME_S else "the next gesture begins"
+        why = f"There is no time to go back to rest: the hold lasts until {end}, {until_s:.2f} s."
+        return [*phases[:k], replace(one, end_s=until_s), *after], why
+    if to_s > latest_s:
+        to_s, why = latest_s, _needs(one, back, latest_s)
+    if rest is None:
+        tail = [replace(back, start_s=to_s)]
+    else:
+        back_s = min(to_s + back.end_s - back.start_s, rested_s)
+        tail = [replace(back, start_s=to_s, end_s=back_s), replace(rest, start_s=back_s)]
+    return [*phases[:k], replace(one, end_s=to_s), *tail, *after], why
+
+
+def _no_earlier(one: HandPhase, at_s: float) -> tuple[float, str]:
+    earliest_s = one.start_s + _least(one)
+    if at_s >= earliest_s - _TINY_S:
+        return at_s, ""
+    why = f"The {one.phase} ends at {earliest_s:.2f} s: it lasts {_least(one):.2g} s at least."
+    return earliest_s, why
+
+
+def _needs(one: HandPhase, then: HandPhase, latest_s: float) -> str:
+    return (
+        f"The {one.phase} ends at {latest_s:.2f} s: the {then.phase} after it needs "
+        f"{_least(then):.2g} s."
+    )
+
+
+def _least(phase: HandPhase) -> float:
+    return min(LEAST_S[phase.phase], phase.end_s - phase.start_s)
+
+
+def _ending_at(phases: Sequence[HandPhase], end_s: float) -> int | None:
+    near = min(range(len(phases)), key=lambda i: abs(phases[i].end_s - end_s), default=None)
+    return near if near is not None and abs(phases[near].end_s - end_s) < SAME_S else None
+
+
 Body = Nod | Look | Brow | Smile | Blink | Stand
-_LISTS: dict[type, str] = {
-    Nod: "nods", Look: "looks", Brow: "brows", Smile: "smiles", Blink: "blinks", Stand: "stands",
-}  # fmt: skip
+_LISTS = {kind: name for name, kind in EVENTS.items()}
 
 
 def with_event(plan: GesturePlan, event: Body) -> Edited:
-    """The plan with a nod, look, brow, smile, blink or stand; a span cuts others of its list.
-
-    Raises:
-        PlanError: if it lies outside of the speech, or is none.
-    """
+    """The plan with a nod, look, brow, smile, blink or stand; a span cuts others of its list."""
     name = _LISTS[type(event)]
     end_s = getattr(event, "end_s", getattr(event, "time_s", 0.0))
     start_s = getattr(event, "start_s", end_s)
@@ -238,11 +331,7 @@ def with_event(plan: GesturePlan, event: Body) -> Edited:
 
 
 def without_event(plan: GesturePlan, event: Body) -> Edited:
-    """The plan without an event of the head, face or legs.
-
-    Raises:
-        PlanError: if it has no such.
-    """
+    """The plan without an event of the head, face or legs."""
     name = _LISTS[type(event)]
     events = list(getattr(plan, name))
     if event not in events:
@@ -252,11 +341,7 @@ def without_event(plan: GesturePlan, event: Body) -> Edited:
 
 
 def keeping(locked: Sequence[Gesture], before: GesturePlan, edited: Edited) -> Edited:
-    """What was edited, if all that is locked stayed.
-
-    Raises:
-        PlanError: if a locked gesture is gone or another: holds after it alone may give way.
-    """
+    """What was edited, if all that is locked stayed."""
     for gesture in locked:
         old = _moves_of(before, gesture)
         if old != _moves_of(edited.plan, gesture):
@@ -294,7 +379,7 @@ def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     own = (stroke for stroke in strokes_of(plan) if stroke.side == gesture.side)
     off = {abs(stroke.lands.end_s - gesture.lands_s): stroke for stroke in own}
     nearest = min(off, default=math.inf)
-    return off[nearest] if nearest < 0.01 else None
+    return off[nearest] if nearest < SAME_S else None
 
 
 def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
@@ -306,20 +391,19 @@ def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
 
 def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], list[HandPhase]]:
     """The phases of the hand without a gesture, and the gesture's own."""
-    filled = plan.with_hand(gesture.side, without_gaps(plan.hand(gesture.side), plan.duration_s))
-    stroke = _found(filled, gesture)
+    phases = _phases(plan, gesture.side)
+    stroke = _found(plan.with_hand(gesture.side, tuple(phases)), gesture)
     if stroke is None:
         raise PlanError(
             f"The {gesture.side} hand makes no gesture that lands at {gesture.lands_s:.2f} s."
         )
-    phases = list(filled.hand(gesture.side))
     block = phases[stroke.first : stroke.last + 1]
     before = phases[stroke.first - 1] if stroke.first > 0 else None
     after = stroke.last + 1
     if before is None or before.phase in ("rest", "retraction"):
         if after < len(phases) and phases[after].phase == "retraction":
             after += 1
-        goal = before.goal if before else rest_goal(phases)
+        goal = before.goal if before else _rest_goal(phases)
         still = HandPhase(block[0].start_s, phases[after - 1].end_s, "rest", goal)
     else:
         start_s, end_s = block[0].start_s, block[-1].end_s
@@ -327,7 +411,7 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     return _merged([*phases[: stroke.first], still, *phases[after:]]), block
 
 
-def rest_goal(phases: Sequence[HandPhase]) -> Place:
+def _rest_goal(phases: Sequence[HandPhase]) -> Place:
     """Where a hand rests, the first time it does."""
     return next((p.goal for p in phases if p.phase in ("rest", "retraction")), REST_PLACE)
 
@@ -345,26 +429,15 @@ def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
     return found
 
 
-def _shifted(block: Sequence[HandPhase], by_s: float) -> list[HandPhase]:
-    return [replace(one, start_s=one.start_s + by_s, end_s=one.end_s + by_s) for one in block]
-
-
 def _on_hands(
     plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase], lands_s: float
 ) -> Edited:
     notes: list[str] = []
     for side in sides:
-        phases = list(without_gaps(plan.hand(side), plan.duration_s))
-        edited = _laid(plan, side, phases, list(block), lands_s)
+        edited = _laid(plan, side, _phases(plan, side), block, lands_s)
         plan = edited.plan
         notes += edited.notes
     return Edited(plan, tuple(dict.fromkeys(notes)))
-
-
-def _least(phase: HandPhase) -> float:
-    """The shortest that a phase can be."""
-    least = {"stroke": LEAST_STROKE_S, "beat": LEAST_BEAT_S, "hold": 0.0, "rest": 0.0}
-    return least.get(phase.phase, LEAST_MOVE_S)
 
 
 def _laid(
@@ -375,21 +448,18 @@ def _laid(
     lands_s: float,
 ) -> Edited:
     """The plan with a gesture laid over what a hand does: where it is still or goes back it gives
-    way, nowhere else.
-
-    Raises:
-        PlanError: if there is no time for it.
-    """
+    way, nowhere else."""
     notes: list[str] = []
     body = [one for one in block if one.phase != "preparation"]
     strikes_s = body[0].start_s
-    if body[0].end_s - strikes_s < LEAST_STROKE_S - _TINY_S:
-        notes.append(f"Its stroke was shorter than {LEAST_STROKE_S:g} s and begins earlier.")
-        strikes_s = body[0].end_s - LEAST_STROKE_S
+    least_s = LEAST_S["stroke"]
+    if body[0].end_s - strikes_s < least_s - _TINY_S:
+        notes.append(f"Its stroke was shorter than {least_s:g} s and begins earlier.")
+        strikes_s = body[0].end_s - least_s
         body[0] = replace(body[0], start_s=strikes_s)
     busy_s = max(one.end_s for one in body if one.phase != "hold")
     ready = _preparation(phases, block, body[0])
-    least_s = 0.0 if ready is None else LEAST_MOVE_S
+    least_s = 0.0 if ready is None else LEAST_S["preparation"]
     if strikes_s < least_s - _TINY_S or busy_s > plan.duration_s + _TINY_S:
         raise PlanError(
             f"A gesture that lands at {lands_s:.2f} s strikes from {strikes_s:.2f} to {busy_s:.2f} "
@@ -407,7 +477,7 @@ def _laid(
             )
     if ready is not None:
         free_s = max((one.end_s for one in moving if one.end_s <= strikes_s), default=0.0)
-        ready_s = max(free_s, min(ready.start_s, strikes_s - LEAST_MOVE_S))
+        ready_s = max(free_s, min(ready.start_s, strikes_s - LEAST_S["preparation"]))
         body.insert(0, replace(ready, start_s=ready_s, end_s=strikes_s))
     until_s = min((one.start_s for one in moving if one.start_s >= busy_s - _TINY_S), default=None)
     body, mended = within_reach(body)
@@ -427,7 +497,7 @@ def _preparation(
     before = [one for one in phases if one.start_s < stroke.start_s - _TINY_S]
     if before and before[-1].phase not in ("rest", "retraction"):
         return None
-    start_s = stroke.start_s - USUAL_PREPARATION_S
+    start_s = stroke.start_s - PREPARATION_S
     return HandPhase(start_s, stroke.start_s, "preparation", ready_for(stroke.goal), stroke.kind)
 
 
@@ -437,7 +507,7 @@ def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
     if kept and kept[-1].phase == "retraction":
         last = kept[-1]
         whole = next(p for p in phases if p.start_s == last.start_s)
-        if last.end_s < whole.end_s - _TINY_S and last.end_s - last.start_s < LEAST_BACK_S:
+        if last.end_s < whole.end_s - _TINY_S and last.end_s - last.start_s < LEAST_S["retraction"]:
             before = kept[-2] if len(kept) > 1 else None
             goal, kind = (before.goal, before.kind) if before else (last.goal, "")
             kept[-1] = HandPhase(last.start_s, last.end_s, "hold", goal, kind)
@@ -448,35 +518,31 @@ def _ending(
     phases: Sequence[HandPhase], body: Sequence[HandPhase], until_s: float
 ) -> list[HandPhase]:
     """A gesture with what follows it until the next one: back to rest where there is time."""
-    found: list[HandPhase] = []
-    for one in body:
-        if one.start_s < until_s - _TINY_S:
-            found.append(replace(one, end_s=min(one.end_s, until_s)))
+    found = [replace(p, end_s=min(p.end_s, until_s)) for p in body if p.start_s < until_s - _TINY_S]
     last = found[-1]
     left_s = until_s - last.end_s
-    if left_s >= LEAST_BACK_S + LEAST_REST_S:
-        back_s = last.end_s + min(USUAL_RETRACTION_S, left_s - LEAST_REST_S)
-        goal = rest_goal(phases)
-        found.append(HandPhase(last.end_s, back_s, "retraction", goal))
-        if until_s - back_s > _TINY_S:
-            found.append(HandPhase(back_s, until_s, "rest", goal))
+    if left_s >= GOES_BACK_S:
+        found += _back_to_rest(phases, last.end_s, until_s)
+    elif left_s > _TINY_S and last.phase == "hold":
+        found[-1] = replace(last, end_s=until_s)
     elif left_s > _TINY_S:
-        if last.phase == "hold":
-            found[-1] = replace(last, end_s=until_s)
-        else:
-            found.append(HandPhase(last.end_s, until_s, "hold", last.goal, last.kind))
+        found.append(HandPhase(last.end_s, until_s, "hold", last.goal, last.kind))
     return found
+
+
+def _back_to_rest(
+    phases: Sequence[HandPhase], from_s: float, until_s: float
+) -> tuple[HandPhase, HandPhase]:
+    back_s = from_s + min(RETRACTION_S, until_s - from_s - LEAST_REST_S)
+    goal = _rest_goal(phases)
+    rest = HandPhase(back_s, until_s, "rest", goal)
+    return HandPhase(from_s, back_s, "retraction", goal), rest
 
 
 def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> Edited:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
     return _laid(plan, gesture.side, phases, changed, gesture.lands_s)
-
-
-def _from_rest(goal: Place, size: float) -> Place:
-    out, up, forward = (r + size * (g - r) for g, r in zip(goal, REST_PLACE, strict=True))
-    return out, up, forward
 
 
 def within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:

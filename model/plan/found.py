@@ -21,8 +21,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.kinematics import RestSkeleton, face_unit_names
 from model.motion.motion import Motion
-from model.motion.tracks import Tracks, track_points
-from model.plan.kinds import wrist_places
+from model.motion.tracks import Tracks, track_points, wrist_places
 from model.plan.plan import (
     PHASES,
     SIDES,

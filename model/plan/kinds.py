@@ -1,26 +1,94 @@
-"""Which gesture a stroke is: told by where it ends, who makes it, and the word it lands on.
+"""Kinds of gestures: where hands usually make them, and which one a stroke is.
 
-A network draws when hands move and where to; the kind is drawn after it from what the annotated
-plans show: how often each speaker makes it, where its strokes end, whether both hands make it, and
-which words call for it. A kind decides the shape and turn of the hand.
+A person chooses of the palette (`PLACES`). Of a plan that is drawn, a network decides when hands
+move and where to; the kind is drawn after it from what annotated plans show (`KindTable`): how
+often each speaker makes it, where its strokes end, whether both hands make it, and which words call
+for it. A kind decides the shape and turn of the hand.
 """
+
+from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
-from conventions.joints import JOINT_INDEX
-from model.motion.tracks import Tracks
-from model.plan.plan import SIDES, GesturePlan, HandPhase, Side
+from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, without_gaps
 
-NO_KIND = ""
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Place = tuple[float, float, float]
+
+REST_PLACE: Place = (0.25, -0.26, 0.25)
+"""Where hands usually rest: before the body."""
+PREPARED: Place = (-0.066, 0.005, -0.049)
+"""Where a hand is made ready, from where its stroke ends: nearer to the body."""
+PLACES: Mapping[str, Place] = MappingProxyType({
+    "all": (0.33, -0.08, 0.28), "arc": (0.33, -0.13, 0.30), "back": (0.30, 0.12, 0.20),
+    "beat": (0.23, -0.20, 0.35), "big": (0.32, 0.00, 0.28), "brush": (0.26, -0.15, 0.32),
+    "carry": (0.19, -0.09, 0.33), "chop": (0.19, -0.10, 0.36), "cup_both": (0.11, -0.13, 0.32),
+    "dismiss": (0.31, -0.08, 0.36), "down": (0.24, -0.23, 0.36), "drive": (0.19, -0.05, 0.36),
+    "five": (0.26, 0.08, 0.27), "forward": (0.18, 0.06, 0.40), "four": (0.20, 0.03, 0.28),
+    "frame": (0.18, -0.09, 0.35), "here": (0.22, -0.18, 0.36), "item": (0.15, -0.13, 0.34),
+    "knock": (0.17, -0.02, 0.38), "long": (0.31, -0.10, 0.30), "no": (0.26, -0.11, 0.31),
+    "offer": (0.23, -0.15, 0.35), "offer_low": (0.28, -0.23, 0.32), "one": (0.24, 0.12, 0.28),
+    "open_up": (0.25, -0.13, 0.32), "phone": (0.25, 0.30, 0.21), "point_up": (0.21, 0.12, 0.29),
+    "precise": (0.17, 0.02, 0.32), "present": (0.24, -0.11, 0.34), "pull": (0.26, -0.07, 0.24),
+    "quote": (0.24, 0.14, 0.27), "roll": (0.15, -0.13, 0.33), "round": (0.15, -0.18, 0.31),
+    "self": (0.08, -0.03, 0.21), "set_down": (0.22, -0.19, 0.35), "shrug": (0.32, -0.12, 0.24),
+    "small": (0.15, 0.09, 0.31), "small_both": (0.10, -0.08, 0.31), "stop": (0.20, 0.07, 0.38),
+    "sweep": (0.34, -0.07, 0.30), "that_side": (0.34, -0.11, 0.32), "there": (0.41, 0.12, 0.28),
+    "think": (0.22, 0.06, 0.31), "this_side": (0.35, -0.09, 0.33), "three": (0.26, 0.00, 0.27),
+    "together": (0.13, -0.10, 0.32), "turn_out": (0.25, -0.10, 0.30), "two": (0.14, 0.09, 0.24),
+    "up": (0.26, 0.17, 0.28), "wave_off": (0.28, -0.06, 0.32), "weigh": (0.24, -0.14, 0.32),
+    "wow": (0.24, 0.31, 0.25), "you": (0.17, 0.01, 0.41), "you_open": (0.19, -0.08, 0.41),
+})  # fmt: skip
+"""By kind, where its strokes end (medians in the corpus's annotation): out, up, forward."""
+BY_BOTH = frozenset({
+    "all", "big", "carry", "cup_both", "drive", "frame", "item", "long", "no", "open_up", "present",
+    "quote", "roll", "round", "shrug", "small_both", "together", "weigh", "wow",
+})  # fmt: skip
+"""Kinds that both hands make together."""
+
+
+def usual_place(kind: str) -> Place:
+    """Where strokes of a kind end, or of one that is not known."""
+    return PLACES.get(kind, PLACES["offer"])
+
+
+def ready_for(goal: Place) -> Place:
+    """Where a hand is made ready for a stroke that ends at ``goal``."""
+    return _moved(goal, PREPARED)
+
+
+def usual_goal(phase: str, kind: str, before: Place, stroke: Place | None) -> Place:
+    """Where a phase leads whose place nobody has told.
+
+    Args:
+        before: where the hand is when it begins.
+        stroke: where the next stroke ends, if that is told.
+    """
+    if phase in ("rest", "retraction"):
+        return REST_PLACE
+    if phase == "preparation":
+        return ready_for(stroke or usual_place(kind))
+    if phase == "stroke":
+        return usual_place(kind)
+    if phase == "beat":
+        return _moved(before, (0.0, -0.05, 0.01))
+    return before
+
+
+def _moved(place: Place, by: Place) -> Place:
+    out, up, forward = (round(a + b, 4) for a, b in zip(place, by, strict=True))
+    return out, up, forward
+
+
 FOLLOWING = "follow"
 """Small beats of the hand that takes no part."""
 TOGETHER_S = 0.15
@@ -31,7 +99,15 @@ LEAST_CALLS, LEAST_LIFT = 5, 3.0
 """A word calls for a kind that landed on it so often, and so much more than on any word."""
 FAITH = 0.65
 """How far a goal moves to where strokes of the kind that a word called for usually end."""
+PREPARATION_S, STROKE_S, HOLD_S, RETRACTION_S = 0.49, 0.31, 0.3, 0.8
+"""Usual lengths in the corpus's annotation (medians; a hold of those that end in a retraction)."""
+LANDS_AT = 0.3
+"""Of a word's length, where a stroke on it usually ends."""
+LEAST_REST_S = 0.2
+"""What is left of a rest or a hold before or after a gesture, so that it can be seen."""
 _MIN_SPREAD_M = 0.03
+_AS_USUAL = 20
+"""So many strokes of everybody's are added to those of each speaker."""
 
 
 @runtime_checkable
@@ -66,7 +142,7 @@ class KindTable:
 
     names: tuple[str, ...]
     by_speaker: Float[np.ndarray, "speakers K"]
-    """Shares, smoothed; row 0 is everybody's."""
+    """Shares, smoothed."""
     goal: Float[np.ndarray, "K 3"]
     spread: Float[np.ndarray, "K 3"]
     both: Float[np.ndarray, " K"]
@@ -81,57 +157,48 @@ class KindTable:
         plans: Iterable[tuple[GesturePlan, int]],
         num_speakers: int,
         said: Mapping[str, int] = MappingProxyType({}),
-    ) -> "KindTable":
+    ) -> KindTable:
         """From annotated plans, each with its speaker's number.
 
         Args:
             said: how often each word is said in all of them.
         """
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
-        goals: defaultdict[str, list[tuple[float, float, float]]] = defaultdict(list)
+        goals: defaultdict[str, list[Place]] = defaultdict(list)
         both: Counter[str] = Counter()
         on_word: defaultdict[str, Counter[str]] = defaultdict(Counter)
-        landed: defaultdict[str, float] = defaultdict(float)
-        names: set[str] = {FOLLOWING}
+        landed: Counter[str] = Counter()
+        """Twice the gestures on each word: both hands' together count once."""
+        kinds: set[str] = {FOLLOWING}
         for plan, speaker in plans:
-            names |= {phase.kind for side in SIDES for phase in plan.hand(side)}
+            kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
             for stroke in strokes_of(plan):
-                kind = stroke.lands.kind
+                kind, word = stroke.lands.kind, stroke.lands.word
                 counts[speaker][kind] += 1
                 goals[kind].append(stroke.lands.goal)
                 both[kind] += stroke.both
-                if stroke.lands.word:
-                    on_word[stroke.lands.word][kind] += 1
-                    landed[stroke.lands.word] += 0.5 if stroke.both else 1.0
-        ordered = tuple(sorted(names - {NO_KIND}))
+                if word:
+                    on_word[word][kind] += 1
+                    landed[word] += 1 if stroke.both else 2
+        names = tuple(sorted(kinds - {""}))
         total = sum(counts.values(), Counter())
-        everybody = np.array([total[name] for name in ordered], float) + 0.5 * np.array(
-            [name in goals for name in ordered]
-        )
-        everybody /= everybody.sum()
-        shares = np.stack(
-            [
-                (np.array([counts[n][name] for name in ordered]) + 20 * everybody)
-                / (counts[n].total() + 20)
-                for n in range(num_speakers)
-            ]
-        )
-        calls = _calls(on_word, dict(zip(ordered, everybody, strict=True)))
+        usual = np.array([total[n] + 0.5 * (n in goals) for n in names], float)
+        usual /= usual.sum()
+        shares = [
+            (np.array([counts[n][name] for name in names]) + _AS_USUAL * usual)
+            / (counts[n].total() + _AS_USUAL)
+            for n in range(num_speakers)
+        ]
+        at = [np.array(goals[n]) if goals[n] else None for n in names]
+        calls = _calls(on_word, dict(zip(names, usual, strict=True)))
         return KindTable(
-            names=ordered,
-            by_speaker=shares,
-            goal=np.array(
-                [np.mean(goals[n], axis=0) if goals[n] else np.zeros(3) for n in ordered]
-            ),
-            spread=np.array(
-                [
-                    np.std(goals[n], axis=0).clip(_MIN_SPREAD_M) if goals[n] else np.ones(3)
-                    for n in ordered
-                ]
-            ),
-            both=np.array([(both[n] + 0.5) / (len(goals[n]) + 1) for n in ordered]),
-            calls=calls,
-            struck={word: min(1.0, landed[word] / said[word]) for word in calls if word in said},
+            names,
+            np.stack(shares),
+            np.array([np.zeros(3) if g is None else g.mean(0) for g in at]),
+            np.array([np.ones(3) if g is None else g.std(0).clip(_MIN_SPREAD_M) for g in at]),
+            np.array([(both[n] + 0.5) / (len(goals[n]) + 1) for n in names]),
+            calls,
+            {word: min(1.0, landed[word] / 2 / said[word]) for word in calls if word in said},
         )
 
     def place(self, kind: str) -> int:
@@ -140,35 +207,34 @@ class KindTable:
 
     def tensors(self) -> dict[str, Tensor]:
         """What weights carry of it."""
+        import torch
+
         words = sorted(self.calls)
-        called = np.zeros((len(words), len(self.names)), np.float32)
-        for row, word in enumerate(words):
-            for kind, share in self.calls[word].items():
-                called[row, self.names.index(kind)] = share
+        called = [[self.calls[word].get(name, 0.0) for name in self.names] for word in words]
+        arrays = {
+            "by_speaker": self.by_speaker, "goal": self.goal, "spread": self.spread,
+            "both": self.both, "called": np.array(called).reshape(len(words), len(self.names)),
+        }  # fmt: skip
+        texts = {"names": self.names, "words": words}
         return {
-            "kinds.names": _as_tensor(self.names),
-            "kinds.words": _as_tensor(words),
+            **{f"kinds.{name}": torch.tensor(list("\n".join(told).encode()), dtype=torch.uint8)
+               for name, told in texts.items()},
             "kinds.struck": torch.tensor([self.struck.get(word, 0.0) for word in words]),
-            **{
-                f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
-                for name, array in {
-                    "by_speaker": self.by_speaker,
-                    "goal": self.goal,
-                    "spread": self.spread,
-                    "both": self.both,
-                    "called": called,
-                }.items()
-            },
-        }
+            **{f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
+               for name, array in arrays.items()},
+        }  # fmt: skip
 
     @staticmethod
-    def of_tensors(tensors: Mapping[str, Tensor]) -> "KindTable":
+    def of_tensors(tensors: Mapping[str, Tensor]) -> KindTable:
         """The inverse of `tensors`.
 
         Raises:
             KeyError: if one is missing.
         """
-        names, words = (_as_names(tensors[f"kinds.{name}"]) for name in ("names", "words"))
+        names, words = (
+            tuple(bytes(tensor.byte().tolist()).decode().split("\n")) if len(tensor) else ()
+            for tensor in (tensors["kinds.names"], tensors["kinds.words"])
+        )
         by_speaker, goal, spread, both, called = (
             tensors[f"kinds.{name}"].double().numpy()
             for name in ("by_speaker", "goal", "spread", "both", "called")
@@ -177,8 +243,8 @@ class KindTable:
             word: {names[k]: float(row[k]) for k in np.flatnonzero(row)}
             for word, row in zip(words, called, strict=True)
         }
-        often = tensors["kinds.struck"].tolist()
-        struck = {word: share for word, share in zip(words, often, strict=True) if share > 0}
+        often = zip(words, tensors["kinds.struck"].tolist(), strict=True)
+        struck = {word: share for word, share in often if share > 0}
         return KindTable(names, by_speaker, goal, spread, both, calls, struck)
 
     def drawn(
@@ -195,8 +261,8 @@ class KindTable:
         for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
             lands = stroke.lands
             word = _word_at(words, lands.end_s)
-            partner = self.partner(landed, lands.end_s)
-            called = self._called(word, rng) if not (stroke.both and partner) else partner
+            partner = self.partner(landed, lands.end_s) if stroke.both else ""
+            called = partner or self._called(word, rng)
             kind = called or self.likely(stroke, speaker, rng)
             landed[lands.end_s] = kind
             phases = hands[stroke.side]
@@ -204,33 +270,57 @@ class KindTable:
                 phases[k] = replace(phases[k], kind=kind)
             at = stroke.first + [p.end_s for p in phases[stroke.first :]].index(lands.end_s)
             goal = lands.goal
-            if called and not (stroke.both and partner and not self.calls.get(word)):
-                usual = self.goal[self.names.index(kind)]
-                moved = np.asarray(goal) + FAITH * (usual - goal)
+            if called and (not partner or self.calls.get(word)):
+                moved = np.asarray(goal) + FAITH * (self._usual_goal(kind) - goal)
                 goal = (float(moved[0]), float(moved[1]), float(moved[2]))
             phases[at] = replace(phases[at], word=word, goal=goal)
-        for side in SIDES:
-            hands[side] = [
+        left, right = (
+            tuple(
                 replace(phase, kind=FOLLOWING)
                 if phase.phase == "beat" and not phase.kind
                 else phase
                 for phase in hands[side]
-            ]
+            )
+            for side in SIDES
+        )
+        return replace(plan, left=left, right=right)
+
+    def with_called_strokes(
+        self, plan: GesturePlan, words: Sequence[Spoken], rng: np.random.Generator
+    ) -> GesturePlan:
+        """The plan with strokes on words that call for them. A planner that hears only the sound
+        strikes on what is stressed; some words are gestured on most of the times they are said
+        ("nobody", "again", "big"), and where such a word falls on a hand that is still, it gets its
+        gesture as often as annotated speakers make one there. Chance is drawn for every word, used
+        or not, so that plans of one text share it."""
+        hands = {side: list(without_gaps(plan.hand(side), plan.duration_s)) for side in SIDES}
+        has_changed = False
+        for word in words:
+            obeys, which, hand = rng.random(3)
+            text = word.text.lower()
+            if obeys >= self.struck.get(text, 0.0) or _is_struck(plan, word):
+                continue
+            shares = self.calls[text]
+            kind = list(shares)[drawn_by(np.array(list(shares.values())), which)]
+            lands_s = word.start_s + LANDS_AT * (word.end_s - word.start_s)
+            is_both = self.both[self.names.index(kind)] > 0.5
+            still = {side: _still_at(hands[side], lands_s) for side in SIDES}
+            free = [(side, k) for side, k in still.items() if k is not None]
+            if not free or (is_both and len(free) < len(SIDES)):
+                continue
+            out, up, forward = self._usual_goal(kind).tolist()
+            for side, k in free if is_both else [free[int(hand * len(free))]]:
+                struck = _struck(hands[side][k], lands_s, (out, up, forward), kind, text)
+                hands[side][k : k + 1] = struck
+                has_changed = True
+        if not has_changed:
+            return plan
         return replace(plan, left=tuple(hands["left"]), right=tuple(hands["right"]))
 
     @staticmethod
     def partner(landed: Mapping[float, str], lands_s: float) -> str:
         """Of gestures by when they land, the kind of one that lands with this; empty if none."""
         return next((kind for at, kind in landed.items() if abs(at - lands_s) < TOGETHER_S), "")
-
-    def _called(self, word: str, rng: np.random.Generator) -> str:
-        shares = self.calls.get(word, {})
-        chance = rng.random()
-        for kind, share in shares.items():
-            chance -= share
-            if chance < 0:
-                return kind
-        return NO_KIND
 
     def likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
         """A kind by where a gesture ends and whose it is."""
@@ -241,6 +331,17 @@ class KindTable:
         score += np.log(both if stroke.both else 1 - both)
         share = np.exp(score - score.max())
         return self.names[int(rng.choice(len(share), p=share / share.sum()))]
+
+    def _called(self, word: str, rng: np.random.Generator) -> str:
+        chance = rng.random()
+        for kind, share in self.calls.get(word, {}).items():
+            chance -= share
+            if chance < 0:
+                return kind
+        return ""
+
+    def _usual_goal(self, kind: str) -> Float[np.ndarray, 3]:
+        return self.goal[self.names.index(kind)]
 
 
 def drawn_by(shares: Float[np.ndarray, " K"], chance: float) -> int:
@@ -305,27 +406,40 @@ def _word_at(words: Sequence[Spoken], time_s: float) -> str:
     return "" if nearest is None else nearest.text.lower()
 
 
-def _as_tensor(names: Sequence[str]) -> Tensor:
-    return torch.tensor(list("\n".join(names).encode()), dtype=torch.uint8)
+def _is_struck(plan: GesturePlan, word: Spoken) -> bool:
+    return any(
+        phase.phase == "stroke"
+        and word.start_s - BEFORE_WORD_S <= phase.end_s <= word.end_s + AFTER_WORD_S
+        for side in SIDES
+        for phase in plan.hand(side)
+    )
 
 
-def _as_names(tensor: Tensor) -> tuple[str, ...]:
-    return tuple(bytes(tensor.byte().tolist()).decode().split("\n")) if len(tensor) else ()
+def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
+    """The rest or hold that has room for preparation and stroke, and a moment after them."""
+    begins_s = lands_s - STROKE_S - PREPARATION_S - LEAST_REST_S
+    for k, phase in enumerate(phases):
+        if phase.start_s <= begins_s and lands_s + HOLD_S <= phase.end_s:
+            return k if phase.phase in STILL else None
+    return None
 
 
-OUTWARD: dict[Side, tuple[float, float, float]] = {
-    "left": (1.0, 1.0, 1.0),
-    "right": (-1.0, 1.0, 1.0),
-}
-"""What turns the chest's axes into out, up and forward, and back."""
-
-
-def wrist_places(tracks: Tracks) -> dict[Side, Float[np.ndarray, "T 3"]]:
-    """Metres from the chest joint in the chest's frame: out to the hand's own side, up, forward."""
-    chest = JOINT_INDEX["spine3"]
-    turned = tracks.global_rot[:, chest].astype(np.float64)
-    places: dict[Side, Float[np.ndarray, "T 3"]] = {}
-    for side in SIDES:
-        off = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
-        places[side] = np.einsum("tij,ti->tj", turned, off) * np.array(OUTWARD[side])
-    return places
+def _struck(old: HandPhase, lands_s: float, goal: Place, kind: str, word: str) -> list[HandPhase]:
+    """A stroke in a phase that is still, and what is left of that."""
+    strikes_s, readies_s = lands_s - STROKE_S, lands_s - STROKE_S - PREPARATION_S
+    out, up, forward = (at + off for at, off in zip(goal, PREPARED, strict=True))
+    new = [
+        replace(old, end_s=readies_s),
+        HandPhase(readies_s, strikes_s, "preparation", (out, up, forward), kind),
+        HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
+    ]
+    retracts_s = lands_s + HOLD_S
+    rests_s = retracts_s + RETRACTION_S
+    if old.phase != "rest" or rests_s + LEAST_REST_S > old.end_s:
+        return [*new, HandPhase(lands_s, old.end_s, "hold", goal, kind)]
+    return [
+        *new,
+        HandPhase(lands_s, retracts_s, "hold", goal, kind),
+        HandPhase(retracts_s, rests_s, "retraction", old.goal, kind),
+        replace(old, start_s=rests_s),
+    ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,10 @@ FORMAT = 1
 MAX_BYTES = 16 * 2**20
 MAX_EVENTS = 200_000
 """Of one kind; hours of speech have fewer."""
+STILL: tuple[str, ...] = ("rest", "hold")
+HANGING = (0.2, -0.42, 0.12)
+"""Where a hand is that no plan tells of."""
+_GAP_S = 0.01
 REACH_M = 1.0
 """No wrist is farther than this from the chest."""
 
@@ -189,31 +193,38 @@ class GesturePlan:
                 yield each.name, getattr(self, each.name)
 
 
-_EVENTS: dict[str, type] = {
+def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
+    """The phases of a hand with holds between them, or rests after retractions, up to the end."""
+    filled: list[HandPhase] = []
+    at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING, ""
+    still: Phase = "rest"
+    for phase in phases:
+        if phase.start_s - at_s > _GAP_S:
+            filled.append(HandPhase(at_s, phase.start_s, still, goal, kind))
+        filled.append(phase)
+        at_s, goal = phase.end_s, phase.goal
+        rests = phase.phase in ("rest", "retraction")
+        still, kind = ("rest", "") if rests else ("hold", phase.kind)
+    if end_s - at_s > _GAP_S:
+        filled.append(HandPhase(at_s, end_s, still, goal, kind))
+    return tuple(filled)
+
+
+EVENTS: dict[str, type] = {
     "left": HandPhase, "right": HandPhase, "nods": Nod, "looks": Look, "brows": Brow,
     "smiles": Smile, "blinks": Blink, "stands": Stand, "planted": Planted,
 }  # fmt: skip
+"""Of what a plan's lists are."""
 Event = TypeVar("Event")
 
 
-def plan_bytes(path: Path) -> bytes:
-    """What a file of a plan holds, whatever its form.
-
-    Raises:
-        PlanError: if it is missing or too large.
-    """
-    return bytes_within(path, MAX_BYTES, f"{MAX_BYTES // 2**20} MiB")
-
-
-def bytes_within(path: Path, most: int, told: str) -> bytes:
+def bytes_within(path: Path, most: int | None = None) -> bytes:
     """What a file holds that belongs to plans.
 
-    Args:
-        told: ``most`` as a person reads it.
-
     Raises:
-        PlanError: if it is missing or larger.
+        PlanError: if it is missing or larger than ``most``, usually `MAX_BYTES`.
     """
+    most = MAX_BYTES if most is None else most
     try:
         with path.open("rb") as file:
             data = file.read(most + 1)
@@ -221,6 +232,7 @@ def bytes_within(path: Path, most: int, told: str) -> bytes:
         reason = (error.strerror or str(error)).lower()
         raise PlanError(f"{path.name} could not be read: {reason}.") from error
     if len(data) > most:
+        told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
         raise PlanError(f"{path.name} is larger than {told}.")
     return data
 
@@ -231,24 +243,28 @@ def read_plan(path: Path) -> GesturePlan:
     Raises:
         PlanError: if the file is missing, too large, or holds no such plan.
     """
-    data = plan_bytes(path)
+    return plan_of_json(bytes_within(path), path.name)
+
+
+def plan_of_json(data: bytes, file: str) -> GesturePlan:
+    """The plan in a file of that name; a `PlanError` if it holds none."""
     try:
         told = json.loads(data)
     except (ValueError, RecursionError):
         told = None
     if not isinstance(told, dict) or told.get("format") != FORMAT:
-        raise PlanError(f"{path.name} is no plan of format {FORMAT}, as `plan --out` writes it.")
-    unknown = sorted(set(told) - {"format", "duration_s", *_EVENTS})
+        raise PlanError(f"{file} is no plan of format {FORMAT}, as `plan --out` writes it.")
+    unknown = sorted(set(told) - {"format", "duration_s", *EVENTS})
     if unknown:
-        raise PlanError(f"{path.name} has {unknown[0][:40]!r}, which no plan has.")
+        raise PlanError(f"{file} has {unknown[0][:40]!r}, which no plan has.")
     lists = {
-        name: tuple(_event(path.name, name, event, kind) for event in _list(path.name, name, told))
-        for name, kind in _EVENTS.items()
+        name: tuple(_event(file, name, event, kind) for event in _list(file, name, told))
+        for name, kind in EVENTS.items()
     }
     try:
         return GesturePlan(duration_s=_number(told.get("duration_s")), **lists)
     except PlanError as error:
-        raise PlanError(f"{path.name}: {error}") from None
+        raise PlanError(f"{file}: {error}") from None
 
 
 def _list(file: str, name: str, told: dict[str, Any]) -> list[Any]:

@@ -34,8 +34,7 @@ from model.plan.editing import (
     with_hands,
     within_reach,
 )
-from model.plan.kinds import TOGETHER_S, Spoken, strokes_of
-from model.plan.palette import REST_PLACE
+from model.plan.kinds import REST_PLACE, TOGETHER_S, Spoken, strokes_of
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Smile, bytes_within
 
 _CLOSE = 0.02
@@ -44,6 +43,20 @@ LIMITS = {
     "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
     "stroke_s": (0.2, 1.0), "both": (0.0, 1.0), "smile": (0.0, 1.0),
 }  # fmt: skip
+
+
+Limits = Mapping[str, tuple[float, float]]
+
+
+def _check(told: Style | Manner, limits: Limits) -> None:
+    for name, (least, most) in limits.items():
+        value = getattr(told, name)
+        if not least <= value <= most:
+            raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
+
+
+def _within(told: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(np.clip(value, *LIMITS[name])) for name, value in told.items()}
 
 
 @dataclass(frozen=True)
@@ -64,14 +77,7 @@ class Style:
     """Mean size of smiles over all the time, none being 0."""
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            PlanError: if something is not within what bodies do.
-        """
-        for name, (least, most) in LIMITS.items():
-            if not least <= getattr(self, name) <= most:
-                value = getattr(self, name)
-                raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
+        _check(self, LIMITS)
 
 
 def style_of(plan: GesturePlan) -> Style:
@@ -81,35 +87,31 @@ def style_of(plan: GesturePlan) -> Style:
     twice = sum(stroke.both for stroke in strokes) / 2
     count = len(strokes) - twice
     smiles = sum(one.size * (one.end_s - one.start_s) for one in plan.smiles)
-    told = {
+
+    def mean(numbers: Sequence[float], usual: float) -> float:
+        return float(np.mean(numbers)) if numbers else usual
+
+    return Style(**_within({
         "gestures_per_min": 60 * count / plan.duration_s,
-        "size_m": _mean([math.dist(goal, REST_PLACE) for goal in goals], 0.2),
-        "height_m": _mean([up for _, up, _ in goals], -0.1),
-        "stroke_s": _mean([one.lands.end_s - one.lands.start_s for one in strokes], 0.3),
+        "size_m": mean([math.dist(goal, REST_PLACE) for goal in goals], 0.2),
+        "height_m": mean([up for _, up, _ in goals], -0.1),
+        "stroke_s": mean([one.lands.end_s - one.lands.start_s for one in strokes], 0.3),
         "both": twice / count if count else 0.0,
         "smile": smiles / plan.duration_s,
-    }
-    return Style(**{name: float(np.clip(told[name], *LIMITS[name])) for name in told})
+    }))  # fmt: skip
 
 
 def excited(style: Style, by: float) -> Style:
-    """The style calmer or more excited.
-
-    Args:
-        by: -1 (calm) to 1 (excited); 0 leaves it.
-    """
+    """The style calmer (``by`` -1) or more excited (1); 0 leaves it."""
     if not -1 <= by <= 1:
         raise PlanError(f"Excitement goes from -1 to 1; got {by:g}.")
-    changed = {
+    return replace(style, **_within({
         "gestures_per_min": style.gestures_per_min * 1.6**by,
         "size_m": style.size_m * 1.3**by,
         "height_m": style.height_m + 0.06 * by,
         "stroke_s": style.stroke_s / 1.25**by,
         "both": style.both + 0.15 * by,
-    }
-    return replace(
-        style, **{name: float(np.clip(changed[name], *LIMITS[name])) for name in changed}
-    )
+    }))  # fmt: skip
 
 
 def with_style(
@@ -163,10 +165,6 @@ def differing(style: Style, other: Style) -> tuple[str, ...]:
 
 def _differs(wish: float, now: float) -> bool:
     return abs(wish - now) > _CLOSE * max(abs(wish), abs(now), 0.05)
-
-
-def _mean(numbers: Sequence[float], usual: float) -> float:
-    return float(np.mean(numbers)) if numbers else usual
 
 
 def together(plan: GesturePlan) -> list[list[Gesture]]:
@@ -273,11 +271,9 @@ class StyleWish:
     def done(self, plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
         """The plan as wished, as far as there are gestures, words and time for it."""
         now = style_of(plan)
-        wish = replace(now, **{
-            name: _within(name, getattr(now, name) * share) for name, share in self.times.items()
-        })  # fmt: skip
-        wish = excited(replace(wish, **self.to), self.excite)
-        found = with_style(plan, wish, words)
+        times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
+        wish = replace(now, **times)
+        found = with_style(plan, excited(replace(wish, **self.to), self.excite), words)
         if not self.wrong_words:
             return found
         wrong = on_wrong_words(found.plan, words)
@@ -287,8 +283,8 @@ class StyleWish:
 def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
     """Every gesture as it is, but at least `AWAY_S` from where any was called for: on another word
     if words are known, else at another time. One that has no room stays, and that is said."""
-    called = np.array([group[0].lands_s for group in together(plan)])
     groups = together(plan)
+    called = np.array([group[0].lands_s for group in groups])
     places = [on_word(word) for word in words]
     texts = {on_word(word): word.text.lower() for word in words}
     steps = np.arange(AWAY_S, FARTHEST_S + STEP_S / 2, STEP_S)
@@ -302,10 +298,13 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
             if np.abs(called - to).min() >= AWAY_S and abs(to - at_s) <= FARTHEST_S
         ]
         for to_s in sorted(free, key=lambda to: abs(to - at_s)):
+            changed, by_s, word = plan, to_s - at_s, texts.get(to_s, "")
             try:
-                plan = _all_moved(plan, group, to_s - at_s, texts.get(to_s, ""))
+                for each in group:
+                    changed = moved(changed, each, each.lands_s + by_s, word).plan
             except PlanError:
                 continue
+            plan = changed
             break
         else:
             stayed += 1
@@ -314,15 +313,10 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
 
 
 def read_wish(path: Path) -> StyleWish:
-    """A style file.
-
-    Raises:
-        PlanError: if it is missing, too large, or says anything else.
-    """
-    data = bytes_within(path, MAX_BYTES, f"{MAX_BYTES // 1000} kB")
+    """A style file; a `PlanError` if it is missing, too large, or says anything else."""
     try:
-        told = tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
+        told = tomllib.loads(bytes_within(path, MAX_BYTES).decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise PlanError(f"{path.name} is no TOML file.") from error
     try:
         return wish_of(told)
@@ -331,11 +325,7 @@ def read_wish(path: Path) -> StyleWish:
 
 
 def wish_of(told: Mapping[str, Any]) -> StyleWish:
-    """What a style file's tables say.
-
-    Raises:
-        PlanError: if it is anything else.
-    """
+    """What a style file's tables say."""
     known = (*_NUMBERS, "times", "excite", "wrong_words")
     unknown = sorted(set(told) - set(known))
     if unknown:
@@ -355,16 +345,6 @@ def wish_of(told: Mapping[str, Any]) -> StyleWish:
         _number("excite", told.get("excite", 0.0), -1.0, 1.0),
         wrong,
     )
-
-
-def _all_moved(plan: GesturePlan, group: Sequence[Gesture], by_s: float, word: str) -> GesturePlan:
-    for gesture in group:
-        plan = moved(plan, gesture, gesture.lands_s + by_s, word).plan
-    return plan
-
-
-def _within(name: str, value: float) -> float:
-    return float(np.clip(value, *LIMITS[name]))
 
 
 def _number(name: str, value: object, least: float, most: float) -> float:
@@ -395,22 +375,11 @@ class Manner:
     smile: float = 1.0
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            PlanError: if something is beyond what sliders reach.
-        """
-        for name, (least, most) in MANNER_LIMITS.items():
-            if not least <= getattr(self, name) <= most:
-                value = getattr(self, name)
-                raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
+        _check(self, MANNER_LIMITS)
 
     @staticmethod
     def of(told: Any) -> Manner:
-        """From what a program tells: an object of numbers.
-
-        Raises:
-            PlanError: if it is anything else.
-        """
+        """From what a program tells: an object of numbers."""
         names = {each.name for each in fields(Manner)}
         if not isinstance(told, dict) or not set(told) <= names:
             raise PlanError(f"A manner is an object of some of {', '.join(sorted(names))}.")

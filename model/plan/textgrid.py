@@ -1,138 +1,117 @@
-"""Plans as Praat's TextGrids, in and out, and those of the corpus."""
+"""Tiers of rows, as annotators write them down, and Praat's TextGrids of them, read and written.
+
+Not by praatio, which drops the sign of a time, doubles the quotes of a point's label, and cannot
+read times with an exponent, or labels of several lines or with ``item [`` in them.
+"""
 
 from __future__ import annotations
 
 import codecs
 import re
+from collections import deque
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
+from math import nan
 
-from model.plan.annotation import (
-    GOAL_TIER,
-    PHASE_TIER,
-    NamedTier,
-    PlanRead,
-    Row,
-    plan_of_tiers,
-    tiers_of,
-)
-from model.plan.plan import SIDES, GesturePlan, PlanError, plan_bytes
-
-_ITEM = re.compile(r"^[ \t]*item \[\d+\]:", re.MULTILINE)
-_NAME = re.compile(r'name = "((?:[^"]|"")*)"')
-_XMAX = re.compile(r"^xmax = ([\d.]{1,40})", re.MULTILINE)
-_INTERVAL = re.compile(r'xmin = ([^\s"]{1,40})\s+xmax = ([^\s"]{1,40})\s+text = "((?:[^"]|"")*)"')
-_POINT = re.compile(r'(?:number|time) = ([^\s"]{1,40})\s+mark = "((?:[^"]|"")*)"')
+_CLASSES = ("IntervalTier", "TextTier")
+_VALUE = re.compile(r'"((?:[^"]|"")*)"|(?<![^\s=])([-+.\d][^\s"]*)')
+"""All that Praat reads in its text formats, long or short: texts, and numbers that stand free."""
 
 
-def read_textgrid_plan(path: Path) -> PlanRead:
-    """The plan in a TextGrid: our own, the corpus's, or an annotator's.
+@dataclass(frozen=True)
+class Row:
+    """What a tier says of some time; of a moment where both times are the same."""
 
-    Raises:
-        PlanError: if the file is missing, too large, no TextGrid, or tells no plan.
-    """
-    tiers, duration_s = _read(path)
-    try:
-        return plan_of_tiers(tiers, duration_s)
-    except PlanError as error:
-        raise PlanError(f"{path.name}: {error}") from None
+    start_s: float
+    end_s: float
+    label: str
 
-
-def annotated_plan(path: Path) -> GesturePlan:
-    """The plan in a TextGrid of the corpus, whose hands have phases and goals.
-
-    Raises:
-        PlanError: if it tells no gestures of both hands with their goals.
-    """
-    tiers, duration_s = _read(path)
-    needed = [f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)]
-    missing = sorted(set(needed) - {tier.name for tier in tiers}, key=needed.index)
-    if missing:
-        raise PlanError(f"{path.name} has no tier {missing[0]}.")
-    return plan_of_tiers(tiers, duration_s).plan
+    @property
+    def middle_s(self) -> float:
+        if self.start_s == self.end_s:
+            return self.start_s
+        return round(0.5 * (self.start_s + self.end_s), 4)
 
 
-def textgrid_of(plan: GesturePlan) -> str:
-    """The plan in Praat's long text format; times and numbers have four decimals.
+@dataclass(frozen=True)
+class NamedTier:
+    """Rows under one name, in time."""
+
+    name: str
+    rows: tuple[Row, ...]
+    has_points: bool = False
+    """Its rows are moments."""
+    parent: str = ""
+    """The tier whose rows these tell more of, one for one of some of them."""
+
+
+def decoded(data: bytes) -> str:
+    """Text in UTF-8, or in UTF-16 with a byte order mark, as Praat writes it.
 
     Raises:
-        PlanError: if events overlap that one tier must hold.
+        UnicodeDecodeError: if it is neither.
     """
-    end_s = max([plan.duration_s, *_ends(plan)])
-    return textgrid_of_tiers(_joined(tiers_of(plan)), plan.duration_s, end_s)
+    is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    return data.decode("utf-16" if is_utf16 else "utf-8-sig")
 
 
-def textgrid_of_tiers(
-    tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None
-) -> str:
-    """Tiers in Praat's long text format. Gaps between intervals are filled with empty ones up to
-    ``end_s``, usually the duration."""
-    head = (
-        'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
-        f"xmin = 0\nxmax = {duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
-    )
-    return head + "".join(
-        f"    item [{number}]:\n{_written(tier, end_s or duration_s)}"
-        for number, tier in enumerate(tiers, 1)
-    )
+def is_textgrid(text: str) -> bool:
+    """Whether it begins as a TextGrid does."""
+    return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
 
 
-def _ends(plan: GesturePlan) -> list[float]:
-    return [row.end_s for tier in tiers_of(plan) for row in tier.rows]
-
-
-def _joined(tiers: Sequence[NamedTier]) -> list[NamedTier]:
-    """Phases with their kinds in one label, as in the corpus; what tells more of them as points at
-    their ends."""
-    kinds = {
-        (tier.parent, row.end_s): row.label
-        for tier in tiers
-        if tier.name.startswith("kind_")
-        for row in tier.rows
-    }
-    found = []
-    for tier in tiers:
-        if tier.name.startswith("kind_"):
+def textgrid_tiers(text: str) -> tuple[list[NamedTier], float]:
+    """The tiers of a TextGrid with all of their rows, and how long it is; what is no number there
+    is nan, as is a length that is not told."""
+    tiers: list[NamedTier] = []
+    rows: list[Row] = []
+    numbers: deque[float] = deque(maxlen=6)
+    length, kind, name = nan, "", ""
+    for found in _VALUE.finditer(text):
+        if found[2] is not None:
+            numbers.append(_number(found[2]))
             continue
-        if tier.parent:
-            points = tuple(Row(row.end_s, row.end_s, row.label) for row in tier.rows)
-            tier = NamedTier(tier.name, points, has_points=True)
-        elif tier.name.startswith(PHASE_TIER):
-            rows = (
-                Row(
-                    row.start_s,
-                    row.end_s,
-                    f"{row.label} {kinds.get((tier.name, row.end_s), '')}".rstrip(" "),
-                )
-                for row in tier.rows
-            )
-            tier = NamedTier(tier.name, tuple(rows))
-        found.append(tier)
-    return found
+        told = found[1].replace('""', '"')
+        if told in _CLASSES and len(numbers) in (0, 3):  # after a head of two times and a count
+            if kind:
+                tiers.append(NamedTier(name, tuple(rows), kind == "TextTier"))
+            elif numbers:
+                length = numbers[1]
+            kind, name, rows = told, "", []
+        elif kind and not (name or numbers):
+            name = told
+        elif kind and numbers:
+            rows.append(Row(numbers[-1 if kind == "TextTier" else -2], numbers[-1], told))
+        numbers.clear()
+    if kind:
+        tiers.append(NamedTier(name, tuple(rows), kind == "TextTier"))
+    return tiers, length
 
 
-def _written(tier: NamedTier, end_s: float) -> str:
-    kind = "TextTier" if tier.has_points else "IntervalTier"
-    what = "points" if tier.has_points else "intervals"
-    rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
+def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None) -> str:
+    """Tiers in Praat's long text format. Gaps between intervals are filled with empty ones up to
+    ``end_s``, usually the duration; times have four decimals."""
+    end_s = end_s or duration_s
     lines = [
-        f'        class = "{kind}"',
-        f'        name = "{tier.name}"',
-        "        xmin = 0",
-        f"        xmax = {end_s:.4f}",
-        f"        {what}: size = {len(rows)}",
-    ]
-    for number, row in enumerate(rows, 1):
-        label = row.label.replace('"', '""')
-        lines.append(f"        {what} [{number}]:")
-        if tier.has_points:
-            lines += [f"            number = {row.start_s:.4f}", f'            mark = "{label}"']
-        else:
-            lines += [
-                f"            xmin = {row.start_s:.4f}",
-                f"            xmax = {row.end_s:.4f}",
-                f'            text = "{label}"',
-            ]
+        'File type = "ooTextFile"', 'Object class = "TextGrid"', "", "xmin = 0",
+        f"xmax = {duration_s:.4f}", "tiers? <exists>", f"size = {len(tiers)}", "item []:",
+    ]  # fmt: skip
+    for number, tier in enumerate(tiers, 1):
+        kind, what = ("TextTier", "points") if tier.has_points else ("IntervalTier", "intervals")
+        rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
+        lines += [
+            f"    item [{number}]:", f'        class = "{kind}"', f'        name = "{tier.name}"',
+            "        xmin = 0", f"        xmax = {end_s:.4f}",
+            f"        {what}: size = {len(rows)}",
+        ]  # fmt: skip
+        for k, row in enumerate(rows, 1):
+            label = row.label.replace('"', '""')
+            lines.append(f"        {what} [{k}]:")
+            if tier.has_points:
+                told = f"number = {row.start_s:.4f}", f'mark = "{label}"'
+            else:
+                told = f"xmin = {row.start_s:.4f}", f"xmax = {row.end_s:.4f}", f'text = "{label}"'
+            lines += [f"            {each}" for each in told]
     return "\n".join(lines) + "\n"
 
 
@@ -152,52 +131,8 @@ def _covering(rows: Sequence[Row], end_s: float) -> list[Row]:
     return filled
 
 
-def _read(path: Path) -> tuple[list[NamedTier], float]:
-    text = _text(path)
-    if "ooTextFile" not in text[:200] or "TextGrid" not in text[:200]:
-        raise PlanError(f"{path.name} is no TextGrid; save one in Praat's long text format.")
-    length = _XMAX.search(text)
-    tiers: list[NamedTier] = []
-    for part in _ITEM.split(text)[1:]:
-        name = _NAME.search(part)
-        if name is None:
-            continue
-        has_points = '"TextTier"' in part[: name.end()]
-        rows = (
-            [(at, at, label) for at, label in _POINT.findall(part)]
-            if has_points
-            else _INTERVAL.findall(part)
-        )
-        told = (_told(path, *row) for row in rows if row[2] or has_points)
-        tiers.append(NamedTier(_unquoted(name[1]), tuple(told), has_points))
-    if length is None or not tiers:
-        raise PlanError(f"{path.name} has no tier at all, or another format than Praat's long one.")
-    return tiers, _seconds(path, length[1])
-
-
-def _told(path: Path, start: str, end: str, label: str) -> Row:
-    return Row(_seconds(path, start), _seconds(path, end), _unquoted(label))
-
-
-def _seconds(path: Path, text: str) -> float:
+def _number(text: str) -> float:
     try:
-        seconds = float(text)
+        return float(text)
     except ValueError:
-        seconds = -1.0
-    if not 0 <= seconds < 1e6:
-        raise PlanError(f"{path.name} has the time {text[:20]!r}, which is no time of a plan.")
-    return seconds
-
-
-def _unquoted(text: str) -> str:
-    return text.replace('""', '"')
-
-
-def _text(path: Path) -> str:
-    """Praat writes UTF-8, or UTF-16 with a byte order mark."""
-    data = plan_bytes(path)
-    is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    try:
-        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise PlanError(f"{path.name} is no text in UTF-8 or UTF-16.") from error
+        return nan

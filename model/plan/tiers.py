@@ -24,8 +24,8 @@ from model.plan.plan import (
     Planted,
     Smile,
     Stand,
+    without_gaps,
 )
-from model.plan.tracks import without_gaps
 
 
 @dataclass(frozen=True)

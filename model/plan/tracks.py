@@ -15,14 +15,15 @@ from conventions.rates import FPS
 from model.plan.plan import (
     PHASES,
     SIDES,
+    STILL,
     GesturePlan,
     HandPhase,
     Look,
-    Phase,
     Planted,
     Side,
     Smile,
     Stand,
+    without_gaps,
 )
 
 HAND_NUMBERS = 4 + len(PHASES)
@@ -31,7 +32,6 @@ NUM_TRACKS = 2 * HAND_NUMBERS + len(BODY_TRACKS)
 FACE_TRACKS = slice(2 * HAND_NUMBERS, 2 * HAND_NUMBERS + BODY_TRACKS.index("blink") + 1)
 """Those that a face shows: how the head goes, and brows, smiles and blinks."""
 NUM_FACE_TRACKS = FACE_TRACKS.stop - FACE_TRACKS.start
-STILL: tuple[str, ...] = ("rest", "hold")
 _GOAL, _END, _PHASE = slice(0, 3), 3, slice(4, 4 + len(PHASES))
 
 PULSE_FRAMES = 1.5
@@ -42,9 +42,6 @@ NOD_DEG, LOOK_DEG = 5.0, 10.0
 """What counts 1."""
 GLANCE_S = 0.09
 """How long a gaze takes to shift."""
-_GAP_S = 0.01
-HANGING = (0.2, -0.42, 0.12)
-"""Where a hand is that no plan tells of."""
 
 
 def hand_tracks(side: Side) -> slice:
@@ -105,23 +102,6 @@ def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
         rests &= hand
     soft = gaussian_filter1d(rests.astype(float), PULSE_FRAMES)
     return soft[margin : margin + len(frames)]
-
-
-def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
-    """The phases of a hand with holds between them, or rests after retractions, up to the end."""
-    filled: list[HandPhase] = []
-    at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING, ""
-    still: Phase = "rest"
-    for phase in phases:
-        if phase.start_s - at_s > _GAP_S:
-            filled.append(HandPhase(at_s, phase.start_s, still, goal, kind))
-        filled.append(phase)
-        at_s, goal = phase.end_s, phase.goal
-        rests = phase.phase in ("rest", "retraction")
-        still, kind = ("rest", "") if rests else ("hold", phase.kind)
-    if end_s - at_s > _GAP_S:
-        filled.append(HandPhase(at_s, end_s, still, goal, kind))
-    return tuple(filled)
 
 
 def goal_path(

@@ -1,11 +1,13 @@
 """Words, phones and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and
 our corpus write them; and plain texts, whose times are still to be found."""
 
-import codecs
 import re
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Literal
+
+from model.plan.textgrid import NamedTier, decoded, is_textgrid, textgrid_tiers
 
 MAX_BYTES = 8 * 2**20
 """An hour of speech with all its phones has less than 4 MiB."""
@@ -24,13 +26,7 @@ GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
 """Part of the name of a tier that says what hands do."""
 ACCENT_TIER = "accents"
 """Name of our corpus's tier of points, each labelled with how strong an accent is."""
-_ITEM = re.compile(r"^[ \t]*item \[\d+\]:", re.MULTILINE)
-_TIER = re.compile(r'class = "IntervalTier"\s+name = "(?P<name>(?:[^"]|"")*)"')
-_INTERVAL = re.compile(
-    r'xmin = (?P<start>[\d.eE+-]+)\s+xmax = (?P<end>[\d.eE+-]+)\s+text = "(?P<text>(?:[^"]|"")*)"'
-)
-_POINTS = re.compile(r'class = "TextTier"\s+name = "(?P<name>(?:[^"]|"")*)"')
-_POINT = re.compile(r'number = (?P<at>\d+(?:\.\d+)?)\s+mark = "(?P<mark>\d+(?:\.\d+)?)"')
+_ACCENT = re.compile(r"\d+(?:\.\d+)?")
 
 
 class TranscriptError(ValueError):
@@ -88,7 +84,7 @@ NOTHING_SAID = Transcript()
 
 
 def read_transcript(path: str | Path) -> Transcript:
-    """The words, phones, gestures and accents of a TextGrid in Praat's long text format, pauses
+    """The words, phones, gestures and accents of a TextGrid in one of Praat's text formats, pauses
     left out.
 
     Words are taken from the tier called words or word, or from the only interval tier there is;
@@ -100,31 +96,28 @@ def read_transcript(path: str | Path) -> Transcript:
     """
     path = Path(path)
     text = _read_text(path, MAX_BYTES)
-    if not _is_grid(text):
-        raise TranscriptError(f"{path.name} is no TextGrid; save one in Praat's long text format.")
-    tiers = {}
-    for part in _ITEM.split(text)[1:]:
-        header = _TIER.search(part)
-        if header:
-            tiers[header["name"].replace('""', '"')] = part[header.end() :]
+    if not is_textgrid(text):
+        raise TranscriptError(f"{path.name} is no TextGrid; save one as text in Praat.")
+    found, _ = textgrid_tiers(text)
+    tiers = {tier.name: tier for tier in found if not tier.has_points}
     named = [name for name in tiers if name.lower() in WORD_TIERS]
     if not named and len(tiers) != 1:
-        found = ", ".join(name[:40] for name in list(tiers)[:8]) or "no interval tier"
-        raise TranscriptError(f"{path.name} has no tier called words; it has {found}.")
+        there = ", ".join(name[:40] for name in list(tiers)[:8]) or "no interval tier"
+        raise TranscriptError(f"{path.name} has no tier called words; it has {there}.")
     of_words = named[0] if named else next(iter(tiers))
     words = _intervals(tiers[of_words], "word", path.name)
     if not words:
         raise TranscriptError(f"{path.name} holds no words.")
     of_gestures = [name for name in tiers if name != of_words and GESTURE_TIER.search(name)]
-    found_gestures = [
+    gestures = [
         GestureTier(name, _intervals(tiers[name], "gesture", path.name))
         for name in of_gestures[:MAX_GESTURE_TIERS]
     ]
     return Transcript(
         tuple(Word(word.start_s, word.end_s, word.text) for word in words),
-        tuple(tier for tier in found_gestures if tier.phases),
+        tuple(tier for tier in gestures if tier.phases),
         phones=_phones(tiers, path.name),
-        accents=_accents(text),
+        accents=_accents(found),
     )
 
 
@@ -143,7 +136,7 @@ def read_words(path: str | Path) -> Transcript | str:
     except OSError:
         head = b""  # which `read_text` tells of
     # UTF-16 has a zero beside each of these letters.
-    is_grid = _is_grid(head.replace(b"\0", b"").decode("latin-1"))
+    is_grid = is_textgrid(head.replace(b"\0", b"").decode("latin-1"))
     return read_transcript(path) if is_grid else read_text(path)
 
 
@@ -162,11 +155,7 @@ def read_text(path: str | Path) -> str:
     return text
 
 
-def _is_grid(text: str) -> bool:
-    return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
-
-
-def _phones(tiers: dict[str, str], name: str) -> tuple[Interval, ...]:
+def _phones(tiers: dict[str, NamedTier], name: str) -> tuple[Interval, ...]:
     """Of the tier that has them; one that is damaged is left out, and the words are not."""
     for each, tier in tiers.items():
         if each.lower() in PHONE_TIERS:
@@ -177,43 +166,32 @@ def _phones(tiers: dict[str, str], name: str) -> tuple[Interval, ...]:
     return ()
 
 
-def _accents(text: str) -> tuple[Accent, ...]:
+def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     """Of the tier that has them, in time; what is no number is left out."""
-    for part in _ITEM.split(text)[1:]:
-        header = _POINTS.search(part)
-        if header and header["name"] == ACCENT_TIER:
-            found = [Accent(float(p["at"]), float(p["mark"])) for p in _POINT.finditer(part)]
-            return tuple(sorted(found[:MAX_WORDS], key=lambda accent: accent.time_s))
-    return ()
+    rows = next((t.rows for t in tiers if t.has_points and t.name == ACCENT_TIER), ())
+    found = [Accent(r.start_s, float(r.label)) for r in rows if _ACCENT.fullmatch(r.label)]
+    told = (accent for accent in found[:MAX_WORDS] if 0 <= accent.time_s < inf)
+    return tuple(sorted(told, key=lambda accent: accent.time_s))
 
 
-def _intervals(tier: str, what: str, name: str) -> tuple[Interval, ...]:
+def _intervals(tier: NamedTier, what: str, name: str) -> tuple[Interval, ...]:
     """Those with a label, in time."""
     found = []
-    for interval in _INTERVAL.finditer(tier):
-        label = interval["text"].replace('""', '"').strip()
+    for row in tier.rows:
+        label = row.label.strip()
+        if label and not 0 <= row.start_s < row.end_s < inf:
+            raise TranscriptError(
+                f"{name} has the {what} '{label[:40]}' from {row.start_s:g} to {row.end_s:g} s; a "
+                f"{what} must end after it begins."
+            )
         if label:
-            found.append(_interval(interval["start"], interval["end"], label, what, name))
+            found.append(Interval(row.start_s, row.end_s, label))
     if len(found) > MAX_WORDS:
         raise TranscriptError(f"{name} holds {len(found)} {what}s; at most {MAX_WORDS} are read.")
     return tuple(sorted(found, key=lambda interval: interval.start_s))
 
 
-def _interval(start: str, end: str, text: str, what: str, name: str) -> Interval:
-    try:
-        start_s, end_s = float(start), float(end)
-    except ValueError:
-        start_s = end_s = float("nan")
-    if not 0 <= start_s < end_s < float("inf"):
-        raise TranscriptError(
-            f"{name} has the {what} '{text[:40]}' from {start[:20]} to {end[:20]} s; a {what} must "
-            "end after it begins."
-        )
-    return Interval(start_s, end_s, text)
-
-
 def _read_text(path: Path, max_bytes: int) -> str:
-    """Praat writes UTF-8, or UTF-16 with a byte order mark."""
     try:
         with path.open("rb") as file:
             data = file.read(max_bytes + 1)
@@ -224,8 +202,7 @@ def _read_text(path: Path, max_bytes: int) -> str:
     if len(data) > max_bytes:
         most = f"{max_bytes // 2**20} MiB" if max_bytes >= 2**20 else f"{max_bytes // 2**10} KiB"
         raise TranscriptError(f"{path.name} is larger than {most}, the most that is read.")
-    is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
+        return decoded(data)
     except UnicodeDecodeError as error:
         raise TranscriptError(f"{path.name} is no text in UTF-8 or UTF-16.") from error

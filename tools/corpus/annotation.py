@@ -5,8 +5,7 @@ Times are seconds. Nothing is measured in the motion: tiers hold what the motion
 
 from itertools import pairwise
 
-from model.plan.annotation import NamedTier, Row
-from model.plan.textgrid import textgrid_of_tiers
+from model.plan.textgrid import NamedTier, Row, textgrid_of
 from tools.corpus.clip import Clip
 from tools.corpus.gesture.plan import Key
 from tools.corpus.people.rig import SIDES
@@ -58,7 +57,7 @@ def textgrid(clip: Clip) -> str:
         *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
         intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
     ]
-    return textgrid_of_tiers(tiers, round(duration_s, 4))
+    return textgrid_of(tiers, round(duration_s, 4))
 
 
 def hand_moves(keys: list[Key], duration_s: float) -> tuple[list[Interval], list[Point]]:

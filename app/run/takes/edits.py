@@ -1,23 +1,37 @@
-"""What a person can do to a plan, as it comes from outside: checked, not yet done."""
+"""What a person can do to a plan: checked as it comes from outside, and done."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
 
 from app.errors import RunError
 from conventions.names import printable
+from model.plan import editing
+from model.plan.editing import SAME_S, Edited, Gesture, Hands
+from model.plan.files import ENDINGS, plan_in
+from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side
+from model.plan.style import LIMITS, excited, style_of, with_style
+from model.speech.transcript import Word
 
 MAX_EDITS = 60
 """At once."""
 MAX_LOCKED = 2000
 MAX_SECONDS = 3600.0
 MAX_PLAN_CHARACTERS = 2_000_000
-SIDES = ("left", "right")
-HANDS = ("left", "right", "both")
 LISTS = ("nods", "looks", "blinks")
-SLIDERS = ("gestures_per_min", "size_m", "height_m", "stroke_s", "both", "smile")
+NOD_DEG = 8.0
+LOOK_S = 1.0
+AT_S = 0.05
+"""An event that is to be removed is found by its time, to so much."""
+Locked = tuple[str, float]
+"""A hand, and when its gesture lands."""
+Values = Mapping[str, Any]
+Said = Sequence[Word]
+Reads = Callable[[object], Any]
+Does = Callable[[GesturePlan, Values, Said, Sequence[Gesture]], Edited]
 
 
 @dataclass(frozen=True)
@@ -25,11 +39,16 @@ class Edit:
     """One change: what is done, and with which values."""
 
     do: str
-    values: Mapping[str, Any]
+    values: Values
 
 
-Locked = tuple[str, float]
-"""A hand, and when its gesture lands."""
+@dataclass(frozen=True)
+class Kind:
+    """What can be done, which values it has, and which of them it needs."""
+
+    values: Mapping[str, Reads]
+    needs: tuple[str, ...]
+    does: Does
 
 
 def edits_of(told: object) -> tuple[Edit, ...]:
@@ -55,23 +74,56 @@ def locked_of(told: object) -> tuple[Locked, ...]:
         raise RunError(f"A locked gesture is a hand and a time: {_why(error)}") from error
 
 
+def edited(
+    plan: GesturePlan, edits: Sequence[Edit], words: Said, locked: Sequence[Locked]
+) -> Edited:
+    """The plan after all of them, in their order, and what was mended.
+
+    Args:
+        words: of the speech, which edits tell by their number.
+
+    Raises:
+        PlanError, RunError: with one sentence, if one cannot be done; then none is.
+    """
+    kept = tuple(Gesture(cast(Side, side), lands_s) for side, lands_s in locked)
+    before, notes = plan, []
+    for edit in edits:
+        done = KINDS[edit.do].does(plan, edit.values, words, kept)
+        plan = done.plan
+        notes += done.notes
+    return editing.keeping(kept, before, Edited(plan, tuple(dict.fromkeys(notes))))
+
+
+def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:
+    """
+    Raises:
+        PlanError: if it is of speech of another length.
+    """
+    if abs(plan.duration_s - duration_s) > 0.5:
+        raise PlanError(
+            f"The plan is of {plan.duration_s:.2f} s and the speech lasts {duration_s:.2f} s; use "
+            "the plan of this speech."
+        )
+    return plan
+
+
 def _edit(told: object) -> Edit:
     if not isinstance(told, dict):
         raise RunError("An edit is an object that says what to do.")
     do = told.get("do")
-    fields = _FIELDS.get(do) if isinstance(do, str) else None
-    if not isinstance(do, str) or fields is None:
-        known = ", ".join(_FIELDS)
+    kind = KINDS.get(do) if isinstance(do, str) else None
+    if not isinstance(do, str) or kind is None:
+        known = ", ".join(KINDS)
         raise RunError(f"There is no edit {printable(str(do))[:40]!r}; there are {known}.")
     values = {name: value for name, value in told.items() if name != "do"}
-    unknown = sorted(set(values) - set(fields), key=str)
+    unknown = sorted(set(values) - set(kind.values), key=str)
     if unknown:
         raise RunError(f"The edit {do!r} has no {printable(str(unknown[0]))[:40]!r}.")
     try:
-        found = {name: fields[name](value) for name, value in values.items()}
+        found = {name: kind.values[name](value) for name, value in values.items()}
     except (TypeError, ValueError) as error:
         raise RunError(f"The edit {do!r} cannot be read: {_why(error)}") from error
-    missing = [name for name in _NEEDED[do] if name not in found]
+    missing = [name for name in kind.needs if name not in found]
     if missing:
         raise RunError(f"The edit {do!r} lacks {missing[0]!r}.")
     if do in ("move", "add") and ("at" in found) == ("word" in found):
@@ -83,7 +135,7 @@ def _why(error: Exception) -> str:
     return printable(str(error))[:120]
 
 
-def _number(least: float, most: float) -> Callable[[object], float]:
+def _number(least: float, most: float) -> Reads:
     def read(value: object) -> float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if not is_number or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
@@ -93,7 +145,7 @@ def _number(least: float, most: float) -> Callable[[object], float]:
     return read
 
 
-def _one_of(valid: tuple[str, ...]) -> Callable[[object], str]:
+def _one_of(valid: tuple[str, ...]) -> Reads:
     def read(value: object) -> str:
         if not isinstance(value, str) or value not in valid:
             raise ValueError(f"{str(value)[:20]!r} is none of {', '.join(valid)}.")
@@ -102,7 +154,7 @@ def _one_of(valid: tuple[str, ...]) -> Callable[[object], str]:
     return read
 
 
-def _words(most: int) -> Callable[[object], str]:
+def _text(most: int) -> Reads:
     def read(value: object) -> str:
         if not isinstance(value, str) or len(value) > most:
             raise ValueError(f"a text of at most {most} characters is missing.")
@@ -117,36 +169,163 @@ def _index(value: object) -> int:
     return value
 
 
+def _gesture(told: Values) -> Gesture:
+    return Gesture(told["side"], told["lands"])
+
+
+def _place(told: Values, words: Said) -> tuple[float, str | None]:
+    """When it lands, and on which word if that is told."""
+    if "word" not in told:
+        return told["at"], None
+    if told["word"] >= len(words):
+        raise RunError(f"The speech has {len(words)} words that are known; choose one of them.")
+    word = words[told["word"]]
+    return editing.on_word(word), word.text.lower()[:80]
+
+
+def _said_at(words: Said, at_s: float) -> str:
+    """The word of a moment; empty where none is said or known."""
+    return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
+
+
+def _of_both(change: Callable[[GesturePlan, Gesture, Values], Edited]) -> Does:
+    """A change of a gesture, and of the other hand's part in it."""
+
+    def does(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+        gesture = _gesture(told)
+        partner = editing.partner_of(plan, gesture)
+        done = change(plan, gesture, told)
+        if partner is None:
+            return done
+        also = change(done.plan, partner, told)
+        return Edited(also.plan, tuple(dict.fromkeys((*done.notes, *also.notes))))
+
+    return does
+
+
+def _move(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    lands_s, word = _place(told, words)
+    if word is None:
+        word = _said_at(words, lands_s)
+    by_s = lands_s - told["lands"]
+    moved = _of_both(lambda each, one, _: editing.moved(each, one, one.lands_s + by_s, word))
+    return moved(plan, told, words, locked)
+
+
+def _add(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    lands_s, word = _place(told, words)
+    return editing.added(plan, told["kind"], lands_s, told.get("hands"), word or "")
+
+
+def _end(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    """Another end of a phase, of both hands where they make it together; strokes that end at
+    another time tell the word of that time."""
+    side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
+    done = editing.ended(plan, side, told["ends"], told["at"])
+    also_s = editing.counterpart(plan, side, told["ends"])
+    new, notes = done.plan, list(done.notes)
+    if also_s is not None:
+        also = editing.ended(new, SIDES[1 - SIDES.index(side)], also_s, also_s + by_s)
+        new, notes = also.plan, [*notes, *also.notes]
+    for hand in SIDES:
+        known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
+        phases = tuple(
+            replace(one, word=_said_at(words, one.end_s))
+            if one.phase == "stroke" and all(abs(one.end_s - end_s) >= SAME_S for end_s in known)
+            else one
+            for one in new.hand(hand)
+        )
+        new = new.with_hand(hand, phases)
+    return Edited(new, tuple(dict.fromkeys(notes)))
+
+
+def _look(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
+    if end_s <= told["at"]:
+        raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
+    return editing.with_event(plan, Look(told["at"], end_s, told["yaw"], told["pitch"]))
+
+
+def _remove(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    def off(event: Any) -> float:
+        at = event.start_s if hasattr(event, "start_s") else event.time_s
+        return abs(at - told["at"])
+
+    nearest = min(getattr(plan, told["list"]), key=off, default=None)
+    if nearest is None or off(nearest) >= AT_S:
+        raise PlanError(f"The plan has none of its {told['list']} at {told['at']:.2f} s.")
+    return editing.without_event(plan, nearest)
+
+
+def _style(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    wish = style_of(plan)
+    wish = replace(wish, **{name: value for name, value in told.items() if name != "excite"})
+    if "excite" in told:
+        wish = excited(wish, told["excite"])
+    return with_style(plan, wish, words, locked)
+
+
+def _plan(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    """Another plan in place of this one, as long as the speech."""
+    ending = Path(told["name"]).suffix
+    if ending.lower() not in {each.lower() for each in ENDINGS}:
+        raise RunError(
+            f"A plan comes as {', '.join(ENDINGS)}; this file ends in {ending[:12] or 'nothing'!r}."
+        )
+    read = plan_in(told["text"].encode("utf-8", "replace"), f"plan{ending.lower()}")
+    return Edited(as_long_as(read.plan, plan.duration_s), read.notes)
+
+
 _second = _number(0.0, MAX_SECONDS)
-_GESTURE = {"side": _one_of(SIDES), "lands": _second}
-_FIELDS: dict[str, dict[str, Callable[[object], Any]]] = {
-    "move": {**_GESTURE, "at": _second, "word": _index},
-    "delete": _GESTURE,
-    "add": {"kind": _words(40), "at": _second, "word": _index, "hands": _one_of(HANDS)},
-    "hands": {**_GESTURE, "hands": _one_of(HANDS)},
-    "hold": {**_GESTURE, "hold": _number(0.0, 60.0)},
-    "end": {"side": _one_of(SIDES), "ends": _second, "at": _second},
-    "size": {**_GESTURE, "size": _number(0.1, 4.0)},
-    "height": {**_GESTURE, "by": _number(-1.0, 1.0)},
-    "speed": {**_GESTURE, "speed": _number(0.2, 5.0)},
-    "nod": {"at": _second, "depth": _number(1.0, 30.0)},
-    "blink": {"at": _second},
-    "look": {
-        "at": _second,
-        "lasts": _number(0.2, 60.0),
-        "yaw": _number(-60, 60),
-        "pitch": _number(-40, 40),
-    },
-    "remove": {"list": _one_of(LISTS), "at": _second},
-    "style": {**dict.fromkeys(SLIDERS, _number(-1000, 1000)), "excite": _number(-1.0, 1.0)},
-    "plan": {"name": _words(200), "text": _words(MAX_PLAN_CHARACTERS)},
-}
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "move": ("side", "lands"), "delete": ("side", "lands"), "add": ("kind",),
-    "hands": ("side", "lands", "hands"), "hold": ("side", "lands", "hold"),
-    "end": ("side", "ends", "at"),
-    "size": ("side", "lands", "size"), "height": ("side", "lands", "by"),
-    "speed": ("side", "lands", "speed"), "nod": ("at",), "blink": ("at",),
-    "look": ("at", "yaw", "pitch"), "remove": ("list", "at"), "style": (),
-    "plan": ("name", "text"),
+_one = {"side": _one_of(SIDES), "lands": _second}
+_hands = _one_of(Hands.__args__)
+_sliders = dict.fromkeys(LIMITS, _number(-1000, 1000))
+KINDS: Mapping[str, Kind] = {
+    "move": Kind({**_one, "at": _second, "word": _index}, (*_one,), _move),
+    "delete": Kind(_one, (*_one,), _of_both(lambda plan, one, told: editing.deleted(plan, one))),
+    "add": Kind(
+        {"kind": _text(40), "at": _second, "word": _index, "hands": _hands}, ("kind",), _add
+    ),
+    "hands": Kind(
+        {**_one, "hands": _hands}, (*_one, "hands"),
+        lambda plan, told, *_: editing.with_hands(plan, _gesture(told), told["hands"]),
+    ),
+    "hold": Kind(
+        {**_one, "hold": _number(0.0, 60.0)}, (*_one, "hold"),
+        _of_both(lambda plan, one, told: editing.held(plan, one, told["hold"])),
+    ),
+    "end": Kind(
+        {"side": _one_of(SIDES), "ends": _second, "at": _second}, ("side", "ends", "at"), _end
+    ),
+    "size": Kind(
+        {**_one, "size": _number(0.1, 4.0)}, (*_one, "size"),
+        _of_both(lambda plan, one, told: editing.sized(plan, one, told["size"])),
+    ),
+    "height": Kind(
+        {**_one, "by": _number(-1.0, 1.0)}, (*_one, "by"),
+        _of_both(lambda plan, one, told: editing.raised(plan, one, told["by"])),
+    ),
+    "speed": Kind(
+        {**_one, "speed": _number(0.2, 5.0)}, (*_one, "speed"),
+        _of_both(lambda plan, one, told: editing.hastened(plan, one, told["speed"])),
+    ),
+    "nod": Kind(
+        {"at": _second, "depth": _number(1.0, 30.0)}, ("at",),
+        lambda plan, told, *_: editing.with_event(
+            plan, Nod(told["at"], told.get("depth", NOD_DEG))),
+    ),
+    "blink": Kind(
+        {"at": _second}, ("at",),
+        lambda plan, told, *_: editing.with_event(plan, Blink(told["at"])),
+    ),
+    "look": Kind(
+        {"at": _second, "lasts": _number(0.2, 60.0), "yaw": _number(-60, 60),
+         "pitch": _number(-40, 40)},
+        ("at", "yaw", "pitch"), _look,
+    ),
+    "remove": Kind({"list": _one_of(LISTS), "at": _second}, ("list", "at"), _remove),
+    "style": Kind({**_sliders, "excite": _number(-1.0, 1.0)}, (), _style),
+    "plan": Kind(
+        {"name": _text(200), "text": _text(MAX_PLAN_CHARACTERS)}, ("name", "text"), _plan
+    ),
 }  # fmt: skip

@@ -13,7 +13,7 @@ from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import RunRecord
 from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel, steps_of
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import Edit, Locked
+from app.run.takes.edits import Edit, Locked, edited
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
@@ -81,7 +81,6 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
         CancelledRun: when ``should_cancel`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
-    from app.run.takes.apply import edited
     from model.plan.plan import read_plan
 
     plan = read_plan(request.plan)
@@ -186,8 +185,7 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     eyes' events, the style of the whole, and what can be added."""
     from model.plan.editing import Gesture as Which
     from model.plan.editing import partner_of
-    from model.plan.kinds import strokes_of
-    from model.plan.palette import PLACES
+    from model.plan.kinds import PLACES, strokes_of
     from model.plan.style import style_of
 
     gestures = []

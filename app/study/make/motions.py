@@ -116,7 +116,7 @@ def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
 
 
 def _read_plan(system: PlannedSystem, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
-    from app.run.takes.apply import as_long_as
+    from app.run.takes.edits import as_long_as
     from model.plan.files import read_plan_file
     from model.plan.plan import PlanError
 

@@ -22,12 +22,11 @@ from torch import Tensor
 from conventions.rates import FPS
 from model.data.annotated import kinds_of
 from model.generation.base import PlannedAhead
-from model.plan.kinds import FOLLOWING, KindTable, Stroke, strokes_of
-from model.plan.palette import Place
-from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase, Side
+from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
+from model.plan.plan import PHASES, SIDES, STILL, GesturePlan, HandPhase, Side
 from model.plan.style import Manner
 from model.plan.tiers import BY_NAME, Begun, plan_of
-from model.plan.tracks import STILL, tracks_of
+from model.plan.tracks import tracks_of
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90

@@ -16,7 +16,6 @@ from torch import Tensor
 
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
-from model.plan.called import with_called_strokes
 from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
@@ -240,7 +239,7 @@ class Planner:
         rng = np.random.default_rng([*noise_key, KINDS])
         plan = self.kinds.drawn(plan_of(chains, num_frames), speaker, words, rng)
         chances = np.random.default_rng([*noise_key, _CALLED])
-        return with_called_strokes(plan, words, self.kinds, chances)
+        return self.kinds.with_called_strokes(plan, words, chances)
 
     def drawers(
         self,

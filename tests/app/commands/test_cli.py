@@ -19,8 +19,7 @@ from app.run.requests.display import Display
 from app.run.requests.request import GenerateRequest
 from app.run.videos.export import RenderRequest
 from model.motion.motion import save_motion
-from model.plan.annotation import NamedTier, Row
-from model.plan.textgrid import textgrid_of_tiers
+from model.plan.textgrid import NamedTier, Row, textgrid_of
 from renderer.video.compose import band_height
 from tests.helpers import smooth_motion_example
 
@@ -79,7 +78,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     eight_channels, weights, tmp_path, capsys
 ):
     out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
-    words.write_text(textgrid_of_tiers([NamedTier("words", (Row(0.1, 0.4, "hello"),))], 2.0))
+    words.write_text(textgrid_of([NamedTier("words", (Row(0.1, 0.4, "hello"),))], 2.0))
     flags = f"--systems globaldiff/global --joint left_wrist --start 5 --transcript {words}"
     argv = generate(eight_channels, out, weights, *flags.split(), "--max-minutes", "0.04")
     assert main(argv) == 0

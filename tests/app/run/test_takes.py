@@ -11,8 +11,7 @@ from app.errors import CancelledRun, RunError
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pipeline import generate_all
 from app.run.requests.request import Event, GenerateRequest, Grown
-from app.run.takes.apply import edited
-from app.run.takes.edits import MAX_EDITS, Edit, edits_of, locked_of
+from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
 from app.run.takes.take import TakeRequest, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan.editing import added, gestures

@@ -31,7 +31,7 @@ from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.plan import found
 from model.plan.editing import Gesture, added, gestures, sized
-from model.plan.palette import PLACES, REST_PLACE
+from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.autoencoders.config import FGD_ENCODER

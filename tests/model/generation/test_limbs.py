@@ -12,11 +12,10 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from model.generation.limbs import ANKLE_M, LED, LIFT_M, LONGEST, Footing, HeldFeet, LedHands
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
-from model.motion.tracks import track_points
+from model.motion.tracks import track_points, wrist_places
 from model.plan.editing import added
-from model.plan.kinds import wrist_places
-from model.plan.plan import SIDES, GesturePlan, Planted, Side
-from model.plan.tracks import goal_path, without_gaps
+from model.plan.plan import SIDES, GesturePlan, Planted, Side, without_gaps
+from model.plan.tracks import goal_path
 from tests.model.motion.made import about, posed
 from tests.model.plan.made import phase, resting
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from model.plan.files import annotated_plan
 from model.plan.plan import Blink, Brow, Look, Nod, PlanError, Planted, Smile, Stand
-from model.plan.textgrid import annotated_plan
 
 GRID = """File type = "ooTextFile"
 Object class = "TextGrid"

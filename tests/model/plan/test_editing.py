@@ -9,11 +9,14 @@ from hypothesis import strategies as st
 
 from model.plan.editing import (
     ARM_M,
+    LEAST_S,
     LEAST_STROKE_S,
     Edited,
     Gesture,
     added,
+    counterpart,
     deleted,
+    ended,
     gestures,
     hastened,
     held,
@@ -26,9 +29,7 @@ from model.plan.editing import (
     with_hands,
     without_event,
 )
-from model.plan.ends import LEAST_S, counterpart, ended
-from model.plan.kinds import strokes_of
-from model.plan.palette import PLACES, REST_PLACE
+from model.plan.kinds import PLACES, REST_PLACE, strokes_of
 from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Smile
 from tests.model.plan.made import LOW, Said, made_plan, phase, resting
 

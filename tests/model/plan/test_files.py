@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from model.plan import annotation, elan
-from model.plan.annotation import NamedTier, Row, plan_of_tiers
+from model.plan.annotation import plan_of_tiers
 from model.plan.files import (
     ENDINGS,
     Marker,
@@ -19,8 +19,9 @@ from model.plan.files import (
     read_plan_file,
     write_plan_file,
 )
-from model.plan.palette import PLACES, REST_PLACE
+from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import PHASES, GesturePlan, Nod, PlanError, Smile, read_plan
+from model.plan.textgrid import NamedTier, Row
 from tests.model.plan.made import HIGH, made_plan, phase
 from tests.model.plan.strategies import plans
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.called import PREPARATION_S, STROKE_S, with_called_strokes
-from model.plan.kinds import KindTable, strokes_of
+from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, strokes_of
 from model.plan.plan import SIDES, GesturePlan, Side
 from model.plan.tracks import tracks_of
 from tests.model.plan.made import REST, Said, made_plan, phase, resting
@@ -105,7 +104,7 @@ def calling() -> KindTable:
 
 
 def called(plan: GesturePlan, words, table: KindTable, seed: int = 0) -> GesturePlan:
-    return with_called_strokes(plan, words, table, np.random.default_rng(seed))
+    return table.with_called_strokes(plan, words, np.random.default_rng(seed))
 
 
 def strokes(plan: GesturePlan) -> list[tuple[Side, str, str]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
+from model.plan.plan import HANGING, PHASES, SIDES, GesturePlan, HandPhase, without_gaps
 from model.plan.tiers import (
     BY_NAME,
     LONGEST_S,
@@ -17,15 +17,7 @@ from model.plan.tiers import (
     seen_of,
     seen_together,
 )
-from model.plan.tracks import (
-    HANGING,
-    NUM_TRACKS,
-    at_rest,
-    body_track,
-    hand_tracks,
-    tracks_of,
-    without_gaps,
-)
+from model.plan.tracks import NUM_TRACKS, at_rest, body_track, hand_tracks, tracks_of
 from tests.model.plan.made import HIGH, LOW, REST, made_plan, phase
 
 FRAMES = 180

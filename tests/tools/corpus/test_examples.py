@@ -6,7 +6,7 @@ import wave
 import numpy as np
 import pytest
 
-from model.plan.textgrid import annotated_plan
+from model.plan.files import annotated_plan
 from model.speech.audio import load_speech
 from tests.tools.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
 from tools.corpus.layout import ClipPaths

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
+from model.plan.textgrid import Row, textgrid_tiers
 from model.speech.audio import SpeechError
 from model.storage.npz import MotionError
 from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
@@ -231,12 +232,11 @@ def read_phrases(path: Path) -> tuple[str, ...]:
     Raises:
         ReportError: if the file cannot be read.
     """
-    intervals = _tier(path, "words")
     runs: list[list[str]] = [[]]
-    for start_s, end_s, word in intervals:
-        if word:
-            runs[-1].append(word)
-        elif end_s - start_s >= PHRASE_PAUSE_S:
+    for row in _tier(path, "words"):
+        if row.label:
+            runs[-1].append(row.label)
+        elif row.end_s - row.start_s >= PHRASE_PAUSE_S:
             runs.append([])
     return tuple(" ".join(run) for run in runs if len(run) >= PHRASE_WORDS)
 
@@ -247,17 +247,15 @@ def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
     Raises:
         ReportError: if the file cannot be read.
     """
-    return tuple((start, end) for start, end, label in _tier(path, "listening") if label)
+    return tuple((row.start_s, row.end_s) for row in _tier(path, "listening") if row.label)
 
 
-def _tier(path: Path, name: str) -> list[tuple[float, float, str]]:
+def _tier(path: Path, name: str) -> tuple[Row, ...]:
     try:
-        text = path.read_text()
+        tiers, _ = textgrid_tiers(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         raise ReportError(f"{path.name} cannot be read.") from error
-    rows = text.partition(f'name = "{name}"')[2].partition("item [")[0]
-    interval = r'xmin = ([\d.]+)\s+xmax = ([\d.]+)\s+text = "([^"]*)"'
-    return [(float(a), float(b), label) for a, b, label in re.findall(interval, rows)]
+    return next((tier.rows for tier in tiers if tier.name == name), ())
 
 
 def _middle(

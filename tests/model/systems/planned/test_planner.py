@@ -9,14 +9,13 @@ import torch
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, draw_of
 from model.motion.kinematics import open_body_skeleton
-from model.motion.tracks import track_points
+from model.motion.tracks import track_points, wrist_places
 from model.plan.editing import within_reach
-from model.plan.kinds import wrist_places
-from model.plan.palette import REST_PLACE
-from model.plan.plan import SIDES, HandPhase, PlanError
+from model.plan.kinds import REST_PLACE
+from model.plan.plan import SIDES, STILL, HandPhase, PlanError
 from model.plan.style import Manner
 from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
-from model.plan.tracks import STILL, hand_tracks, tracks_of
+from model.plan.tracks import hand_tracks, tracks_of
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import Marks
