@@ -12,9 +12,8 @@ from app.errors import RunError
 from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
-    from model.generation.base import PlannedAhead
     from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan
+    from model.plan.plan import GesturePlan, PlannedAhead
 
 SHORTEST_S = 0.5 / FPS
 """What is left of a cut event, at the least."""
@@ -32,7 +31,7 @@ class LastPlan:
         """Motion is performed by this plan from a frame of the session on."""
         from_s, zero_s = first / FPS, ahead.origin / FPS
         for name in LISTS:
-            planned = [_shifted(one, zero_s) for one in getattr(ahead.plan, name)]
+            planned = [_shifted(one, zero_s) for one in getattr(ahead.condition, name)]
             new = [one for one in planned if _end(one) > from_s or _start(one) >= from_s]
             until_s = min([from_s, *map(_start, new)])
             self._events[name] = [*_cut(self._events[name], 0.0, until_s), *new]

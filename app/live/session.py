@@ -152,6 +152,7 @@ class LiveSession:
         """
         from model.generation.live import LiveMotion, Pace
         from model.generation.windows import GenerateOptions
+        from model.plan.plan import GesturePlan
         from model.speech.causal import CausalMel
 
         check_live(system)
@@ -162,9 +163,9 @@ class LiveSession:
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
         self._features = CausalMel()
-        steps = PLANNING_STEPS if system.plans else None
-        self.plans = system.plans
+        self.plans = system.condition_type is GesturePlan
         """Whether it plans, and its sliders can be moved."""
+        steps = PLANNING_STEPS if self.plans else None
         options = GenerateOptions(ask.speaker, seed=ask.seed, steps=steps)
         self._live = LiveMotion(system, options, self.pace)
         self._manner: Manner | None = None

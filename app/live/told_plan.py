@@ -8,7 +8,7 @@ from app.errors import RunError
 from conventions.rates import FPS
 
 if TYPE_CHECKING:
-    from model.generation.base import PlannedAhead
+    from model.plan.plan import PlannedAhead
     from model.plan.style import Manner
 
 
@@ -21,7 +21,7 @@ def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
     """
     from model.plan.plan import SIDES
 
-    plan, zero_s, from_s = ahead.plan, ahead.origin / FPS, first / FPS
+    plan, zero_s, from_s = ahead.condition, ahead.origin / FPS, first / FPS
 
     def span(event: Any) -> list[float]:
         return [round(event.start_s + zero_s, 3), round(event.end_s + zero_s, 3)]

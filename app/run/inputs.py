@@ -133,11 +133,12 @@ def _options(
     """
     from model.generation.windows import GenerateOptions
     from model.plan.files import read_plan_file
+    from model.plan.plan import GesturePlan
 
     read = None if request.plan is None else read_plan_file(request.plan)
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", request.plan), ("style", request.style)):
-        if given is not None and not any(system.plans for system in systems):
+        if given is not None and not any(s.condition_type is GesturePlan for s in systems):
             raise RunError(f"None of these systems performs plans; leave the {what} out.")
     for note in () if read is None else read.notes:
         reporter.note(note)
@@ -165,7 +166,8 @@ def _options(
         guidance = system.strength(None if system.guidance is None else request.guidance)
         if request.guidance not in (None, guidance):
             reporter.note(f"{system.name} takes no guidance.")
-        if (plans or request.style) and not system.plans:
+        performs = system.condition_type is GesturePlan
+        if (plans or request.style) and not performs:
             reporter.note(f"{system.name} performs no plans.")
         face_steps = steps_of(request.face_steps, system.name)
         if face_steps is not None and sampler.face_steps is None:
@@ -180,7 +182,7 @@ def _options(
             face_steps=face_steps,
             sampler=sampler.name,
             guidance=guidance,
-            plans=plans if system.plans else (),
+            conditions=plans if performs else (),
         )
     if request.face_steps is not None and all(each.face_steps is None for each in options.values()):
         raise RunError("None of these systems takes steps for the face alone; leave them out.")

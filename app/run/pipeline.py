@@ -145,8 +145,8 @@ def _run(
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
     check_start(request.start_frame, min(each.num_frames for each in compared), request.figure)
 
-    plans = any(system.plans for system in inputs.systems)
-    if plans and (request.plan is None or request.style):  # from words: these come first
+    follow = any(system.condition_type is not None for system in inputs.systems)
+    if follow and (request.plan is None or request.style):  # from words: these come first
         words.begin(speech.waveform)
         words.found(reporter.stop_if_asked)
     rows = _generate(request, inputs, speech, words, folder, reporter)
@@ -319,9 +319,10 @@ def _pieces_of(
     reporter: RunWriter,
 ) -> Iterator[MotionPiece]:
     from model.generation.windows import motion_pieces
+    from model.plan.plan import GesturePlan
 
     options = inputs.options[system.name]
-    if system.plans:
+    if system.condition_type is GesturePlan:
         said, _ = words.found(reporter.stop_if_asked)
         options = _with_plans(system, speech, options, said, inputs.wish, reporter)
     yield from motion_pieces(system, speech, options, reporter.should_cancel)
@@ -336,11 +337,11 @@ def _with_plans(
     reporter: RunWriter,
 ) -> GenerateOptions:
     """The options with the plans that the system performs, each left beside its motion."""
-    from model.generation.windows import draw_plans
+    from model.generation.windows import draw_conditions
 
-    plans = options.plans
+    plans = options.conditions
     if not plans:
-        plans = draw_plans(system, speech, replace(options, words=said.words))
+        plans = draw_conditions(system, speech, replace(options, words=said.words))
     written: list[GesturePlan] = []
     for sample, plan in enumerate(plans, start=1):
         name = str(SampleName(system.name, sample))
@@ -349,7 +350,7 @@ def _with_plans(
             reporter.note(*(f"{name}: {note}" for note in styled.notes))
             plan = styled.plan
         written.append(reporter.performed(name, plan))
-    return replace(options, plans=tuple(written))
+    return replace(options, conditions=tuple(written))
 
 
 def _measure(

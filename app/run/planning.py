@@ -98,7 +98,7 @@ def make_plan(request: PlanRequest) -> Edited:
         WriteError: each with one sentence for the person who asked.
     """
     from app.run.models import get_system
-    from model.generation.windows import GenerateOptions, draw_plans
+    from model.generation.windows import GenerateOptions, draw_conditions
     from model.plan.editing import Edited
     from model.plan.files import check_ending, write_plan_file
     from model.plan.plan import GesturePlan
@@ -129,7 +129,7 @@ def make_plan(request: PlanRequest) -> Edited:
         guidance=request.guidance,
         words=said.words,
     )
-    (plan,) = draw_plans(system, speech, options)
+    (plan,) = draw_conditions(system, speech, options)
     edited = Edited(plan) if wish is None else wish.done(plan, said.words)
     write_plan_file(edited.plan, request.out, request.speech)
     return edited

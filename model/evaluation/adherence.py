@@ -30,7 +30,7 @@ from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.again import Performance, perform, perform_again
 from model.generation.base import System
-from model.generation.windows import GenerateOptions, draw_plans
+from model.generation.windows import GenerateOptions, draw_conditions
 from model.measures.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -243,8 +243,8 @@ def ask_clip(
     """All questions of one clip; returns the unedited motion, then each edited one."""
     skeleton = open_body_skeleton()
     options = GenerateOptions(speaker, seed=int(rng.integers(1000)))
-    (plan,) = draw_plans(system, speech, options)
-    first = perform(system, speech, replace(options, plans=(plan,)))
+    (plan,) = draw_conditions(system, speech, options)
+    first = perform(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     places = wrist_places(tracks)
     asked.add("drawn: strokes in time", _in_time(stroke_lags(places, plan)))
@@ -252,7 +252,7 @@ def ask_clip(
     asked.add("rest speed, m/s", rest_speeds(places, plan))
 
     def again(changed: GesturePlan) -> Performance:
-        return perform_again(system, speech, replace(options, plans=(changed,)), first)
+        return perform_again(system, speech, replace(options, conditions=(changed,)), first)
 
     motions = [first.motion]
     for _ in range(edits):

@@ -1,41 +1,37 @@
-"""A performance that is kept, in memory or in a file, and performed again where its plan has
-changed.
+"""A performance that is kept, in memory or in a file, and performed again where the condition that
+it follows, such as a plan, has changed.
 
-Windows that hear the same plan as before stay bit for bit, but the one after each changed stretch:
+Windows that hear the same as before stay bit for bit, but the one after each changed stretch:
 there the new motion goes over into the old within a window, so that what follows it can stay.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
 from model.generation.base import System, Window
-from model.generation.limbs import Footing
 from model.generation.one_thread import one_thread
 from model.generation.stitching import SpeechWindow, fade_weights, num_windows
-from model.generation.windows import (
-    Cancelled,
-    GenerateOptions,
-    PiecewiseMotion,
-    draw_of,
-    feet_of,
-    hands_of,
-)
+from model.generation.windows import Cancelled, GenerateOptions, PiecewiseMotion, draw_of
 from model.motion.motion import Motion, put_together
 from model.motion.rotations import interpolate_rotations
-from model.plan.plan import SIDES, GesturePlan, PlanError, Planted
 from model.speech.audio import Speech
 from model.storage.files import written_atomically
 
 OnPiece = Callable[[Motion], None]
 SAME = 1e-3
-"""What is heard differs by less where a plan is the same: soft edges of far events."""
+"""What is heard differs by less where a condition is the same: soft edges of far events."""
+
+
+class KeptError(ValueError):
+    """A performance that is not there any more; the message is one sentence for a person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +39,14 @@ class Performance:
     """Motion of one sample, with what it takes to change a part of it."""
 
     motion: Motion
-    plan: GesturePlan
+    condition: Any
     fresh: tuple[range, ...]
     """Frames that are not those of the performance before; all of a first one."""
     made: tuple[Window, ...]
     """Windows before they are joined."""
     heard: Float[Tensor, "T heard_dim"]
-    footings: Mapping[Planted, Footing]
-    """Where its feet have stood."""
+    followed: Mapping[str, Tensor]
+    """What its follower has kept."""
 
 
 def perform(
@@ -60,13 +56,13 @@ def perform(
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
 ) -> Performance:
-    """The motion that `generate_motion` makes of one sample and one given plan, kept.
+    """The motion that `generate_motion` makes of one sample and one given condition, kept.
 
     Args:
         on_piece: called with the frames after those before as soon as nothing changes them.
 
     Raises:
-        UnknownNameError, ValueError: as `generate_motion`, or without exactly one sample and plan.
+        UnknownNameError, ValueError: as `generate_motion`, or without one sample and condition.
         Cancelled: if ``should_cancel`` said so.
     """
     return _performed(system, speech, options, None, should_cancel, on_piece)
@@ -80,10 +76,10 @@ def perform_again(
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
 ) -> Performance:
-    """A changed plan, performed as ``before`` but where it differs.
+    """A changed condition, performed as ``before`` but where it differs.
 
     Args:
-        options: those of ``before`` with the changed plan.
+        options: those of ``before`` with the changed condition.
         on_piece: as of `perform`; what comes before the first change is there at once.
 
     Raises:
@@ -100,13 +96,13 @@ def _performed(
     should_cancel: Callable[[], bool] | None,
     on_piece: OnPiece,
 ) -> Performance:
-    if options.samples != 1 or len(options.plans) != 1:
-        raise ValueError("One sample with a plan is performed again; give one of each.")
+    if options.samples != 1 or len(options.conditions) != 1:
+        raise ValueError("One sample with a condition is performed again; give one of each.")
     if system.root_motion != "place":
         raise ValueError(f"{system.name} tells how the body travels, not where it is.")
     cut, draw = system.windowing, draw_of(system, options)
-    feet = feet_of(options.plans, {} if before is None else before.footings)
-    hands = hands_of(options.plans)
+    kept = None if before is None else before.followed
+    follower = system.follower(options.conditions[0], kept)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with one_thread():
         heard = system.hear(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
@@ -139,15 +135,16 @@ def _performed(
                     stop = speech.num_frames
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
             joined = _joined(system, joined, made[-1])
-            told = told or PiecewiseMotion(system, _origin(made, before).root[:, :1], feet, hands)
+            told = told or PiecewiseMotion(system, _origin(made, before).root[:, :1], follower)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
                 pieces += told.go_on(joined.part(slice(length)))
                 left -= length
                 on_piece(pieces[-1])
     motion = put_together(pieces)
-    footings = {} if feet is None else feet.found
-    return Performance(motion, options.plans[0], tuple(_runs(fresh)), tuple(made), heard, footings)
+    followed = {} if follower is None else follower.kept()
+    (condition,) = options.conditions
+    return Performance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
 
 
 def _origin(made: Sequence[Window], before: Performance | None) -> Window:
@@ -209,12 +206,11 @@ def _runs(frames: Sequence[range]) -> list[range]:
 
 
 ENDING = ".windows"
-_HEARD = "heard"
-_STOOD = "stood"
+_HEARD, _FOLLOWED = "heard", "followed."
 
 
 def save_performance(performance: Performance, path: Path) -> None:
-    """Write its windows and what they heard, to the bit; motion and plan have files of their own.
+    """Write its windows and what they heard, to the bit; motion and condition have their own files.
 
     Raises:
         WriteError: with the reason.
@@ -222,37 +218,25 @@ def save_performance(performance: Performance, path: Path) -> None:
     fields = [window.fields_of(slice(None)) for window in performance.made]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
-        told = {_HEARD: performance.heard.contiguous(), _STOOD: _told(performance.footings)}
-        part.write_bytes(save({**told, **tensors}))
+        followed = {_FOLLOWED + name: told for name, told in performance.followed.items()}
+        heard = performance.heard.contiguous()
+        part.write_bytes(save({_HEARD: heard, **followed, **tensors}))
 
 
-def load_performance(path: Path, system: System, plan: GesturePlan, motion: Motion) -> Performance:
-    """What `save_performance` has written of a system's motion after a plan.
+def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> Performance:
+    """What `save_performance` has written of a system's motion after a condition.
 
     Raises:
-        PlanError: if it is kept no longer, or damaged.
+        KeptError: if it is kept no longer, or damaged.
     """
     try:
         tensors = load(path.read_bytes())
-        heard, stood = tensors.pop(_HEARD), _footings(tensors.pop(_STOOD))
-        return Performance(motion, plan, (), _windows(system, tensors), heard, stood)
+        names = [name for name in tensors if name.startswith(_FOLLOWED)]
+        followed = {name.removeprefix(_FOLLOWED): tensors.pop(name) for name in names}
+        heard = tensors.pop(_HEARD)
+        return Performance(motion, condition, (), _windows(system, tensors), heard, followed)
     except (OSError, SafetensorError, KeyError, TypeError) as error:
-        raise PlanError("This take is kept no longer; generate the motion again.") from error
-
-
-def _told(footings: Mapping[Planted, Footing]) -> Float64[Tensor, "n 6"]:
-    rows = [
-        (event.start_s, event.end_s, SIDES.index(event.foot), at.x, at.z, at.turn)
-        for event, at in footings.items()
-    ]
-    return torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)
-
-
-def _footings(told: Float64[Tensor, "n 6"]) -> dict[Planted, Footing]:
-    return {
-        Planted(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
-        for start_s, end_s, foot, x, z, turn in told.tolist()
-    }
+        raise KeptError("This take is kept no longer; generate the motion again.") from error
 
 
 def _windows(system: System, tensors: Mapping[str, Tensor]) -> tuple:

@@ -1,9 +1,13 @@
-"""What every system is, whatever family it belongs to: a maker of windows that join to motion."""
+"""What every system is, whatever family it belongs to: a maker of windows that join to motion.
+
+A system knows speech, speaker and seed. What else it follows is a condition of its family's own
+kind, which nobody here looks into: drawn from speech for each sample, or given.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,12 +17,10 @@ from torch import Tensor
 from model.generation.stitching import SpeechWindow, cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.spaces import RootMotion
-from model.plan.kinds import Spoken
-from model.plan.plan import GesturePlan, Planted
-from model.plan.style import Manner
 from model.sampling.flow import seeded_noise
 from model.sampling.samplers import Sampler, UnknownNameError
 from model.speech.encoder import SpeechEncoder
+from model.speech.transcript import Interval
 from model.storage.cards import Card
 
 Features = Float[np.ndarray, "_ dim"]
@@ -59,12 +61,12 @@ class Draw:
     face_steps: int | None = None
     """Of the face, in systems that draw it by steps of its own."""
     first_sample: int = 0
-    plan: GesturePlan | None = None
-    """What a system that plans is to perform."""
+    condition: Any = None
+    """What it follows beside them; see `System.condition`."""
     first_frame: int | None = None
-    """Of the window, in the plan; None is where windows of whole speech have it."""
-    words: tuple[Spoken, ...] = ()
-    """What is said, for a system that plans."""
+    """Of the window, in the condition; None is where windows of whole speech have it."""
+    words: tuple[Interval, ...] = ()
+    """What is said, where that is known."""
 
     def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
         """Standard normal: the same for every system that asks for this shape, and for however
@@ -95,22 +97,23 @@ class Window:
         return {name: tensor[:, frames] for name, tensor in vars(self).items()}
 
 
-@dataclass(frozen=True)
-class PlannedAhead:
-    """A plan around some frames of speech that goes on."""
+class Ahead(Protocol):
+    """A condition around some frames of speech that goes on."""
 
-    plan: GesturePlan
-    """Its second 0 is the frame ``origin``; what began earlier has negative times."""
-    origin: int
-    planted: tuple[Planted, ...]
-    """When feet stand, from the first frame of all on."""
+    @property
+    def condition(self) -> Any: ...
+    @property
+    def origin(self) -> int:
+        """The frame that is the condition's first."""
+        ...
 
 
 @runtime_checkable
-class PlanStream(Protocol):
-    """Plans speech while it comes."""
+class ConditionStream(Protocol):
+    """Draws a condition while speech comes."""
 
-    manner: Manner
+    manner: Any
+    """How from now on, of the family's own kind."""
 
     def go_on(
         self,
@@ -118,9 +121,9 @@ class PlanStream(Protocol):
         first: int,
         final: int,
         stop: int,
-    ) -> PlannedAhead:
-        """The plan around the frames from ``first`` to ``stop``; what begins before ``final`` is
-        planned for good.
+    ) -> Ahead:
+        """The condition around the frames from ``first`` to ``stop``; what begins before ``final``
+        is decided for good.
 
         Args:
             speech: features from one frame to another, supposed ones where none have come.
@@ -128,9 +131,29 @@ class PlanStream(Protocol):
         ...
 
     def heard(
-        self, features: Float[Tensor, "n dim"], ahead: PlannedAhead, first: int
+        self, features: Float[Tensor, "n dim"], ahead: Any, first: int
     ) -> Float[Tensor, "n heard_dim"]:
-        """What windows hear of frames from ``first`` on: features and plan."""
+        """What windows hear of frames from ``first`` on: features and condition."""
+        ...
+
+
+@runtime_checkable
+class Follower(Protocol):
+    """Brings a motion that comes piece by piece to what its condition says of it."""
+
+    margin: int
+    """Frames of the condition that it looks at on either side of a piece."""
+
+    def follow(self, motion: Motion) -> Motion:
+        """The frames that follow those of the call before."""
+        ...
+
+    def go_on_with(self, ahead: Any, first_frame: int) -> None:
+        """From now on another condition, in which the next frame is ``first_frame``."""
+        ...
+
+    def kept(self) -> dict[str, Tensor]:
+        """What it has decided, for whoever follows another condition through the same speech."""
         ...
 
 
@@ -151,6 +174,8 @@ class System(ABC):
 
     window_type: ClassVar[type[Window]] = Window
     """Of what its `window` makes."""
+    condition_type: ClassVar[type | None] = None
+    """Of what it follows beside speech, speaker and seed; None follows nothing else."""
     name: str
     card: Card
     sha256s: Mapping[str, str]
@@ -194,26 +219,22 @@ class System(ABC):
         names = ", ".join(sampler.name for sampler in self.samplers)
         raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
 
-    @property
-    def plans(self) -> bool:
-        """Whether it performs a plan, one for each sample, which it draws or is given."""
-        return False
-
-    def plan(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> GesturePlan:
-        """A plan for whole speech, drawn for the first sample.
+    def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
+        """What it follows beside whole speech, drawn for the first sample.
 
         Raises:
-            ValueError: of a system that performs none.
+            ValueError: of a system that follows nothing else, as the two below.
         """
-        raise ValueError(f"{self.name} performs no plans.")
+        raise ValueError(f"{self.name} follows speech alone.")
 
-    def plan_stream(self, draw: Draw) -> PlanStream:
-        """What plans speech that is still being spoken, drawn for the first sample.
+    def condition_stream(self, draw: Draw) -> ConditionStream:
+        """The same for speech that is still being spoken."""
+        raise ValueError(f"{self.name} follows speech alone.")
 
-        Raises:
-            ValueError: of a system that performs none.
-        """
-        raise ValueError(f"{self.name} performs no plans.")
+    def follower(self, condition: Any, kept: Mapping[str, Tensor] | None = None) -> Follower | None:
+        """What brings one sample's motion to a condition (None is one that comes as speech does),
+        with what a follower before has `kept`; None leaves the motion to the network."""
+        return None
 
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw

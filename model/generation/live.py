@@ -13,22 +13,19 @@ correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import PlannedAhead, PlanStream, System, Window
-from model.generation.limbs import SOFT_MARGIN, HeldFeet, LedHands
+from model.generation.base import ConditionStream, Follower, System, Window
 from model.generation.stitching import SpeechWindow
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain, draw_of
-from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
-from model.plan.plan import GesturePlan
-from model.plan.style import Manner
 
-PLANNED_AFTER = 12
-"""Frames after a window for which there is still a plan; then hands stay."""
+KNOWN_AFTER = 12
+"""Frames after a window for which there is still a condition."""
 
 
 @dataclass(frozen=True)
@@ -59,17 +56,15 @@ class LiveMotion:
             )
         self._cut, self._pace = cut, pace
         self._chain = WindowChain(system, options)
-        self._plans: PlanStream | None = None
-        """What plans as speech comes, of a system that plans."""
-        self.ahead: PlannedAhead | None = None
-        """What it has planned around the latest window."""
-        self._hands = self._feet = None
-        if system.plans:
-            self._plans = system.plan_stream(draw_of(system, options))
-            skeleton = open_body_skeleton()
-            self._hands = LedHands(GesturePlan(1.0), skeleton)
-            self._feet = HeldFeet((), skeleton)
-        self._motion = PiecewiseMotion(system, feet=self._feet, hands=self._hands)
+        self._stream: ConditionStream | None = None
+        """What draws a condition as speech comes, of a system that follows one."""
+        self.ahead: Any = None
+        """What it has drawn around the latest window."""
+        self._follower: Follower | None = None
+        if system.condition_type is not None:
+            self._stream = system.condition_stream(draw_of(system, options))
+            self._follower = system.follower(None)
+        self._motion = PiecewiseMotion(system, follower=self._follower)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
         """Frame at which the kept speech begins."""
@@ -105,32 +100,31 @@ class LiveMotion:
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
         return self._motion.go_on(final)
 
-    def lead(self, manner: Manner) -> None:
-        """Plan in another manner from now on.
+    def lead(self, manner: Any) -> None:
+        """Follow conditions of another manner from now on.
 
         Raises:
-            ValueError: of a system that performs no plans.
+            ValueError: of a system that follows speech alone.
         """
-        if self._plans is None:
-            raise ValueError("This system performs no plans.")
-        self._plans.manner = manner
+        if self._stream is None:
+            raise ValueError("This system follows speech alone.")
+        self._stream.manner = manner
 
     def _window(self, hop: int) -> Window:
-        """The next window; with it hands and feet know what to do."""
+        """The next window; with it the follower knows what to do."""
         cut, start = self._cut, self.next_frame
         first, stop = start - cut.context, start + cut.frames + cut.context
         heard = self._heard_from(first, stop)
-        if self._plans is None:
+        if self._stream is None:
             return self._chain.window(SpeechWindow(heard, cut.frames, is_last=False), hop)
-        final, ends = start + hop + SOFT_MARGIN, start + cut.frames + PLANNED_AFTER
-        ahead = self.ahead = self._plans.go_on(self._heard_from, first, final, ends)
-        heard = self._plans.heard(heard, ahead, first)
-        assert self._hands is not None and self._feet is not None
-        at = start - ahead.origin
-        self._hands.go_on_with(ahead.plan, at)
-        self._feet.go_on_with(ahead.planted)
+        margin = 0 if self._follower is None else self._follower.margin
+        final, ends = start + hop + margin, start + cut.frames + KNOWN_AFTER
+        ahead = self.ahead = self._stream.go_on(self._heard_from, first, final, ends)
+        heard, at = self._stream.heard(heard, ahead, first), start - ahead.origin
+        if self._follower is not None:
+            self._follower.go_on_with(ahead, at)
         window = SpeechWindow(heard, cut.frames, is_last=False)
-        return self._chain.window(window, hop, ahead.plan, at)
+        return self._chain.window(window, hop, ahead.condition, at)
 
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
         """Speech from one frame to another: mirrored at the end of what was heard, held before the

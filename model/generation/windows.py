@@ -4,25 +4,24 @@
 `stream_motion` makes it while the speech arrives.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, System, Window
-from model.generation.limbs import Footing, HeldFeet, LedHands
+from model.generation.base import Draw, Follower, System, Window
 from model.generation.one_thread import one_thread
 from model.generation.stitching import SpeechStream, SpeechWindow, num_windows
-from model.motion.kinematics import local_from_global, open_body_skeleton
+from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
-from model.plan.kinds import Spoken
-from model.plan.plan import GesturePlan, Planted
 from model.speech.audio import Speech
+from model.speech.transcript import Interval
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
@@ -49,11 +48,11 @@ class GenerateOptions:
     None is the system's usual one. Any other than 1 asks the network for a batch of two."""
     first_sample: int = 0
     """Number of the first sample, so that one of many can be made alone."""
-    plans: tuple[GesturePlan, ...] = ()
-    """What a system that plans is to perform: one for all samples, or one for each; none lets it
-    draw them."""
-    words: tuple[Spoken, ...] = ()
-    """What is said, for a system that plans: words call gestures that fit them."""
+    conditions: tuple[Any, ...] = ()
+    """What a system follows beside speech (`System.condition_type`): one for all samples, or one
+    for each; none lets it draw them."""
+    words: tuple[Interval, ...] = ()
+    """What is said, where that is known: conditions may be drawn to fit it."""
 
     def __post_init__(self) -> None:
         if self.samples < 1:
@@ -66,8 +65,10 @@ class GenerateOptions:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
-        if len(self.plans) not in (0, 1, self.samples):
-            raise ValueError(f"There are {len(self.plans)} plans for {self.samples} samples.")
+        if len(self.conditions) not in (0, 1, self.samples):
+            raise ValueError(
+                f"There are {len(self.conditions)} conditions for {self.samples} samples."
+            )
 
 
 def generate_motion(
@@ -128,35 +129,35 @@ def motion_pieces(
     Raises:
         UnknownNameError, ValueError, Cancelled: as `generate_motion`.
     """
-    if not system.plans:
+    if system.condition_type is None:
         yield from _made(system, speech, options, should_cancel)
         return
-    plans = options.plans or tuple(_drawn_plans(system, speech, options))
+    conditions = options.conditions or tuple(_drawn(system, speech, options))
     for sample in range(options.samples):
-        plan = plans[min(sample, len(plans) - 1)]
+        one = conditions[min(sample, len(conditions) - 1)]
         first = options.first_sample + sample
-        one = replace(options, samples=1, first_sample=first, plans=(plan,))
-        for piece in _made(system, speech, one, should_cancel):
+        own = replace(options, samples=1, first_sample=first, conditions=(one,))
+        for piece in _made(system, speech, own, should_cancel):
             share = (sample + piece.share) / options.samples
             yield replace(piece, first_sample=sample, share=share)
 
 
-def draw_plans(system: System, speech: Speech, options: GenerateOptions) -> tuple[GesturePlan, ...]:
-    """The plans that a system performs, one for each sample, if it is given none.
+def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
+    """What a system follows if it is given nothing, one for each sample.
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``.
-        ValueError: if the system performs no plans.
+        ValueError: if the system follows speech alone.
     """
     with one_thread():
-        return tuple(_drawn_plans(system, speech, options))
+        return tuple(_drawn(system, speech, options))
 
 
-def _drawn_plans(system: System, speech: Speech, options: GenerateOptions) -> Iterator[GesturePlan]:
+def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator[Any]:
     draw = draw_of(system, options)
     for sample in range(options.samples):
         one = replace(draw, first_sample=draw.first_sample + sample)
-        yield system.plan(speech.waveform, speech.num_frames, one)
+        yield system.condition(speech.waveform, speech.num_frames, one)
 
 
 def _made(
@@ -169,7 +170,8 @@ def _made(
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.hear(speech.waveform, num_frames, draw_of(system, options))
-    told = PiecewiseMotion(system, feet=feet_of(options.plans), hands=hands_of(options.plans))
+    follower = system.follower(options.conditions[0]) if options.conditions else None
+    told = PiecewiseMotion(system, follower=follower)
     left = speech.num_frames
     for index, piece in enumerate(_pieces(system, [features], options, should_cancel)):
         if left == 0:  # a last window that holds only frames beyond the speech
@@ -196,10 +198,10 @@ def stream_motion(
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
         ValueError: if there is no speech, guidance or steps of the face are asked of a system that
-            takes none, or the system plans.
+            takes none, or the system follows what is drawn of all of the speech.
     """
-    if system.plans:
-        raise ValueError(f"{system.name} plans all of the speech first; it cannot begin before.")
+    if system.condition_type is not None:
+        raise ValueError(f"{system.name} needs all of the speech first; it cannot begin before.")
     told = PiecewiseMotion(system)
     for piece in _pieces(system, features, options):
         yield told.go_on(piece)
@@ -243,7 +245,7 @@ class WindowChain:
         self,
         heard: SpeechWindow,
         advance: int | None = None,
-        plan: GesturePlan | None = None,
+        condition: Any = None,
         first_frame: int | None = None,
     ) -> Window:
         """The next window, joined to the one before.
@@ -252,14 +254,14 @@ class WindowChain:
             heard: its speech.
             advance: after how many of its frames the next window starts, from ``overlap`` on; only
                 those are final. None is the system's own advance.
-            plan, first_frame: of this window, where plans are made as speech comes.
+            condition, first_frame: of this window, where they are drawn as speech comes.
         """
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
         draw = self._draw
-        if plan is not None:
-            draw = replace(draw, plan=plan, first_frame=first_frame)
+        if condition is not None:
+            draw = replace(draw, condition=condition, first_frame=first_frame)
         made = self._system.window(heard, self._made, draw)
         joined = made if self._end is None else self._system.join(self._end, made)
         self._made = made.part(slice(advance + cut.overlap))
@@ -273,20 +275,17 @@ class PiecewiseMotion:
 
     Args:
         origin: of a body that has a place, the one that lies at x = z = 0; None is where it begins.
-        feet: holds them where one sample's plan says; None leaves them to the network.
-        hands: leads them to where it says; None leaves them to the network.
+        follower: brings one sample's motion to its condition.
     """
 
     def __init__(
         self,
         system: System,
         origin: Float[Tensor, "B 1 3"] | None = None,
-        feet: HeldFeet | None = None,
-        hands: LedHands | None = None,
+        follower: Follower | None = None,
     ) -> None:
         self._system = system
-        self._feet = feet
-        self._hands = hands
+        self._follower = follower
         self._travelled = None if origin is None else origin * _HORIZONTAL
 
     def go_on(self, piece: Window) -> list[Motion]:
@@ -305,23 +304,7 @@ class PiecewiseMotion:
         self._travelled = travelled
         poses = _poses(self._system, piece)
         motions = _motions(self._system, poses, positions, piece.expression)
-        if self._hands is not None:
-            motions = [self._hands.lead(*motions)]
-        return motions if self._feet is None else [self._feet.hold(*motions)]
-
-
-def feet_of(
-    plans: Sequence[GesturePlan], known: Mapping[Planted, Footing] | None = None
-) -> HeldFeet | None:
-    """What holds the feet of one sample, if it has a plan; ``known`` are footings to keep."""
-    if not plans:
-        return None
-    return HeldFeet(plans[0].planted, open_body_skeleton(), known or {})
-
-
-def hands_of(plans: Sequence[GesturePlan]) -> LedHands | None:
-    """What leads the hands of one sample, if it has a plan."""
-    return LedHands(plans[0], open_body_skeleton()) if plans else None
+        return motions if self._follower is None else [self._follower.follow(*motions)]
 
 
 def draw_of(system: System, options: GenerateOptions) -> Draw:
@@ -331,8 +314,8 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
         UnknownNameError, ValueError: see `stream_motion`.
     """
     sampler = system.sampler(options.sampler)
-    if options.plans and not system.plans:
-        raise ValueError(f"{system.name} performs no plans; leave the plan out.")
+    if options.conditions and system.condition_type is None:
+        raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
     if options.face_steps is not None and sampler.face_steps is None:
         raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
     steps, face_steps = sampler.counts(options.steps, options.face_steps)
@@ -346,7 +329,7 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
         face_steps=face_steps,
         guidance=system.strength(options.guidance),
         first_sample=options.first_sample,
-        plan=options.plans[0] if options.plans else None,
+        condition=options.conditions[0] if options.conditions else None,
         words=options.words,
     )
 

@@ -180,7 +180,7 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
         sides = _sides(words)
         body = next((what for what, signs in _BODY.items() if signs & words), None)
         more = next((what for what, signs in _MORE.items() if signs & words), None)
-        phase = next((phase for word, phase in _PHASE_WORDS.items() if word in words), None)
+        phase: Phase | None = next((p for word, p in _PHASE_WORDS.items() if word in words), None)
         if tier.name == "apex":
             told.apexes += tier.rows
         if _SPEECH & words:

@@ -193,6 +193,17 @@ class GesturePlan:
                 yield each.name, getattr(self, each.name)
 
 
+@dataclass(frozen=True)
+class PlannedAhead:
+    """A plan around some frames of speech that goes on."""
+
+    condition: GesturePlan
+    """Its second 0 is the frame ``origin``; what began earlier has negative times."""
+    origin: int
+    planted: tuple[Planted, ...]
+    """When feet stand, from the first frame of all on."""
+
+
 def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
     """The phases of a hand with holds between them, or rests after retractions, up to the end."""
     filled: list[HandPhase] = []

@@ -117,6 +117,7 @@ def _performed(
     from conventions.rates import FPS
     from model.generation.again import (
         ENDING,
+        KeptError,
         load_performance,
         perform,
         perform_again,
@@ -150,6 +151,8 @@ def _performed(
             made = perform_again(system, speech, options, old, run.should_cancel, on_piece)
     except Cancelled as error:
         raise CancelledRun from error
+    except KeptError as error:
+        raise RunError(str(error)) from error
     save_performance(made, folder.path(f"{stem}{ENDING}"))
     shown = smooth_motion(made.motion) if is_smoothed else made.motion
     run.motion(request.name, shown, f"{stem}.npz")
@@ -176,7 +179,7 @@ def options_of(request: TakeRequest, system: System, plan: GesturePlan) -> Gener
         sampler=sampler.name,
         guidance=system.strength(None if system.guidance is None else run.guidance),
         first_sample=request.sample - 1,
-        plans=(plan,),
+        conditions=(plan,),
     )
 
 

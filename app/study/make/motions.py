@@ -223,7 +223,12 @@ def _generate(
         given: what is performed; None draws it from the speech.
     """
     from model.generation.clip_noise import clip_seed
-    from model.generation.windows import Cancelled, GenerateOptions, draw_plans, generate_motion
+    from model.generation.windows import (
+        Cancelled,
+        GenerateOptions,
+        draw_conditions,
+        generate_motion,
+    )
     from model.motion.filtering import smooth_motion
 
     assert source.speech is not None
@@ -235,10 +240,10 @@ def _generate(
         sampler=generator.sampler,
     )
     if given is not None:
-        options = replace(options, plans=(given,))
+        options = replace(options, conditions=(given,))
     if generator.style is not None:
-        plans = options.plans or draw_plans(system, source.speech, options)
-        options = replace(options, plans=tuple(generator.style.done(p).plan for p in plans))
+        plans = options.conditions or draw_conditions(system, source.speech, options)
+        options = replace(options, conditions=tuple(generator.style.done(p).plan for p in plans))
     try:
         (motion,) = generate_motion(system, source.speech, options, should_cancel=should_cancel)
     except Cancelled as error:

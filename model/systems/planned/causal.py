@@ -21,9 +21,16 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.data.annotated import kinds_of
-from model.generation.base import PlannedAhead
 from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
-from model.plan.plan import PHASES, SIDES, STILL, GesturePlan, HandPhase, Side
+from model.plan.plan import (
+    PHASES,
+    SIDES,
+    STILL,
+    GesturePlan,
+    HandPhase,
+    PlannedAhead,
+    Side,
+)
 from model.plan.style import Manner
 from model.plan.tiers import BY_NAME, Begun, plan_of
 from model.plan.tracks import tracks_of
@@ -100,8 +107,8 @@ class CausalPlanner:
         """What the motion network hears of frames from ``first`` on."""
         at = first - ahead.origin
         stop = at + len(features)
-        tracks = torch.from_numpy(tracks_of(ahead.plan, stop)[at:])
-        kinds = torch.from_numpy(kinds_of(ahead.plan, stop, self._planner.kinds)[at:]).float()
+        tracks = torch.from_numpy(tracks_of(ahead.condition, stop)[at:])
+        kinds = torch.from_numpy(kinds_of(ahead.condition, stop, self._planner.kinds)[at:]).float()
         return torch.cat([features, tracks, kinds], dim=1)
 
     def _draw(

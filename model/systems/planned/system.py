@@ -27,6 +27,7 @@ from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned import FAMILY
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNER, PlannedNetworkConfig
+from model.systems.planned.limbs import Limbs
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 
@@ -56,41 +57,46 @@ At 40 s it stood .45 m from home after ten minutes."""
 class PlannedSystem(GlobalDiffSystem):
     """A motion network that follows plans, and the planner that draws them."""
 
+    condition_type = GesturePlan
     planner: Planner
 
-    @property
-    def plans(self) -> bool:
-        """See `System.plans`."""
-        return True
-
-    def plan(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> GesturePlan:
-        """See `System.plan`."""
+    def condition(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+    ) -> GesturePlan:
+        """See `System.condition`."""
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
         key = [draw.seed, draw.first_sample]
         return self.planner.plan(features, draw.speaker, draw.words, key, draw.guidance)
 
-    def plan_stream(self, draw: Draw) -> CausalPlanner:
-        """See `System.plan_stream`."""
-        return CausalPlanner(
-            self.planner, draw.speaker, [draw.seed, draw.first_sample], draw.guidance
-        )
+    def condition_stream(self, draw: Draw) -> CausalPlanner:
+        """See `System.condition_stream`."""
+        key = [draw.seed, draw.first_sample]
+        return CausalPlanner(self.planner, draw.speaker, key, draw.guidance)
+
+    def follower(
+        self, condition: GesturePlan | None, kept: Mapping[str, Tensor] | None = None
+    ) -> Limbs:
+        """See `System.follower`."""
+        return Limbs(condition, kept or {})
 
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> Float[Tensor, "T heard_dim"]:
         """See `System.hear`: features, then the plan's tracks and its two kinds."""
-        assert draw.plan is not None
-        tracks = torch.from_numpy(tracks_of(draw.plan, num_frames))
-        kinds = torch.from_numpy(kinds_of(draw.plan, num_frames, self.planner.kinds)).float()
+        assert draw.condition is not None
+        tracks = torch.from_numpy(tracks_of(draw.condition, num_frames))
+        kinds = torch.from_numpy(kinds_of(draw.condition, num_frames, self.planner.kinds)).float()
         return torch.cat([super().hear(waveform, num_frames, draw), tracks, kinds], dim=1)
 
     def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
         """See `GlobalDiffSystem.noise`."""
-        assert draw.plan is not None
+        assert draw.condition is not None
         noise = super().noise(draw)
         whole = draw.index * self.windowing.advance
         first = whole if draw.first_frame is None else draw.first_frame
-        rest = torch.from_numpy(at_rest(draw.plan, range(first, first + noise.shape[1]))).float()
+        rest = torch.from_numpy(
+            at_rest(draw.condition, range(first, first + noise.shape[1]))
+        ).float()
         share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._of_trunk(noise)
 

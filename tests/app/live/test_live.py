@@ -28,10 +28,9 @@ from app.live.sessions import LiveSessions
 from app.live.told_plan import told_plan
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message
-from model.generation.base import PlannedAhead
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
-from model.plan.plan import PHASES, Blink, GesturePlan, HandPhase, Look, Nod, Stand
+from model.plan.plan import PHASES, Blink, GesturePlan, HandPhase, Look, Nod, PlannedAhead, Stand
 from model.plan.style import Manner
 from model.sampling.samplers import UnknownNameError
 from model.speech.causal import CausalMel

@@ -8,6 +8,7 @@ import torch
 
 from model.generation.again import (
     ENDING,
+    KeptError,
     Performance,
     load_performance,
     perform,
@@ -18,7 +19,7 @@ from model.generation.windows import Cancelled, GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.plan.editing import Gesture, added, deleted, with_event
-from model.plan.plan import GesturePlan, Nod, PlanError
+from model.plan.plan import GesturePlan, Nod
 from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
 from tests.model.made import made_speech
@@ -34,7 +35,7 @@ WITHOUT = deleted(PLAN, Gesture("right", 6.0)).plan
 
 
 def options(plan: GesturePlan) -> GenerateOptions:
-    return GenerateOptions("ann", seed=3, steps=2, plans=(plan,))
+    return GenerateOptions("ann", seed=3, steps=2, conditions=(plan,))
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +129,7 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
     np.testing.assert_array_equal(arrays(again.motion), arrays(changed.motion))
     path.write_bytes(path.read_bytes()[:1000])
     for broken in (path, tmp_path / "gone"):
-        with pytest.raises(PlanError, match="kept no longer"):
+        with pytest.raises(KeptError, match="kept no longer"):
             load_performance(broken, system, PLAN, first.motion)
 
 
@@ -138,4 +139,4 @@ def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):
     with pytest.raises(ValueError, match="One sample with a plan"):
         perform(system, SPEECH, replace(options(PLAN), samples=2))
     with pytest.raises(ValueError, match="One sample with a plan"):
-        perform_again(system, SPEECH, replace(options(PLAN), plans=()), first)
+        perform_again(system, SPEECH, replace(options(PLAN), conditions=()), first)

@@ -151,7 +151,7 @@ def began(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
     found: dict[tuple[str, int], set[tuple]] = {}
     for first, plan in told(planner, speech, manner, long):
         for side in SIDES:
-            for phase in plan.plan.hand(side):
+            for phase in plan.condition.hand(side):
                 begins, ends = (round(at * 30) + plan.origin for at in (phase.start_s, phase.end_s))
                 settled = phase.phase in STILL or ends < first + HOP + AHEAD
                 if begins < first + HOP and settled:
@@ -189,7 +189,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
     path = {side: np.full((LONG + HOP, 3), np.nan) for side in SIDES}
     for first, ahead in told(planner, SPEECH):
         at = first - ahead.origin
-        tracks = tracks_of(ahead.plan, at + HOP).astype(float)
+        tracks = tracks_of(ahead.condition, at + HOP).astype(float)
         for side in SIDES:
             now = tracks[:, hand_tracks(side)][:, :3]
             if first:
@@ -236,10 +236,10 @@ def test_sliders_act_on_what_has_not_begun(planner):
         stream.manner = manner
         plans.append(stream.go_on(known(SPEECH), 60, 120, 200))
     plan, usual_plan = plans
-    assert plan.plan.smiles == () and usual_plan.plan.smiles
+    assert plan.condition.smiles == () and usual_plan.condition.smiles
     compared = 0
     for side in SIDES:
-        pairs = zip(plan.plan.hand(side), usual_plan.plan.hand(side), strict=True)
+        pairs = zip(plan.condition.hand(side), usual_plan.condition.hand(side), strict=True)
         for new, old in pairs:
             assert (new.start_s, new.end_s, new.phase) == (old.start_s, old.end_s, old.phase)
             if round(old.start_s * 30) + plan.origin < 60:
@@ -291,7 +291,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
     pieces, aheads = streamed(planned_weights, features(120), 9, Pace(hop=36))
     wished = {side: [] for side in SIDES}
     for first, stop, ahead in aheads:
-        tracks = tracks_of(ahead.plan, stop - ahead.origin).astype(float)
+        tracks = tracks_of(ahead.condition, stop - ahead.origin).astype(float)
         for side in SIDES:
             wished[side].append(tracks[first - ahead.origin :, hand_tracks(side)][:, :3])
     joined = {
@@ -313,7 +313,7 @@ def test_what_performs_no_plans_is_led_by_nobody(weights):
     system = load_system("globaldiff/local", weights)
     live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, heard_ahead=12))
     assert live.ahead is None
-    with pytest.raises(ValueError, match="performs no plans"):
+    with pytest.raises(ValueError, match="follows speech alone"):
         live.lead(Manner())
-    with pytest.raises(ValueError, match="performs no plans"):
-        system.plan_stream(draw_of(system, OPTIONS))
+    with pytest.raises(ValueError, match="follows speech alone"):
+        system.condition_stream(draw_of(system, OPTIONS))

@@ -15,12 +15,12 @@ from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.generation.windows import (
     GenerateOptions,
+    draw_conditions,
     draw_of,
-    draw_plans,
     generate_motion,
     stream_motion,
 )
-from model.plan.plan import read_plan
+from model.plan.plan import GesturePlan, read_plan
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
 from model.systems.planned.config import PLANNED, PLANNER
@@ -48,34 +48,34 @@ def root(tmp_path_factory):
 
 
 def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
-    (plan,) = draw_plans(system, SPEECH, OPTIONS)
+    (plan,) = draw_conditions(system, SPEECH, OPTIONS)
     assert plan.duration_s == 2.5 and len(plan.right) > 3
     plan.write(tmp_path / "plan.json")
-    told = replace(OPTIONS, plans=(read_plan(tmp_path / "plan.json"),))
+    told = replace(OPTIONS, conditions=(read_plan(tmp_path / "plan.json"),))
     (drawn,), (given,) = (generate_motion(system, SPEECH, o) for o in (OPTIONS, told))
     # The file has four decimals.
     np.testing.assert_allclose(given.poses, drawn.poses, atol=5e-3)
-    again = replace(OPTIONS, plans=(plan,))
+    again = replace(OPTIONS, conditions=(plan,))
     np.testing.assert_array_equal(generate_motion(system, SPEECH, again)[0].poses, drawn.poses)
 
 
 def test_each_sample_performs_a_plan_of_its_own(system):
     options = replace(OPTIONS, samples=2)
-    plans = draw_plans(system, SPEECH, options)
-    assert plans[0] == draw_plans(system, SPEECH, OPTIONS)[0] != plans[1]
+    plans = draw_conditions(system, SPEECH, options)
+    assert plans[0] == draw_conditions(system, SPEECH, OPTIONS)[0] != plans[1]
     motions = generate_motion(system, SPEECH, options)
     (alone,) = generate_motion(system, SPEECH, OPTIONS)
     np.testing.assert_array_equal(motions[0].poses, alone.poses)
     second = generate_motion(system, SPEECH, replace(OPTIONS, first_sample=1))[0]
     np.testing.assert_array_equal(motions[1].poses, second.poses)
-    shared = replace(options, plans=plans[:1])
+    shared = replace(options, conditions=plans[:1])
     same = generate_motion(system, SPEECH, shared)
     assert np.abs(same[0].poses - same[1].poses).max() > 1e-3  # their noise differs still
 
 
 def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_what_hears(system):
-    (plan,) = draw_plans(system, SPEECH, OPTIONS)
-    draw = replace(draw_of(system, OPTIONS), plan=plan)
+    (plan,) = draw_conditions(system, SPEECH, OPTIONS)
+    draw = replace(draw_of(system, OPTIONS), condition=plan)
     whole = draw.noise((system.config.window_frames, system.config.motion_dim))
     unmix = system.normaliser.unmix
     moved, unscaled = (noise[0] @ unmix for noise in (system.noise(draw), whole))
@@ -107,30 +107,32 @@ def test_it_moves_for_as_long_as_the_speech_by_its_plan_and_guidance(planned_wei
     assert set(system.sha256s) == {PLANNED, PLANNER, "expression"}
     seen: list[float] = []
     one, other = (
-        generate_motion(system, SPEECH, replace(OPTIONS, plans=(plan,)), seen.append)[0]
+        generate_motion(system, SPEECH, replace(OPTIONS, conditions=(plan,)), seen.append)[0]
         for plan in (made_plan(), made_plan().at_speed(1.5))
     )
     assert one.num_frames == 75 and np.isfinite(one.poses).all()
     assert np.abs(one.poses - other.poses).max() > 1e-3
     seen = seen[: len(seen) // 2]
     assert seen == sorted(seen) and seen[-1] == 1.0
-    deaf, strong = (draw_plans(system, SPEECH, replace(OPTIONS, guidance=g))[0] for g in (0.0, 4.0))
+    deaf, strong = (
+        draw_conditions(system, SPEECH, replace(OPTIONS, guidance=g))[0] for g in (0.0, 4.0)
+    )
     assert deaf != strong
 
 
 def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
     with pytest.raises(ValueError, match="2 plans for 3 samples"):
-        replace(OPTIONS, samples=3, plans=(made_plan(), made_plan()))
-    with pytest.raises(ValueError, match="plans all of the speech first"):
+        replace(OPTIONS, samples=3, conditions=(made_plan(), made_plan()))
+    with pytest.raises(ValueError, match="needs all of the speech first"):
         list(stream_motion(system, [], OPTIONS))
     motion = smooth_motion_example(75)
     tracks = {"right": system.encoder.encode(SPEECH.waveform, 75)}
     assert system.predict_with(motion, tracks, 1, 8) is None  # features alone
     other = load_system("globaldiff/local", weights)
-    with pytest.raises(ValueError, match="performs no plans"):
-        generate_motion(other, SPEECH, replace(OPTIONS, plans=(made_plan(),)))
-    with pytest.raises(ValueError, match="performs no plans"):
-        draw_plans(other, SPEECH, OPTIONS)
+    with pytest.raises(ValueError, match="follows speech alone"):
+        generate_motion(other, SPEECH, replace(OPTIONS, conditions=(made_plan(),)))
+    with pytest.raises(ValueError, match="follows speech alone"):
+        draw_conditions(other, SPEECH, OPTIONS)
 
 
 def test_what_was_trained_performs(root, annotated_folder, tmp_path):
@@ -141,7 +143,7 @@ def test_what_was_trained_performs(root, annotated_folder, tmp_path):
             shutil.copy(path, tmp_path)
     system = load_system(PLANNED, tmp_path)
     assert system.face.network.plan.out.weight.any()
-    assert system.plans and system.speakers == {"ann": 1, "bob": 2}
+    assert system.condition_type is GesturePlan and system.speakers == {"ann": 1, "bob": 2}
     card = json.loads((tmp_path / "planner.json").read_text())
     assert card["validation"]["right"] > 0 and card["validation"]["right mark"] != 0
 

@@ -14,17 +14,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
+from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.kinematics import RestSkeleton, joint_positions_from_local
+from model.motion.kinematics import (
+    RestSkeleton,
+    joint_positions_from_local,
+    open_body_skeleton,
+)
 from model.motion.limb import HingedLimb, unit
 from model.motion.motion import Motion
 from model.motion.tracks import OUTWARD
-from model.plan.plan import SIDES, GesturePlan, Planted, Side, without_gaps
+from model.plan.plan import SIDES, GesturePlan, PlannedAhead, Planted, Side, without_gaps
 from model.plan.tracks import goal_path
 
 ANKLE_M = 0.074
@@ -40,7 +45,44 @@ LANDING_S = 0.2
 LEAST_BEND = np.radians(4.0)
 """Of a knee. The pelvis is lowered where a leg would be asked for more than its length."""
 _SOFT_LEG_M = 0.003
+_STOOD = "stood"
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
+
+
+class Limbs:
+    """Hands and feet of one sample's motion, led to its plan; see `model.generation.base.Follower`.
+
+    Args:
+        plan: None is one that comes as speech does.
+        kept: of a performance before, whose feet stay where they stood.
+    """
+
+    def __init__(
+        self, plan: GesturePlan | None, kept: Mapping[str, Float64[Tensor, "n 6"]]
+    ) -> None:
+        self.margin = SOFT_MARGIN
+        known = {
+            Planted(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
+            for start_s, end_s, foot, x, z, turn in (kept[_STOOD].tolist() if kept else ())
+        }
+        skeleton = open_body_skeleton()
+        self._hands = LedHands(plan or GesturePlan(1.0), skeleton)
+        self._feet = HeldFeet(plan.planted if plan else (), skeleton, known)
+
+    def follow(self, motion: Motion) -> Motion:
+        return self._feet.hold(self._hands.lead(motion))
+
+    def go_on_with(self, ahead: PlannedAhead, first_frame: int) -> None:
+        self._hands.go_on_with(ahead.condition, first_frame)
+        self._feet.go_on_with(ahead.planted)
+
+    def kept(self) -> dict[str, Tensor]:
+        """Where feet have stood."""
+        rows = [
+            (event.start_s, event.end_s, SIDES.index(event.foot), at.x, at.z, at.turn)
+            for event, at in self._feet.found.items()
+        ]
+        return {_STOOD: torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)}
 
 
 @dataclass(frozen=True)

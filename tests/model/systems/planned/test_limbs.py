@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
-from model.generation.limbs import ANKLE_M, LED, LIFT_M, LONGEST, Footing, HeldFeet, LedHands
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.motion.tracks import track_points, wrist_places
 from model.plan.editing import added
 from model.plan.plan import SIDES, GesturePlan, Planted, Side, without_gaps
 from model.plan.tracks import goal_path
+from model.systems.planned.limbs import ANKLE_M, LED, LIFT_M, LONGEST, Footing, HeldFeet, LedHands
 from tests.model.motion.made import about, posed
 from tests.model.plan.made import phase, resting
 
