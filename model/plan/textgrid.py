@@ -100,17 +100,16 @@ def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | No
         kind, what = ("TextTier", "points") if tier.has_points else ("IntervalTier", "intervals")
         rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
         lines += [
-            f"    item [{number}]:", f'        class = "{kind}"', f'        name = "{tier.name}"',
-            "        xmin = 0", f"        xmax = {end_s:.4f}",
-            f"        {what}: size = {len(rows)}",
+            f"    item [{number}]:", f'        class = "{kind}"', f"        name = {_quoted(tier.name)}",
+            "        xmin = 0", f"        xmax = {end_s:.4f}", f"        {what}: size = {len(rows)}",
         ]  # fmt: skip
         for k, row in enumerate(rows, 1):
-            label = row.label.replace('"', '""')
             lines.append(f"        {what} [{k}]:")
+            label = _quoted(row.label)
             if tier.has_points:
-                told = f"number = {row.start_s:.4f}", f'mark = "{label}"'
+                told = f"number = {row.start_s:.4f}", f"mark = {label}"
             else:
-                told = f"xmin = {row.start_s:.4f}", f"xmax = {row.end_s:.4f}", f'text = "{label}"'
+                told = f"xmin = {row.start_s:.4f}", f"xmax = {row.end_s:.4f}", f"text = {label}"
             lines += [f"            {each}" for each in told]
     return "\n".join(lines) + "\n"
 
@@ -129,6 +128,10 @@ def _covering(rows: Sequence[Row], end_s: float) -> list[Row]:
     if at_s < end_s or not filled:
         filled.append(Row(at_s, end_s, ""))
     return filled
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"'
 
 
 def _number(text: str) -> float:

@@ -19,7 +19,7 @@ from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError, read_plan
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
 from tests.model.made import made_waveform
-from tests.model.plan.test_annotation import grid, interval_tier
+from tests.model.plan.made import grid, tier
 from tests.model.plan.test_found import made_motion
 
 STEM = "workbench-planned"
@@ -77,7 +77,7 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
     assert made == GesturePlan(4.0) == read_plan_file(empty).plan
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
     grid_ = tmp_path / "plan.TextGrid"
-    grid_.write_text(grid(interval_tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
+    grid_.write_text(grid(tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
     given = generate_all(replace(asked, plan=grid_))
     assert any(note.startswith("No places are told for the right hand") for note in given.notes)
     performed = read_plan(given.out / f"{STEM}.plan.json")
@@ -105,7 +105,7 @@ def test_a_style_file_is_done_to_drawn_and_to_given_plans(
 
 def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: Path) -> None:
     said, plan = tmp_path / "said.TextGrid", tmp_path / "plan.json"
-    said.write_text(grid(interval_tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
+    said.write_text(grid(tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
     words: set[str] = set()
     for seed in range(6):
         one = PlanRequest(asked.speech, plan, asked.weights, seed=seed, transcript=said)

@@ -1,4 +1,4 @@
-"""A plan with something of everything."""
+"""A plan with something of everything, and tiers as the corpus has them."""
 
 from dataclasses import dataclass
 
@@ -14,6 +14,7 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
+from model.plan.textgrid import NamedTier, Row, textgrid_of
 
 REST = (0.2, -0.3, 0.1)
 HIGH = (0.2, 0.1, 0.3)
@@ -64,3 +65,29 @@ class Said:
     text: str
     start_s: float
     end_s: float
+
+
+def tier(name: str, *rows: tuple) -> NamedTier:
+    """Intervals (start, end, label), or points (time, label)."""
+    of = (Row(float(row[0]), float(row[-2]), row[-1]) for row in rows)
+    return NamedTier(name, tuple(of), has_points=any(len(row) == 2 for row in rows))
+
+
+def grid(*tiers: NamedTier) -> str:
+    """A TextGrid of three seconds."""
+    return textgrid_of(tiers, 3.0)
+
+
+HANDS = (
+    tier("gesture_left", (0, 3, "rest")),
+    tier("goal_left", (0.0, "0.200 -0.300 0.100")),
+    tier(
+        "gesture_right", (0, 1, "rest"), (1, 1.5, "preparation offer"), (1.5, 2, "stroke offer"),
+        (2, 2.4, ""), (2.4, 3, "retraction"),
+    ),
+    tier(
+        "goal_right", (0.0, "0.2 -0.3 0.1"), (1.5, "0.2 0.1 0.3"), (2.0, "0.1 0 0.4"),
+        (3.0, "0.2 -0.3 0.1"),
+    ),
+    tier("apex", (2.0, "offer right whole"), (2.0, "offer left other")),
+)  # fmt: skip

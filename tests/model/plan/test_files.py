@@ -14,15 +14,28 @@ from model.plan.annotation import plan_of_tiers
 from model.plan.files import (
     ENDINGS,
     Marker,
+    annotated_plan,
     markers_csv,
     markers_of,
     read_plan_file,
     write_plan_file,
 )
 from model.plan.kinds import PLACES, REST_PLACE
-from model.plan.plan import PHASES, GesturePlan, Nod, PlanError, Smile, read_plan
-from model.plan.textgrid import NamedTier, Row
-from tests.model.plan.made import HIGH, made_plan, phase
+from model.plan.plan import (
+    PHASES,
+    Blink,
+    Brow,
+    GesturePlan,
+    Look,
+    Nod,
+    PlanError,
+    Planted,
+    Smile,
+    Stand,
+    read_plan,
+)
+from model.plan.textgrid import NamedTier, Row, textgrid_of, textgrid_tiers
+from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 from tests.model.plan.strategies import plans
 
 MS = 0.0005000001
@@ -148,10 +161,6 @@ def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
         write_plan_file(plan, tmp_path / "plan.txt")
 
 
-def tier(name: str, *rows: tuple[float, float, str]) -> NamedTier:
-    return NamedTier(name, tuple(Row(float(a), float(b), label) for a, b, label in rows))
-
-
 def told(*tiers: NamedTier) -> annotation.PlanRead:
     return plan_of_tiers(tiers, 5.0)
 
@@ -237,6 +246,94 @@ def test_what_tells_no_plan_is_refused(tiers: list[NamedTier], says: str) -> Non
         told(*tiers)
 
 
+def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.TextGrid"
+    body = (
+        tier("nods", (1.2, "4.500")),
+        tier("gaze", (0, 1, "0.0 1.5"), (1, 3, "-12.5 4.0")),
+        tier("brows", (1.0, "0.700 0.120")),
+        tier("smile", (0, 1, ""), (1, 2, "0.300")),
+        tier("blinks", (0.5, "0.130")),
+        tier("weight", (0, 2, "left"), (2, 3, "both")),
+        tier("foot_left", (0, 3, "planted")),
+        tier("foot_right", (0, 1, "planted"), (1, 1.5, ""), (1.5, 3, "planted")),
+    )
+    path.write_text(grid(*HANDS, *body))
+    plan = annotated_plan(path)
+    assert [p.phase for p in plan.left] == ["rest"]
+    assert plan == GesturePlan(
+        3.0,
+        plan.left,
+        (
+            phase(0, 1, "rest", (0.2, -0.3, 0.1)),
+            phase(1, 1.5, "preparation", (0.2, 0.1, 0.3), "offer"),
+            phase(1.5, 2, "stroke", (0.1, 0.0, 0.4), "offer", "whole"),
+            phase(2.4, 3, "retraction", (0.2, -0.3, 0.1)),
+        ),
+        (Nod(1.2, 4.5),),
+        (Look(0.0, 1.0, 0.0, 1.5), Look(1.0, 3.0, -12.5, 4.0)),
+        (Brow(1.0, 0.7),),
+        (Smile(1.0, 2.0, 0.3),),
+        (Blink(0.5),),
+        (Stand(0.0, 2.0, "left"), Stand(2.0, 3.0, "both")),
+        tuple(
+            Planted(a, b, side)
+            for a, b, side in ((0.0, 3.0, "left"), (0.0, 1.0, "right"), (1.5, 3.0, "right"))
+        ),
+    )
+    path.write_text(grid(tier("words", (0, 1, "so"))))
+    with pytest.raises(PlanError, match="has no tier gesture_left"):
+        annotated_plan(path)
+
+
+LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier", "xmin = 7", ""
+
+
+def test_a_textgrid_comes_back_whatever_its_labels_hold() -> None:
+    spans = tier("of", *((k, k + 1, label) for k, label in enumerate(LABELS)))
+    told = [spans, tier("none"), tier('a "b"', *((k, label) for k, label in enumerate(LABELS)))]
+    assert textgrid_tiers(textgrid_of(told, 7.0)) == (
+        [spans, NamedTier("none", (Row(0.0, 7.0, ""),)), told[2]],
+        7.0,
+    )
+
+
+SHORT = """File type = "ooTextFile short"
+"TextGrid"
+
+0
+2
+<exists>
+2
+"IntervalTier"
+"words"
+0
+2
+2
+0
+5e-1
+"so ""it"" now"
+.5
+2
+"goes"
+"TextTier"
+"apex"
+0
+2
+1
+-1
+"here"
+"""
+
+
+def test_praats_short_format_exponents_and_times_before_zero_are_read_as_they_stand() -> None:
+    words = (Row(0.0, 0.5, 'so "it" now'), Row(0.5, 2.0, "goes"))
+    apex = NamedTier("apex", (Row(-1.0, -1.0, "here"),), has_points=True)
+    assert textgrid_tiers(SHORT) == ([NamedTier("words", words), apex], 2.0)
+
+
 def eaf(body: str, head: str = "") -> str:
     return f"""<?xml version="1.0"?>{head}<ANNOTATION_DOCUMENT>
 <HEADER TIME_UNITS="milliseconds"/>{body}</ANNOTATION_DOCUMENT>"""
@@ -267,6 +364,19 @@ def test_times_that_an_annotator_left_open_lie_between(tmp_path: Path) -> None:
     plan = read_plan_file(path).plan
     assert [(p.start_s, p.end_s) for p in plan.right] == [(0, 1), (1, 2), (2, 3)]
     assert plan.duration_s == 3.0
+
+
+def test_what_is_told_of_included_annotations_is_kept(tmp_path: Path) -> None:
+    """A phrase, the phases in it, and the kind of one of these: as annotators nest them."""
+    ref = (
+        '<TIER TIER_ID="R-Kind" PARENT_REF="R-Phase"><ANNOTATION><REF_ANNOTATION '
+        'ANNOTATION_ID="a9" ANNOTATION_REF="a1"><ANNOTATION_VALUE>you</ANNOTATION_VALUE>'
+        "</REF_ANNOTATION></ANNOTATION></TIER>"
+    )
+    phases = phase_tier((0, 1, "prep"), (1, 2, "stroke")).replace("<TIER", '<TIER PARENT_REF="x"')
+    (tmp_path / "a.eaf").write_text(eaf(slots("0", "500", "900") + phases + ref))
+    plan = read_plan_file(tmp_path / "a.eaf").plan
+    assert [(p.phase, p.kind) for p in plan.right] == [("preparation", ""), ("stroke", "you")]
 
 
 HOSTILE = [
@@ -323,8 +433,11 @@ def test_names_that_xml_cannot_hold_are_refused(tmp_path: Path) -> None:
 def test_what_is_no_textgrid_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.TextGrid"
     write_plan_file(made_plan(), path)
+    told = path.read_text()
     for text, says in (
-        (path.read_text().replace("xmax = 1.5000", "xmax = 1..5"), "'1..5', which is no time"),
+        (told.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
+        (told.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
+        (told.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is no length"),
         ("xmin = 0", "is no TextGrid"),
         ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
     ):

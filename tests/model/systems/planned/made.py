@@ -24,8 +24,7 @@ from tests.model.made import (
     save_made,
     shaken,
 )
-from tests.model.plan.made import made_plan
-from tests.model.plan.test_annotation import HANDS, grid
+from tests.model.plan.made import HANDS, grid, made_plan
 
 TINY_PLANNER = PlannerConfig(width=16, head_width=16, num_speakers=4, window_frames=60)
 TINY_NETWORK = PlannedNetworkConfig(**vars(TINY_BEST))

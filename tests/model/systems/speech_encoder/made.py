@@ -6,20 +6,21 @@ import torch
 
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
+from model.plan.textgrid import NamedTier
 from model.speech.codes import SPEECH_ENCODER, CodesConfig
 from model.systems.speech_encoder.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder, save_made
-from tests.model.plan.test_annotation import HANDS, grid, interval_tier, point_tier
+from tests.model.plan.made import HANDS, grid, tier
 
 TINY_CODES = CodesConfig(width=16, codes=8, dilations=(1, 2))
 SPOKEN = (
-    interval_tier("words", (0.2, 0.7, "whole"), (0.7, 1.0, "of"), (1.5, 2.0, "other")),
-    interval_tier("phones", (0.2, 0.4, "hh"), (0.4, 0.7, "OW1"), (0.7, 1.0, "pau"), (1.5, 2, "er")),
-    point_tier("accents", (0.5, "0.800"), (1.8, "0.300")),
+    tier("words", (0.2, 0.7, "whole"), (0.7, 1.0, "of"), (1.5, 2.0, "other")),
+    tier("phones", (0.2, 0.4, "hh"), (0.4, 0.7, "OW1"), (0.7, 1.0, "pau"), (1.5, 2, "er")),
+    tier("accents", (0.5, "0.800"), (1.8, "0.300")),
 )
 
 
-def make_spoken_folder(folder: Path, *tiers: str) -> Path:
+def make_spoken_folder(folder: Path, *tiers: NamedTier) -> Path:
     """Made recordings with what is said and done in three seconds beside each."""
     make_data_folder(folder)
     (folder / "textgrid").mkdir()
