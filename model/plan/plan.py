@@ -175,15 +175,12 @@ class GesturePlan:
 
     def as_json(self) -> str:
         """What `read_plan` reads."""
-        told = {"format": FORMAT, **dataclasses.asdict(self)}
-        return json.dumps(_rounded(told), indent=1) + "\n"
+        told = json.dumps({"format": FORMAT, **dataclasses.asdict(self)})
+        rounded = json.loads(told, parse_float=lambda number: round(float(number), 4))
+        return json.dumps(rounded, indent=1) + "\n"
 
     def write(self, path: Path) -> None:
-        """Write it whole or not at all.
-
-        Raises:
-            WriteError: with the reason.
-        """
+        """Write it whole or not at all; a `WriteError` says why not."""
         with written_atomically(path) as part:
             part.write_text(self.as_json(), encoding="utf-8")
 
@@ -301,11 +298,7 @@ _WORDS = ("kind", "word")
 
 
 def _value(field: str, told: Any) -> Any:
-    """A field's value of the right type.
-
-    Raises:
-        PlanError: with the end of a sentence that begins "one of its phases has a".
-    """
+    """A field's value of the right type; errors go on with "one of its phases has a"."""
     if field in _LITERALS:
         if told not in _LITERALS[field]:
             valid = ", ".join(_LITERALS[field])
@@ -354,13 +347,3 @@ def _check_in_turn(side: Side, phases: tuple[HandPhase, ...]) -> None:
                 f"The {side} hand begins a {after.phase} at {after.start_s:.2f} s, in the middle "
                 f"of a {before.phase}; a hand does one thing at a time."
             )
-
-
-def _rounded(told: Any) -> Any:
-    if isinstance(told, float):
-        return round(told, 4)
-    if isinstance(told, dict):
-        return {name: _rounded(value) for name, value in told.items()}
-    if isinstance(told, list | tuple):
-        return [_rounded(value) for value in told]
-    return told

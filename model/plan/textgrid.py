@@ -100,8 +100,10 @@ def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | No
         kind, what = ("TextTier", "points") if tier.has_points else ("IntervalTier", "intervals")
         rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
         lines += [
-            f"    item [{number}]:", f'        class = "{kind}"', f"        name = {_quoted(tier.name)}",
-            "        xmin = 0", f"        xmax = {end_s:.4f}", f"        {what}: size = {len(rows)}",
+            f"    item [{number}]:", f"        class = {_quoted(kind)}",
+            f"        name = {_quoted(tier.name)}", "        xmin = 0",
+            f"        xmax = {end_s:.4f}",
+            f"        {what}: size = {len(rows)}",
         ]  # fmt: skip
         for k, row in enumerate(rows, 1):
             lines.append(f"        {what} [{k}]:")
