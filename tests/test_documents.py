@@ -52,19 +52,13 @@ COMMANDS = [(name_of(path), line) for path in DOCUMENTS for line in commands_of(
 
 
 def the_long_tables() -> dict[str, dict[str, str]]:
-    """System to measure to mean, of the long tables. "of recorded" goes with the row above it."""
+    """System to measure to mean, of the long tables."""
     means: dict[str, dict[str, str]] = {}
     for head, *rows in tables_of(TABLES):
         if head[0] == "20 test clips":
-            above = ""
             for measure, *cells in rows:
-                above, key = (
-                    (above, f"{above} {measure}")
-                    if measure == "of recorded"
-                    else (measure, measure)
-                )
                 for system, cell in zip(head[1:], cells, strict=True):
-                    means.setdefault(system, {}).setdefault(key, cell.split(" ")[0])
+                    means.setdefault(system, {}).setdefault(measure, cell.split(" ")[0])
         elif head[-1] == "right minus foreign":
             for system, *cells in rows:
                 means[system][head[-1]] = cells[-1].split(" ")[0]

@@ -12,6 +12,7 @@ from tools.corpus.report.realism import FeatureGap, Figures, Realism, judge_real
 
 SHIFT_S = 7.0
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
+TOLD = 8  # figures of each table: those that tell most by themselves
 TELLING = 0.05  # a figure tells by itself if it beats real against real, and chance, by this much
 
 Speakers = dict[str, list[MeasuredClip]]
@@ -47,17 +48,13 @@ def _every(speakers: Speakers) -> list[MeasuredClip]:
 
 
 def _statistics(speakers: Speakers, real: list[MeasuredClip]) -> str:
-    columns = {f"**{clip.clip_id}**": clip.statistics for clip in real}
-    for name, clips in speakers.items():
-        columns[name] = {
-            key: float(np.median([clip.statistics[key] for clip in clips]))
-            for key in clips[0].statistics
-        }
-    rows = [
-        [key, *(_short(column[key]) for column in columns.values())]
-        for key in next(iter(columns.values()))
-    ]
-    return _table(["figure", *columns], rows)
+    rows = []
+    for key in _every(speakers)[0].statistics:
+        own = [np.median([clip.statistics[key] for clip in clips]) for clips in speakers.values()]
+        told = [*(clip.statistics[key] for clip in real), min(own), np.median(own), max(own)]
+        rows.append([key, *(_short(float(value)) for value in told)])
+    names = [f"**{clip.clip_id}**" for clip in real]
+    return _table(["figure", *names, "least", "middle", "most"], rows)
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
@@ -78,9 +75,9 @@ def _about(speakers: Speakers, seed: int | None) -> str:
     frames_s = sum(clip.duration_s for clip in clips)
     listening = sum(clip.listening_s for clip in clips) / frames_s
     return (
-        f"Medians over {len(clips)} clips{of_seed} of {len(speakers)} speakers; real"
-        f" clips are in bold. Speakers listen for {listening:.1%} of the time, which counts here"
-        " and is left out below.\n"
+        f"Of {len(clips)} clips{of_seed}, the medians of {len(speakers)} speakers: the least, the"
+        f" middle and the most of them; real clips are in bold. Speakers listen for {listening:.1%}"
+        " of the time, which counts here and is left out below.\n"
     )
 
 
@@ -110,11 +107,11 @@ def _realism(
         f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
         f" {len(realism.features)} figures; real from real with {realism.floor:.2f}. The aim, at"
         f" most {AIM:g} or that + {AIM_OVER_FLOOR:g}, {_verdict(realism, bound)}\n\nBy speaker: "
-        + ", ".join(f"{name} {realism.by_speaker[name]:.2f}" for name in ranked)
-        + ".\n\n"
+        + f"{ranked[0]} {realism.by_speaker[ranked[0]]:.2f} (least) to"
+        f" {ranked[-1]} {realism.by_speaker[ranked[-1]]:.2f}.\n\n"
         + _table(
             ["figure", first, second, "corpus", "by itself", "real against real", "share"],
-            [_feature_row(feature) for feature in realism.features],
+            [_feature_row(feature) for feature in realism.features[:TOLD]],
         )
     )
 
@@ -219,10 +216,10 @@ _HOW = """## How it is told from real motion
 
 A logistic regression over windows of 2 s is trained on one real clip and half of the corpus's clips
 and tested on the other real clip and half (mean of both ways; 0.5 is chance); the real clips are
-told from each other after training on three quarters of both. Tables have medians of windows, the
-area under the curve by the figure alone and of the two real clips, and the figure's share in the
-regression's distance, negative where it works against the others. Calm speakers differ from a
-lively man also as people do.
+told from each other after training on three quarters of both. Tables have the figures that tell
+most by themselves: medians of windows, the area under the curve by the figure alone and of the two
+real clips, and the figure's share in the regression's distance, negative where it works against the
+others. Calm speakers differ from a lively man also as people do.
 """
 
 _OF_JAWS = """Recordings open the mouth by face units as well as by the jaw, the corpus by the jaw
