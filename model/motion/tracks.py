@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -83,15 +84,18 @@ def moving_chain(point: str) -> tuple[int, ...]:
     return chain_to_root(JOINT_INDEX[point])[:0:-1]
 
 
-OUTWARD = {"left": (1.0, 1.0, 1.0), "right": (-1.0, 1.0, 1.0)}
+OUTWARD: dict[Literal["left", "right"], tuple[float, float, float]] = {
+    "left": (1.0, 1.0, 1.0),
+    "right": (-1.0, 1.0, 1.0),
+}
 """What turns the chest's axes into out, up and forward, and back."""
 
 
-def wrist_places(tracks: Tracks) -> dict[str, Float[np.ndarray, "T 3"]]:
+def wrist_places(tracks: Tracks) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
     """Metres from the chest joint in the chest's frame: out to the hand's own side, up, forward."""
     chest = JOINT_INDEX["spine3"]
     turned = tracks.global_rot[:, chest].astype(np.float64)
-    places: dict[str, Float[np.ndarray, "T 3"]] = {}
+    places = {}
     for side in OUTWARD:
         off = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
         places[side] = np.einsum("tij,ti->tj", turned, off) * np.array(OUTWARD[side])
