@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from model.plan.editing import (
     ARM_M,
     LEAST_S,
-    LEAST_STROKE_S,
     Edited,
     Gesture,
     added,
@@ -239,7 +238,7 @@ def test_whatever_is_edited_hands_can_do_it(edits):
                 first = new.hand(stroke.side)[stroke.first]
                 is_new = stroke.lands not in plan.hand(stroke.side)
                 if is_new and first.phase == "preparation":
-                    assert stroke.lands.end_s - stroke.lands.start_s >= LEAST_STROKE_S - 1e-6
+                    assert stroke.lands.end_s - stroke.lands.start_s >= LEAST_S["stroke"] - 1e-6
             assert len(before[side] - set(lands(new, side))) <= 1  # no other gesture is lost
         assert (new.nods, new.looks, new.planted) == (plan.nods, plan.looks, plan.planted)
         plan = new
