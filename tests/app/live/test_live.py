@@ -285,7 +285,7 @@ def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_
 ):
     planning.lead({"manner": {"large": 2.0, "smile": 0}})
     speak(planning, clock, 1.0, 4800)
-    assert planning._live._plans.manner == Manner(large=2.0, smile=0.0)
+    assert planning._live._stream.manner == Manner(large=2.0, smile=0.0)
     wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
     leads: list[Callable[[], None]] = [lambda told=told: planning.lead(told) for told in wrong]
     for lead in leads:

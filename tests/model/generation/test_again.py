@@ -136,7 +136,7 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
 def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):
     with pytest.raises(Cancelled):
         perform(system, SPEECH, options(PLAN), lambda: True)
-    with pytest.raises(ValueError, match="One sample with a plan"):
+    with pytest.raises(ValueError, match="One sample with a condition"):
         perform(system, SPEECH, replace(options(PLAN), samples=2))
-    with pytest.raises(ValueError, match="One sample with a plan"):
+    with pytest.raises(ValueError, match="One sample with a condition"):
         perform_again(system, SPEECH, replace(options(PLAN), conditions=()), first)

@@ -121,7 +121,7 @@ def test_it_moves_for_as_long_as_the_speech_by_its_plan_and_guidance(planned_wei
 
 
 def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
-    with pytest.raises(ValueError, match="2 plans for 3 samples"):
+    with pytest.raises(ValueError, match="2 conditions for 3 samples"):
         replace(OPTIONS, samples=3, conditions=(made_plan(), made_plan()))
     with pytest.raises(ValueError, match="needs all of the speech first"):
         list(stream_motion(system, [], OPTIONS))
