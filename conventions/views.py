@@ -16,3 +16,8 @@ BUILDS = ("average", "slender", "broad")
 TONES = ("light", "medium", "dark", "clay")
 LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
 """Looks of the open body; the first is the usual one."""
+
+CUTOFF_HZ = 5.0
+"""A tremble that is shown larger lies above it: gestures hold little there."""
+MAX_TURN_RAD = 0.8
+"""A multiplied tremble is no larger than this, so that no joint turns over."""

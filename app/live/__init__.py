@@ -1,3 +1,3 @@
-"""Speech while it is spoken, and the body that follows it: sessions that share one worker. May
+"""Speech while it is spoken, and the body that follows it: sessions that share one process. May
 import `run`, `config`, `errors` and `text`; knows nothing of the page.
 """

@@ -1,23 +1,23 @@
-"""One visitor's live session: sound in, frames out.
+"""One visitor's live session as its process has it: sound in, frames out.
 
 What goes back is in `app.run.pieces`.
 """
 
 from __future__ import annotations
 
-import secrets
 import statistics
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from app.errors import RunError
 from app.live.minute import LastMinute, Minute
+from app.live.sound import read_sound
 from app.live.told_plan import manner_of, told_plan
 from app.run.pieces import frames_message
 from conventions.rates import FPS, SAMPLE_RATE
@@ -26,44 +26,18 @@ if TYPE_CHECKING:
     from model.generation.base import System
     from model.plan.style import Manner
 
-MAX_SOUND_BYTES = 32_000
-"""Of one message: a second."""
-
-
-def read_sound(content: bytes) -> np.ndarray:
-    """Samples between -1 and 1.
-
-    Raises:
-        RunError: if these are no such bytes, or more than a second of sound.
-    """
-    if not content or len(content) % 2:
-        raise RunError("The sound that came is damaged; start again.")
-    if len(content) > MAX_SOUND_BYTES:
-        raise RunError(
-            f"A block of sound has {len(content)} bytes; at most {MAX_SOUND_BYTES} are taken."
-        )
-    return np.frombuffer(content, "<i2").astype(np.float32) / 32_768
-
-
-MAX_S = 30 * 60.0
-"""Of sound in one session."""
-AHEAD_S = 3.0
-"""How much more sound than time may have come: networks gather and let go."""
 BEHIND_S = 8.0
 """Speech without its motion after which a machine is too slow."""
 MAX_WINDOW_MS = 400.0
 """Of one processor: with more, a body alone on the machine follows later than in 1.5 s."""
-WATCHED_S = 20.0
-"""A session that sends sound for less than a quarter of such a time does not need its place."""
-QUIET_S = 180.0
-"""Without any sound that could be heard, a microphone has been forgotten."""
-AUDIBLE = 0.001
-"""Of full scale, -60 dB; what a microphone that is switched off stays below."""
 TRIAL_WINDOWS = 3
+KEEP_S = 600.0
+"""How long the last minute of a session that has ended can still be kept."""
+NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
 SEED_LIMIT = 2**31 - 1
 PLANNING_STEPS = 4
 """Of the sampler, of systems that plan beside making motion; six leave half of them no time."""
-Tell = Callable[[bytes | str | dict[str, Any]], None]
+Tell = Callable[[bytes | dict[str, Any]], None]
 
 USUAL_S = 2.0
 """Of speech whose motion has not been made yet while a body keeps up."""
@@ -72,16 +46,6 @@ EARLIER = "Only the last {kept:.0f} s are held; the {first:.1f} s before them ar
 BEHIND = (
     "{kept:.1f} s are kept: the last {behind:.1f} s spoken had no motion yet when Keep was pressed "
     "or the session ended, as this machine was that far behind."
-)
-TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
-TOO_FAST = "Sound came faster than it can be spoken; start again."
-TOO_LITTLE = (
-    "Only {came:.1f} s of sound came in the last {seconds:.0f} s, and live speech needs all of it: "
-    "look after your connection, then start again."
-)
-TOO_QUIET = (
-    "Nothing could be heard for {minutes:g} minutes, and others may wait for the place: look after "
-    "your microphone, then start again."
 )
 TOO_SLOW = (
     "This machine cannot keep up with {visitors}: the body is {behind:.0f} s behind. Try again "
@@ -120,35 +84,33 @@ class LiveAsk:
 
 @dataclass(frozen=True)
 class Kept:
-    """The last minute of a session, and what a record should say of it."""
+    """The last minute of a session as files, and what a record should say of it."""
 
-    minute: Minute
+    wav: Path
+    npz: Path
+    plan: Path | None
+    """That the motion performs; None of a system that performs none."""
     facts: dict[str, Any]
     why_less: str = ""
     """Than was spoken; empty where all of it is kept, but for what a body follows later by."""
 
 
 class LiveSession:
-    """Sound is put in by one thread and worked off by another.
-
-    Raises:
-        RunError, UnknownNameError: if the system cannot be had live with that speaker.
-    """
+    """One body that follows what is heard; used from one thread."""
 
     def __init__(
         self,
         system: System,
         ask: LiveAsk,
-        cookie: str,
         tell: Tell,
         clock: Callable[[], float] = time.monotonic,
-        address: str = "",
     ) -> None:
         """
         Args:
-            tell: takes frames as bytes, what is told beside them as an object, and as text the
-                sentence with which the session ends.
-            address: of the visitor; empty where it is not known.
+            tell: takes frames as bytes, and what is told beside them as an object.
+
+        Raises:
+            RunError, UnknownNameError: if the system cannot be had live with that speaker.
         """
         from model.generation.live import LiveMotion, Pace
         from model.generation.windows import GenerateOptions
@@ -156,10 +118,8 @@ class LiveSession:
         from model.speech.causal import CausalMel
 
         check_live(system)
-        self.token = secrets.token_urlsafe(32)
-        self.ask, self.cookie, self.address, self.pace = ask, cookie, address, Pace()
+        self.ask, self.pace = ask, Pace()
         self.minute = LastMinute()
-        self.has_ended = False
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
         self._features = CausalMel()
@@ -170,54 +130,26 @@ class LiveSession:
         self._live = LiveMotion(system, options, self.pace)
         self._manner: Manner | None = None
         """What the sliders say since the last window."""
-        self._lock = threading.Lock()  # of the minute and the inbox
-        self._inbox: deque[np.ndarray] = deque()
+        self._inbox: list[np.ndarray] = []
         self._samples = 0
-        self._begun = self._watched_since = self._heard_at = clock()
-        self._watched_samples = 0
         self._due_since = 0.0
         self._costs: deque[float] = deque(maxlen=64)
         self.windows = 0
 
-    def put(self, content: bytes) -> None:
-        """The next sound.
+    def ready(self) -> dict[str, Any]:
+        """What a browser must know before it sends sound."""
+        return {
+            "hop": self.pace.hop,
+            "ahead": self.pace.heard_ahead,
+            "plans": self.plans,
+        }
 
-        Raises:
-            RunError: if it is no sound, too much or too fast, or if next to none has come lately.
-        """
-        if self.has_ended:
-            return
+    def put(self, content: bytes) -> None:
+        """The next sound, which `app.live.sound` has checked."""
         samples = read_sound(content)
         self._samples += len(samples)
-        spoken_s = self._samples / SAMPLE_RATE
-        if spoken_s > MAX_S:
-            raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
-        if spoken_s > self._clock() - self._begun + AHEAD_S:
-            raise RunError(TOO_FAST)
-        self._watch(samples)
-        with self._lock:
-            self._inbox.append(samples)
-            self.minute.add_sound(samples)
-
-    def _watch(self, samples: np.ndarray) -> None:
-        """See that a place is used.
-
-        Raises:
-            RunError: if it is not.
-        """
-        now = self._clock()
-        if np.abs(samples).max() > AUDIBLE:
-            self._heard_at = now
-        elif now - self._heard_at > QUIET_S:
-            raise RunError(TOO_QUIET.format(minutes=QUIET_S / 60))
-        self._watched_samples += len(samples)
-        watched_s = now - self._watched_since
-        if watched_s < WATCHED_S:
-            return
-        came_s = self._watched_samples / SAMPLE_RATE
-        if came_s < watched_s / 4:
-            raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
-        self._watched_since, self._watched_samples = now, 0
+        self._inbox.append(samples)
+        self.minute.add_sound(samples)
 
     def lead(self, told: Any) -> None:
         """The sliders have been moved: from the next window on.
@@ -248,9 +180,7 @@ class LiveSession:
         """
         import torch
 
-        with self._lock:
-            sound = [*self._inbox]
-            self._inbox.clear()
+        sound, self._inbox = self._inbox, []
         if sound:
             was_due = self._live.is_due
             self._live.hear(torch.from_numpy(self._features.hear(np.concatenate(sound))))
@@ -272,8 +202,7 @@ class LiveSession:
         self._due_since = self._clock()
         self.windows += 1
         self._costs.append(1000 * (time.thread_time() - used))
-        with self._lock:
-            self.minute.add_motion(motion, self._live.ahead)
+        self.minute.add_motion(motion, self._live.ahead)
         self._tell(
             frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
         )
@@ -286,25 +215,21 @@ class LiveSession:
         """What a window takes of one processor; NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def end(self, sentence: str = "") -> None:
-        """Nothing more is heard or made.
-
-        Args:
-            sentence: why, for the visitor.
-        """
-        if not self.has_ended:
-            self.has_ended = True
-            self._tell(sentence)
-
-    def kept(self) -> Kept:
-        """The last minute.
+    def keep(self, folder: Path) -> Kept:
+        """Lay the last minute into a folder.
 
         Raises:
             RunError: if there is too little.
         """
-        with self._lock:
-            minute = self.minute.kept()
-            spoken_s = self._samples / SAMPLE_RATE
+        from model.motion.motion import save_motion
+        from model.speech.audio import write_wav
+
+        minute = self.minute.kept()
+        wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
+        write_wav(wav, minute.waveform)
+        save_motion(minute.motion, npz)
+        if minute.plan is not None:
+            minute.plan.write(plan)
         facts = {
             "first_frame_of_session": minute.first_frame,
             "least_new_frames_a_window": self.pace.hop,
@@ -313,7 +238,8 @@ class LiveSession:
             "windows_of_session": self.windows,
             "window_cpu_ms": round(self.window_ms, 1),
         }
-        return Kept(minute, facts, why_less(minute, spoken_s))
+        why = why_less(minute, self._samples / SAMPLE_RATE)
+        return Kept(wav, npz, plan if minute.plan else None, facts, why)
 
     def _check_cost(self) -> None:
         if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it
@@ -352,8 +278,8 @@ def check_live(system: System) -> None:
         )
 
 
-def rehearse(system: System, ask: LiveAsk) -> None:
-    """Make a first window of nothing, so that no visitor waits for what is slow only once.
+def rehearse(system: System, speaker: str) -> None:
+    """Make a first window of nothing.
 
     Raises:
         UnknownNameError: if the system does not know the speaker.
@@ -364,10 +290,9 @@ def rehearse(system: System, ask: LiveAsk) -> None:
     from model.generation.windows import GenerateOptions
     from model.speech.causal import CausalMel
 
-    live = LiveMotion(system, GenerateOptions(ask.speaker))
-    if system.encoder.name == "mel64":
-        live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
-        live.step()
+    live = LiveMotion(system, GenerateOptions(speaker))
+    live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
+    live.step()
 
 
 def slow_system(name: str, frame_ms: float) -> str:

@@ -1,27 +1,25 @@
-"""All live sessions of the process: one worker makes their windows in turn."""
+"""The places of all who speak live, and the process that moves their bodies."""
 
 from __future__ import annotations
 
+import itertools
+import queue
 import secrets
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from app.errors import RunError, visitor_sentence
-from app.live.session import Kept, LiveAsk, LiveSession, Tell, check_live, rehearse
-from app.run.models import get_system
-
-if TYPE_CHECKING:
-    from model.generation.base import System
+from app.errors import RunError, without_folders
+from app.live.session import KEEP_S, NOT_THERE, Kept, LiveAsk
+from app.live.sound import Microphone
+from processes.child import Child, Gone
 
 MAX_SESSIONS = 10
 MAX_SESSIONS_EACH = 6
 """Of one address, so that the others have places left."""
-KEEP_S = 600.0
-"""How long the last minute of a session that has ended can still be kept."""
 KEPT_SESSIONS = 20
 FULL = (
     "{limit} visitors speak live on this machine already, and more would make all of them wait; "
@@ -32,145 +30,163 @@ FULL_EACH = (
     "when one of them has ended."
 )
 TAKEN_OVER = "The live session goes on in another tab of this browser."
-NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
+ENDED = "The process of live speech"
+FOR_MEMORY, AGAIN = "choose a system that takes fewer steps", "start again"
+Tell = Callable[[object], None]
+
+
+@dataclass(eq=False)
+class Place:
+    """One visitor's."""
+
+    number: int
+    ask: LiveAsk
+    cookie: str
+    """Of the browser; empty for one that keeps none."""
+    address: str
+    """Of the visitor; empty where it is not known."""
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+    microphone: Microphone = field(default_factory=Microphone)
 
 
 class LiveSessions:
-    """Opens sessions, shares the machine among them, and finds them again."""
+    """Safe to use from several threads; the process is there while anybody is, and a while more."""
 
     def __init__(
         self,
         weights: Path,
-        load: Callable[[str, Path], System] = get_system,
         max_sessions: int = MAX_SESSIONS,
         max_sessions_each: int = MAX_SESSIONS_EACH,
     ) -> None:
-        self._weights, self._load, self._max_sessions = weights, load, max_sessions
+        self._weights, self._max_sessions = weights, max_sessions
         self._max_sessions_each = max_sessions_each
-        self._changed = threading.Condition()
-        self._turns: deque[LiveSession] = deque()
-        """Open sessions; whoever has waited longest is first."""
-        self._ended: deque[tuple[float, LiveSession]] = deque(maxlen=KEPT_SESSIONS)
-        self._worker: threading.Thread | None = None
-        self._rehearsed: set[str] = set()
+        self._lock = threading.RLock()
+        self._numbers = itertools.count()
+        self._places: list[Place] = []
+        self._ended: deque[tuple[float, Place]] = deque()
+        self._ears: dict[int, Tell] = {}
+        self._child: Child | None = None
 
-    def open(
-        self,
-        ask: LiveAsk,
-        cookie: str,
-        tell: Tell,
-        address: str = "",
-    ) -> LiveSession:
-        """A session for one browser; an earlier one of the same browser ends.
+    def wake(self) -> None:
+        """Start the process, so that whoever is about to speak need not wait for it."""
+        with self._lock:
+            if self._child is None:
+                self._child = Child("app.live.child", str(self._weights), is_log_handed_on=True)
+                threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
+
+    def open(self, ask: LiveAsk, cookie: str, tell: Tell, address: str = "") -> Place:
+        """A place for one browser; an earlier one of the same browser ends.
 
         Args:
-            cookie: of the browser; empty for one that keeps none.
-            address: of the visitor; empty where it is not known.
+            tell: takes what a browser must know first, then frames as bytes and what is told beside
+                them as an object, and as text the sentence with which it ends.
 
         Raises:
-            RunError: when too many visitors are there, in all or of this address, or the system
-                cannot be had live.
-            UnknownNameError, CheckpointError: see `model.systems.registry.load_system`.
+            RunError: when too many visitors are there, in all or of this address.
         """
-        self._refuse_too_many(cookie, address)
-        system = self._load(ask.system, self._weights)
-        check_live(system)
-        if ask.system not in self._rehearsed:
-            rehearse(system, ask)
-            self._rehearsed.add(ask.system)
-        session = LiveSession(system, ask, cookie, tell, address=address)
-        with self._changed:
-            self._refuse_too_many(cookie, address)
-            for other in [each for each in self._turns if cookie and each.cookie == cookie]:
-                self._end(other, TAKEN_OVER)
-            self._turns.append(session)
-            self._start_worker()
-        return session
+        with self._lock:
+            others = [each for each in self._places if not cookie or each.cookie != cookie]
+            if len(others) >= self._max_sessions:
+                raise RunError(FULL.format(limit=self._max_sessions))
+            near = sum(each.address == address for each in others) if address else 0
+            if near >= self._max_sessions_each:
+                raise RunError(FULL_EACH.format(limit=self._max_sessions_each))
+            for other in [each for each in self._places if each not in others]:
+                self.close(other, TAKEN_OVER)
+            place = Place(next(self._numbers), ask, cookie, address)
+            self._places.append(place)
+            self._ask(place.number, tell, "open", (ask, place.token))
+        return place
 
-    def put(self, session: LiveSession, content: bytes) -> None:
-        """Sound for a session.
+    def put(self, place: Place, content: bytes) -> None:
+        """Sound.
 
         Raises:
-            RunError: see `LiveSession.put`.
+            RunError: see `Microphone.check`.
         """
-        session.put(content)
-        with self._changed:
-            self._changed.notify_all()
+        place.microphone.check(content)
+        self._send(place.number, "sound", content)
 
-    def close(self, session: LiveSession, sentence: str = "") -> None:
+    def lead(self, place: Place, told: object) -> None:
+        """The sliders have been moved."""
+        self._send(place.number, "lead", told)
+
+    def close(self, place: Place, sentence: str = "") -> None:
         """The visitor has stopped, gone, or must."""
-        with self._changed:
-            self._end(session, sentence)
+        with self._lock:
+            if place not in self._places:
+                return
+            self._places.remove(place)
+            self._ended.append((time.monotonic(), place))
+            self._forget_old()
+            self._send(place.number, "close")
+            tell = self._ears.pop(place.number, None)
+        if tell is not None:
+            tell(sentence)
 
-    def kept(self, token: str, cookie: str) -> tuple[LiveSession, Kept]:
-        """The last minute of a session, open or ended lately, of this browser.
+    def keep(self, token: str, cookie: str, folder: Path) -> tuple[LiveAsk, Kept]:
+        """The last minute of a session, open or ended lately, of this browser, laid into a folder.
 
         Raises:
             RunError: if there is none.
         """
-        with self._changed:
+        with self._lock:
             self._forget_old()
-            there = [*self._turns, *(session for _, session in self._ended)]
-        for session in there:
-            is_it = secrets.compare_digest(session.token.encode(), token.encode())
-            if is_it and session.cookie == cookie:
-                return session, session.kept()
+            there = [*self._places, *(place for _, place in self._ended)]
+        for place in there:
+            is_it = secrets.compare_digest(place.token.encode(), token.encode())
+            if is_it and place.cookie == cookie:
+                return place.ask, self._kept(place, folder)
         raise RunError(NOT_THERE)
 
     @property
     def num_open(self) -> int:
-        return len(self._turns)
+        return len(self._places)
 
-    def _refuse_too_many(self, cookie: str, address: str) -> None:
-        others = [each for each in self._turns if not cookie or each.cookie != cookie]
-        if len(others) >= self._max_sessions:
-            raise RunError(FULL.format(limit=self._max_sessions))
-        near = sum(each.address == address for each in others) if address else 0
-        if near >= self._max_sessions_each:
-            raise RunError(FULL_EACH.format(limit=self._max_sessions_each))
+    def end(self) -> None:
+        """End the process; whoever is there is told."""
+        if self._child is not None:
+            self._child.end()
 
-    def _end(self, session: LiveSession, sentence: str) -> None:
-        if session in self._turns:
-            self._turns.remove(session)
-            self._ended.append((time.monotonic(), session))
-        self._forget_old()
-        session.end(sentence)
+    def _kept(self, place: Place, folder: Path) -> Kept:
+        answers: queue.SimpleQueue[object] = queue.SimpleQueue()
+        with self._lock:
+            number = next(self._numbers)
+            self._ask(number, answers.put, "keep", (place.number, folder))
+        answer = answers.get()
+        with self._lock:
+            self._ears.pop(number, None)
+        if isinstance(answer, Kept):
+            return answer
+        raise RunError(str(answer))
+
+    def _ask(self, number: int, tell: Tell, verb: str, told: object) -> None:
+        self.wake()
+        self._ears[number] = tell
+        self._send(number, verb, told)
+
+    def _send(self, number: int, verb: str, told: object = None) -> None:
+        if self._child is not None:
+            self._child.send((number, verb, told))
+
+    def _listen(self, child: Child) -> None:
+        try:
+            while True:
+                number, told = child.receive()
+                tell = self._ears.get(number)
+                if tell is not None:
+                    tell(told)
+        except Gone:
+            why = without_folders(child.ended().sentences(ENDED, FOR_MEMORY, AGAIN))
+        with self._lock:
+            self._child = None
+            ears, self._ears = self._ears, {}
+        child.end()
+        for tell in ears.values():
+            tell(why)
 
     def _forget_old(self) -> None:
-        while self._ended and time.monotonic() - self._ended[0][0] > KEEP_S:
-            self._ended.popleft()
-
-    def _start_worker(self) -> None:
-        """One thread with one thread of torch: windows are small, and others want to work too."""
-        if self._worker is not None:
-            return
-        import torch
-
-        has_begun = threading.Event()
-        before = torch.get_num_threads()
-
-        def work() -> None:
-            torch.set_num_threads(1)
-            has_begun.set()
-            while True:
-                self._turn()
-
-        self._worker = threading.Thread(target=work, name="live", daemon=True)
-        self._worker.start()
-        has_begun.wait()
-        torch.set_num_threads(before)  # what it set is also the start value of threads to come
-
-    def _turn(self) -> None:
-        """One window of whoever has waited longest and has work."""
-        with self._changed:
-            session = next((each for each in self._turns if each.has_work), None)
-            if session is None:
-                self._changed.wait(1.0)
-                return
-            self._turns.remove(session)
-            self._turns.append(session)
-            visitors = len(self._turns)
-        try:
-            session.work(visitors)
-        except Exception as error:
-            self.close(session, visitor_sentence(error))
+        while self._ended and (
+            time.monotonic() - self._ended[0][0] > KEEP_S or len(self._ended) > KEPT_SESSIONS
+        ):
+            self._send(self._ended.popleft()[1].number, "forget")

@@ -319,7 +319,7 @@ def launch(
         raise
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        arguments = (config, worker, first_look)
+        arguments = (worker, first_look)
         threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
@@ -390,20 +390,17 @@ def _remove(folder: Path) -> None:
         time.sleep(0.1)
 
 
-def _warm_up(config: AppConfig, worker: Worker, first_look: FirstLooks | None) -> None:
-    """Load in this process what the stage and live speech need; a failure shows where they are
-    wanted. First of all what a visitor sees first: the stage, and the example that plays before the
-    first run."""
+def _warm_up(worker: Worker, first_look: FirstLooks | None) -> None:
+    """First of all what a visitor sees first: the stage, and the example that plays before the
+    first run; a failure shows where they are wanted."""
     try:
         from app.page.routes.stage_route import prepare
-        from app.run.models import warm_up
 
         prepare()
         if first_look is not None:
             first_look.make()
         time.sleep(FIRST_S)
         worker.start()
-        warm_up(config.weights, config.body)
     except Exception:
         if not _is_ending.is_set():  # no thread nor process can be started any longer
             log.exception("the warm-up failed; the first run will say why")

@@ -10,6 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from conventions.joints import FACE, NUM_JOINTS
 from conventions.rates import FPS
+from conventions.views import CUTOFF_HZ, MAX_TURN_RAD
 from model.motion.kinematics import global_from_local, local_from_global
 from model.motion.motion import Motion
 from model.motion.rotations import (
@@ -74,12 +75,8 @@ def motion_at_speed(motion: Motion, speed: float) -> Motion:
     )
 
 
-CUTOFF_HZ = 5.0
-"""Gestures hold little above it, and a tremor of hands is faster."""
 _ORDER = 4
 _PADDING_FRAMES = 15
-MAX_TURN_RAD = 0.8
-"""A multiplied residual is no larger than this, so that no joint turns over."""
 
 
 def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:

@@ -21,9 +21,9 @@ from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.errors import RunError, visitor_sentence
-from app.live.live_body import body_glb, face_names
-from app.live.session import LiveAsk, LiveSession
-from app.live.sessions import LiveSessions
+from app.live.live_body import body_glb
+from app.live.session import LiveAsk
+from app.live.sessions import LiveSessions, Place
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
 
@@ -80,24 +80,16 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
             unsent.get_nowait()
         unsent.put_nowait(message)
 
-    def tell(message: Message) -> None:  # from the worker's thread
+    def tell(message: Any) -> None:  # from the thread that listens to the process
         if not loop.is_closed():
             loop.call_soon_threadsafe(put, message)
 
-    session: LiveSession | None = None
+    place: Place | None = None
     try:
         ask = LiveAsk.of(await _ask(socket))
         cookie = socket.cookies.get(COOKIE, "")
-        session = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
-        told = {
-            "token": session.token,
-            "hop": session.pace.hop,
-            "ahead": session.pace.heard_ahead,
-            "faces": await run_in_threadpool(face_names),
-            "plans": session.plans,
-        }
-        await socket.send_text(json.dumps(told))
-        hearing = asyncio.create_task(_hear(socket, sessions, session))
+        place = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
+        hearing = asyncio.create_task(_hear(socket, sessions, place))
         sending = asyncio.create_task(_send(socket, unsent))
         try:
             await asyncio.wait({hearing, sending}, return_when="FIRST_COMPLETED")
@@ -113,8 +105,8 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
     except Exception as error:
         await _end(socket, visitor_sentence(error))
     finally:
-        if session is not None:
-            sessions.close(session)
+        if place is not None:
+            sessions.close(place)
 
 
 async def _ask(socket: WebSocket) -> object:
@@ -124,7 +116,7 @@ async def _ask(socket: WebSocket) -> object:
         return None
 
 
-async def _hear(socket: WebSocket, sessions: LiveSessions, session: LiveSession) -> None:
+async def _hear(socket: WebSocket, sessions: LiveSessions, place: Place) -> None:
     """Sound, until the visitor goes or stops."""
     while True:
         try:
@@ -135,9 +127,9 @@ async def _hear(socket: WebSocket, sessions: LiveSessions, session: LiveSession)
             raise WebSocketDisconnect(message.get("code", 1000))
         told = _object(message.get("text") or "")
         if isinstance(told, dict) and "manner" in told:
-            session.lead(told)
+            sessions.lead(place, told)
         else:
-            sessions.put(session, message.get("bytes") or b"")
+            sessions.put(place, message.get("bytes") or b"")
 
 
 def _object(told: str) -> object:

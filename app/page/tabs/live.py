@@ -38,30 +38,22 @@ class LiveRunner(GenerateRunner):
         Raises:
             RunError: if there is nothing to keep.
         """
-        from model.motion.motion import save_motion
-        from model.speech.audio import write_wav
-
         config = self._services.config
         token = values[0] if isinstance(values[0], str) else ""
-        session, kept = self._services.live.kept(token[:_MAX_TOKEN], cookie)
-        wav, npz, plan = (job.folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
-        write_wav(wav, kept.minute.waveform)
-        save_motion(kept.minute.motion, npz)
-        if kept.minute.plan is not None:
-            kept.minute.plan.write(plan)
+        asked, kept = self._services.live.keep(token[:_MAX_TOKEN], cookie, job.folder)
         return GenerateRequest(
-            speech=wav,
+            speech=kept.wav,
             out=job.folder / "results",
             weights=config.weights,
-            systems=(session.ask.system,),
-            speaker=session.ask.speaker,
-            seed=session.ask.seed,
+            systems=(asked.system,),
+            speaker=asked.speaker,
+            seed=asked.seed,
             body=config.body,
             display=Display(has_trail=True),
             size=PAGE_SIZE_PX,
             close_ups=CLOSE_UPS,
             max_speech_s=config.max_speech_s,
-            take=Take(npz, kept.facts, kept.why_less, plan if kept.minute.plan else None),
+            take=Take(kept.npz, kept.facts, kept.why_less, kept.plan),
         )
 
 

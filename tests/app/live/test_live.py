@@ -1,6 +1,8 @@
 """Live sessions: sound in, frames out, the last minute kept, and places for all."""
 
-import threading
+import os
+import queue
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -15,21 +17,18 @@ from scipy.spatial.transform import Rotation
 from app.errors import RunError
 from app.live import session as limits
 from app.live import sessions as module
+from app.live import sound as sounds
+from app.live.child import Performers
 from app.live.minute import KEPT_FRAMES, LastMinute, LastPlan
-from app.live.session import (
-    MAX_SOUND_BYTES,
-    LiveAsk,
-    LiveSession,
-    check_live,
-    read_sound,
-    why_less,
-)
-from app.live.sessions import LiveSessions
+from app.live.session import LiveAsk, LiveSession, check_live, why_less
+from app.live.sessions import LiveSessions, Place
+from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
 from app.live.told_plan import told_plan
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
+from model.motion.motion import load_motion
 from model.plan.plan import PHASES, Blink, GesturePlan, HandPhase, Look, Nod, PlannedAhead, Stand
 from model.plan.style import Manner
 from model.sampling.samplers import UnknownNameError
@@ -67,7 +66,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def session(weights: Path, told: list[Any], clock: Clock) -> LiveSession:
-    return LiveSession(get_system(ASK.system, weights), ASK, "mine", told.append, clock)
+    return LiveSession(get_system(ASK.system, weights), ASK, told.append, clock)
 
 
 @pytest.fixture
@@ -75,7 +74,7 @@ def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSessio
     system = get_system("workbench/planned", planned_weights)
     check_live(system)
     ask = LiveAsk("workbench/planned", "ann", seed=2)
-    return LiveSession(system, ask, "", told.append, clock)
+    return LiveSession(system, ask, told.append, clock)
 
 
 def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
@@ -86,25 +85,31 @@ def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) 
             session.work()
 
 
-def put(session: LiveSession, clock: Clock, seconds: float, block: bytes, every_s: float) -> None:
-    """The same block again and again, which nobody works off."""
+@pytest.fixture
+def microphone(clock: Clock) -> Microphone:
+    return Microphone(clock)
+
+
+def put(at: Microphone, clock: Clock, seconds: float, block: bytes, every_s: float) -> None:
+    """The same block again and again."""
     for _ in range(round(seconds / every_s)):
         clock.now += every_s
-        session.put(block)
+        at.check(block)
 
 
 def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
-    session, told, clock, weights
+    session, told, clock, weights, tmp_path
 ):
     speak(session, clock, 3.0)
     headers = [HEADER.unpack_from(message) for message in told]
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.kept()
-    assert kept.minute.motion.num_frames == made and kept.minute.first_frame == 0
+    kept = session.keep(tmp_path)
+    motion = load_motion(kept.npz)
+    assert motion.num_frames == made and kept.facts["first_frame_of_session"] == 0
     assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0
-    assert kept.why_less == "" and kept.minute.plan is None
+    assert kept.why_less == "" and kept.plan is None
 
     live = LiveMotion(get_system(ASK.system, weights), GenerateOptions("ann", seed=2))
     features, pieces = CausalMel(), []
@@ -114,7 +119,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
         if live.is_due:
             pieces += live.step()
     poses = np.concatenate([piece.poses for piece in pieces])
-    np.testing.assert_allclose(kept.minute.motion.poses, poses, atol=1e-5)
+    np.testing.assert_allclose(motion.poses, poses, atol=1e-5)
 
 
 def test_memory_does_not_grow(session, clock, monkeypatch):
@@ -131,16 +136,16 @@ def test_memory_does_not_grow(session, clock, monkeypatch):
     assert held() < 1.02 * before
 
 
-def test_caps_of_speed_and_length_are_told(session, clock, monkeypatch):
-    put(session, clock, 3.0, SECOND, 1.0)
-    session.put(SECOND)
+def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
+    put(microphone, clock, 3.0, SECOND, 1.0)
+    microphone.check(SECOND)
     with pytest.raises(RunError, match="faster than it can be spoken"):
         for _ in range(3):
-            session.put(SECOND)
-    monkeypatch.setattr(limits, "MAX_S", 8.0)
+            microphone.check(SECOND)
+    monkeypatch.setattr(sounds, "MAX_S", 8.0)
     clock.now += 4
     with pytest.raises(RunError, match="at most"):
-        put(session, clock, 3.0, SECOND, 1.0)
+        put(microphone, clock, 3.0, SECOND, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -154,19 +159,19 @@ def test_caps_of_speed_and_length_are_told(session, clock, monkeypatch):
         ("silence", [(182, 1.0)], "Nothing could be heard for 3 minutes"),
     ],
 )
-def test_a_place_that_is_not_used_is_lost(session, clock, spoken, steps, sentence):
+def test_a_place_that_is_not_used_is_lost(microphone, clock, spoken, steps, sentence):
     word = sound(1.0, size=16_000)[0]
     block = {"word": word, "sample": b"\0\0", "silence": SECOND}[spoken]
     if spoken == "silence":
-        put(session, clock, 100.0, SECOND, 1.0)
-        put(session, clock, 1.0, word, 1.0)  # somebody is there
+        put(microphone, clock, 100.0, SECOND, 1.0)
+        put(microphone, clock, 1.0, word, 1.0)  # somebody is there
     if not sentence:
         for seconds, every_s in steps:
-            put(session, clock, seconds, block, every_s)
+            put(microphone, clock, seconds, block, every_s)
         return
     with pytest.raises(RunError, match=sentence):
         for seconds, every_s in steps:
-            put(session, clock, seconds, block, every_s)
+            put(microphone, clock, seconds, block, every_s)
 
 
 def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
@@ -178,7 +183,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
     with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
-    slow = LiveSession(get_system(ASK.system, weights), ASK, "", lambda _: None, clock)
+    slow = LiveSession(get_system(ASK.system, weights), ASK, lambda _: None, clock)
     with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
         speak(slow, clock, 3.0)
     assert slow.windows == limits.TRIAL_WINDOWS + 1
@@ -186,7 +191,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 
 def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
-    minute = session.kept().minute
+    minute = session.minute.kept()
     made_s = minute.motion.num_frames / 30
     assert why_less(minute, made_s + 1.9) == ""
     told = why_less(minute, made_s + 2.5)
@@ -195,9 +200,7 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     assert why_less(later, made_s).startswith(f"Only the last {made_s:.0f} s are held; the 1.5 s")
 
 
-def test_what_asks_for_nothing_is_refused_and_after_its_end_nothing_is_taken_in(
-    weights, session, told
-):
+def test_what_asks_for_nothing_is_refused(weights, told):
     good = {"system": "globaldiff/global", "speaker": "ann", "seed": 2**31 - 1}
     assert LiveAsk.of(good).seed == 2**31 - 1
     wrong = [{"system": ["gan/5"]}, *({"seed": seed} for seed in (None, -1, True, 1e300, 2**31))]
@@ -206,11 +209,7 @@ def test_what_asks_for_nothing_is_refused_and_after_its_end_nothing_is_taken_in(
             LiveAsk.of(asked)
     with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
         system = get_system(ASK.system, weights)
-        LiveSession(system, LiveAsk(ASK.system, "eve"), "", told.append)
-    session.end("Over.")
-    session.end("Again.")
-    session.put(b"x")
-    assert told == ["Over."] and not session.has_work
+        LiveSession(system, LiveAsk(ASK.system, "eve"), told.append)
 
 
 def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
@@ -262,7 +261,7 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
             assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(hand))
             assert {phase for _, _, phase, _ in hand} <= set(PHASES)
         assert all(at >= plan["from"] for at in plan["nods"])
-    kept = planning.kept().minute
+    kept = planning.minute.kept()
     assert kept.plan is not None and kept.first_frame == 0
     assert kept.plan.duration_s == pytest.approx(kept.motion.num_frames / 30)
     checked = 0
@@ -380,14 +379,21 @@ def test_what_went_on_before_the_minute_begins_with_it_and_what_ended_is_forgott
 
 
 class ByHand(LiveSessions):
-    """Its worker is the test."""
+    """Its process is the test."""
 
-    def _start_worker(self) -> None:
-        pass
+    def __init__(self, weights: Path, **limits: int) -> None:
+        super().__init__(weights, **limits)
+        self.performers = Performers(weights, lambda number, told: self._ears[number](told))
+
+    def wake(self) -> None:
+        """It is there."""
+
+    def _send(self, number: int, verb: str, told: object = None) -> None:
+        self.performers.take(number, verb, told)
 
 
 @pytest.fixture
-def sessions(weights: Path) -> LiveSessions:
+def sessions(weights: Path) -> ByHand:
     return ByHand(weights)
 
 
@@ -395,18 +401,22 @@ def nothing(message: object) -> None:
     """Nobody listens."""
 
 
+def put_all(sessions: LiveSessions, place: Place, seconds: float) -> None:
+    for block in sound(seconds):
+        sessions.put(place, block)
+
+
 def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
     turns: list[str] = []
+    for name, seconds in (("a", 2.9), ("b", 2.9), ("c", 1.2)):
 
-    def speaks(name: str, seconds: float) -> LiveSession:
-        session = sessions.open(ASK, name, lambda message: turns.append(name))
-        for block in sound(seconds):
-            sessions.put(session, block)
-        return session
+        def tell(message: object, name: str = name) -> None:
+            if isinstance(message, bytes):
+                turns.append(name)
 
-    opened = [speaks("a", 2.9), speaks("b", 2.9), speaks("c", 1.2)]
-    while any(session.has_work for session in opened):
-        sessions._turn()
+        put_all(sessions, sessions.open(ASK, name, tell), seconds)
+    while sessions.performers.turn():
+        pass
     assert turns[:3] == ["a", "b", "c"]
     assert set(turns[3:]) == {"a", "b"} and turns.count("a") == turns.count("b")
 
@@ -424,7 +434,7 @@ def test_places_are_bounded_in_all_and_for_each_address(weights):
     sessions.close(first)
     sessions.open(ASK, "mine", nothing, "10.0.0.1")
     sessions.open(ASK, "mine", nothing, "10.0.0.1")  # in another tab: the first ends
-    assert sessions.num_open == 4
+    assert sessions.num_open == len(sessions.performers.open) == 4
     assert (module.MAX_SESSIONS, module.MAX_SESSIONS_EACH) == (10, 6)  # as the README has it
 
 
@@ -434,55 +444,56 @@ def test_a_browser_has_one_session_and_no_other_browser_ends_it(sessions):
     sessions.open(ASK, "other", nothing)
     for _ in range(2):
         sessions.open(ASK, "", nothing)
-    assert not told and sessions.num_open == 4
+    assert module.TAKEN_OVER not in told and sessions.num_open == 4
     sessions.open(ASK, "mine", nothing)
-    assert told == [module.TAKEN_OVER] and sessions.num_open == 4
+    assert told[1:] == [module.TAKEN_OVER] and sessions.num_open == 4
 
 
-def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypatch):
-    session = sessions.open(ASK, "mine", nothing)
-    for block in sound(2.9):
-        sessions.put(session, block)
-    sessions._turn()
-    sessions._turn()
-    _, kept = sessions.kept(session.token, "mine")
-    assert kept.minute.motion.num_frames > 60
-    sessions.close(session)
-    assert sessions.kept(session.token, "mine")[0] is session
-    for token, cookie in ((session.token, "yours"), (session.token, ""), ("x", "mine"), ("ü", "")):
+def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypatch, tmp_path):
+    place = sessions.open(ASK, "mine", nothing)
+    with pytest.raises(RunError, match="speak for at least"):
+        sessions.keep(place.token, "mine", tmp_path)
+    put_all(sessions, place, 2.9)
+    sessions.performers.turn()
+    sessions.performers.turn()
+    ask, kept = sessions.keep(place.token, "mine", tmp_path)
+    assert ask is ASK and load_motion(kept.npz).num_frames > 60
+    sessions.close(place)
+    assert sessions.keep(place.token, "mine", tmp_path)[1] == kept
+    for token, cookie in ((place.token, "yours"), (place.token, ""), ("x", "mine"), ("ü", "")):
         with pytest.raises(RunError, match="no live minute"):
-            sessions.kept(token, cookie)
+            sessions.keep(token, cookie, tmp_path)
     monkeypatch.setattr(module, "KEEP_S", -1.0)
     with pytest.raises(RunError, match="no live minute"):
-        sessions.kept(session.token, "mine")
+        sessions.keep(place.token, "mine", tmp_path)
+    assert not sessions.performers._ended
 
 
 def test_a_fault_ends_its_own_session_only(sessions, monkeypatch):
     told: list[object] = []
-    broken = sessions.open(ASK, "a", told.append)
-    whole = sessions.open(ASK, "b", nothing)
+    places = [sessions.open(ASK, "a", told.append), sessions.open(ASK, "b", nothing)]
+    broken, whole = (sessions.performers.open[place.number] for place in places)
     monkeypatch.setattr(broken, "work", lambda visitors: 1 / 0)
-    for session in (broken, whole):
-        for block in sound(1.5):
-            sessions.put(session, block)
+    for place in places:
+        put_all(sessions, place, 1.5)
     for _ in range(3):
-        sessions._turn()
-    assert len(told) == 1 and "report it with this number" in str(told[0])
-    assert whole.windows == 1 and sessions.num_open == 1
+        sessions.performers.turn()
+    assert len(told) == 2 and "report it with this number" in str(told[1])
+    assert whole.windows == 1 and list(sessions.performers.open.values()) == [whole]
 
 
-def test_the_worker_works_and_leaves_the_threads_of_others_alone(weights):
-    torch.set_num_threads(2)
-    made = threading.Event()
+def test_a_process_that_is_killed_is_told_and_the_next_who_speaks_has_another(weights):
     sessions = LiveSessions(weights)
-    session = sessions.open(ASK, "", lambda message: made.set())
-    for block in sound(1.5):
-        sessions.put(session, block)
-    assert made.wait(60)
-    counts: list[int] = []
-    thread = threading.Thread(target=lambda: counts.append(torch.get_num_threads()))
-    thread.start()
-    thread.join()
-    assert counts == [2] and torch.get_num_threads() == 2
-    sessions.close(session)
-    assert sessions.num_open == 0
+    told: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    try:
+        sessions.open(ASK, "", told.put)
+        assert told.get(timeout=60)["hop"] == 9
+        assert sessions._child is not None
+        os.kill(sessions._child.pid, signal.SIGKILL)
+        assert "SIGKILL" in told.get(timeout=60)
+        place = sessions.open(ASK, "", told.put)
+        assert told.get(timeout=60)["token"] == place.token
+        put_all(sessions, place, 1.5)
+        assert HEADER.unpack_from(told.get(timeout=60))[0] == 0
+    finally:
+        sessions.end()

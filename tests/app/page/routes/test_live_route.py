@@ -10,12 +10,11 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from app.errors import RunError
-from app.live.sessions import LiveSessions
 from app.page.routes import live_route
 from app.page.routes.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.visitors.visitors import COOKIE
 from app.run.pieces import HEADER
-from tests.app.live.test_live import sound
+from tests.app.live.test_live import ByHand, sound
 from tests.app.page.made import until
 
 ASK = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
@@ -23,14 +22,12 @@ OWN = {"origin": "http://testserver", "host": "testserver"}
 
 
 @pytest.fixture
-def sessions(weights: Path) -> LiveSessions:
-    return LiveSessions(weights, max_sessions=2, max_sessions_each=1)
+def sessions(weights: Path) -> ByHand:
+    return ByHand(weights, max_sessions=2, max_sessions_each=1)
 
 
 @pytest.fixture
-def client(
-    sessions: LiveSessions, speech: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[TestClient]:
+def client(sessions: ByHand, speech: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[TestClient]:
     monkeypatch.setattr(live_route, "SILENT_S", 600.0)  # a busy machine is not a browser that left
     with TestClient(FastAPI(routes=live_routes(sessions, [speech]))) as client:
         yield client
@@ -40,19 +37,22 @@ def told(socket) -> dict:
     return json.loads(socket.receive_text())
 
 
-def test_sound_goes_in_and_frames_come_out(client, sessions):
+def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
     client.cookies.update({COOKIE: "mine"})
     with client.websocket_connect(SPEAK_ROUTE, headers=OWN) as socket:
         socket.send_text(json.dumps(ASK))
         ready = told(socket)
-        assert (ready["hop"], ready["ahead"]) == (9, 9) and len(ready["faces"]) == 52
+        assert (ready["hop"], ready["ahead"]) == (9, 9)
         assert len(ready["token"]) >= 43 and not ready["plans"]
         for block in sound(2.5):
             socket.send_bytes(block)
+        (session,) = sessions.performers.open.values()
+        until(lambda: session._samples == 40_000)
+        until(lambda: sessions.performers.turn() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live minute"):
-        sessions.kept(ready["token"], "yours")
+        sessions.keep(ready["token"], "yours", tmp_path)
     until(lambda: sessions.num_open == 0)  # the connection ends, and the minute outlives it
     assert len(sessions._ended) == 1
 
