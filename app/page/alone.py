@@ -18,12 +18,12 @@ from fastapi.routing import APIRoute
 from app.errors import RunError
 from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
-from app.page.results.kept_runs import RUN_ROUTE, KeptRun, KeptRuns
+from app.page.results.kept_runs import RUN_ROUTE, KeptRuns
 from app.page.results.run_file import PAGE_ENDING, saving_route
+from app.page.routes.media import MadeFiles
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.pieces import MAX_FRAMES
-from model.storage.files import written_atomically
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
@@ -139,14 +139,12 @@ def _in_html(content: object) -> str:
     return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def run_page_routes(kept: KeptRuns) -> list[APIRoute]:
-    """Serve runs as such pages, as they are when they are asked for."""
+def save_page(asked: tuple[Path, Path], *_: object) -> None:
+    """Write the page of a run's folder into a file."""
+    folder, out = asked
+    out.write_text(player_alone(folder), encoding="utf-8")
 
-    def page(run: KeptRun) -> Path:
-        out = run.job.folder / "run.html"
-        with written_atomically(out) as part:
-            part.write_text(player_alone(run.showing.folder), encoding="utf-8")
-        return out
 
-    path, media_type = RUN_ROUTE + "/{token}/page", "application/octet-stream"
-    return [saving_route(kept, path, PAGE_ENDING, media_type, page)]
+def run_page_routes(kept: KeptRuns, made: MadeFiles) -> list[APIRoute]:
+    """Serve runs as such pages."""
+    return [saving_route(kept, made, RUN_ROUTE + "/{token}/page", PAGE_ENDING, save_page)]

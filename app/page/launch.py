@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -205,14 +204,13 @@ def launch(
         tell_wrong_calls,
     )
     from app.page.routes.live_route import live_routes
-    from app.page.routes.media import MediaAddresses, media_routes, motion_file_routes
+    from app.page.routes.media import MadeFiles, MediaAddresses, media_routes, motion_file_routes
     from app.page.routes.stage_route import stage_routes
     from app.page.tabs.services import Services, UploadCheck
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import keep_swept
     from app.page.visitors.researcher_part import Handover, study_routes
     from app.page.visitors.uploads import keep_uploads_tidy
-    from app.run.videos.export import render_motion
 
     for sentence in left_out():
         log.warning("%s", sentence)
@@ -258,16 +256,17 @@ def launch(
     )
     page = build_app(services)
     page.queue(max_size=config.max_waiting, default_concurrency_limit=config.num_slots)
+    made = MadeFiles(config.temp, gate.do)
     routes = [
-        *run_file_routes(services.kept),
-        *run_page_routes(services.kept),
+        *run_file_routes(services.kept, made),
+        *run_page_routes(services.kept, made),
         *media_routes(addresses),
         *study_routes(services.handover),
         *preview_routes(services.previews),
     ]
     routes += [
         *stage_routes(),
-        *motion_file_routes(addresses, config.temp, partial(gate.do, render_motion)),
+        *motion_file_routes(addresses, made),
     ]
     routes += live_routes(services.live, [example.path for example in catalogue.examples])
     try:

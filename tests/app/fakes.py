@@ -60,6 +60,11 @@ def catalogue_of(*speeches: Path) -> Catalogue:
     return replace(CATALOGUE, examples=tuple(Example(path.stem, path) for path in speeches))
 
 
+def does(task: Callable[..., Any], request: Any) -> Any:
+    """As `Worker.do`, in this process."""
+    return task(request, lambda event: None, lambda: False)
+
+
 class FakeWorker(Worker):
     """Does tasks in this process, some by functions of a test's own."""
 

@@ -74,7 +74,7 @@ def results_parts(
     )
     with gr.Column(visible=False) as downloads:
         gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
-        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id=prefix + "bundle")
+        bundle = gr.Button(text.ZIP_LABEL, variant="primary", elem_id=prefix + "bundle")
         with gr.Accordion(text.FILES_LABEL, open=False, elem_id=prefix + "files-fold"):
             files = gr.File(
                 show_label=False,

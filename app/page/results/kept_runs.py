@@ -29,7 +29,7 @@ from app.page.results.result_parts import ResultParts, figures_html
 from app.page.routes.media import MediaAddresses
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
-from app.run.output.run_folder import RESULTS_ZIP, RunRecord, file_of, zip_run
+from app.run.output.run_folder import RunRecord, file_of
 
 PARAMETER = "run"
 """Of the page's address."""
@@ -62,13 +62,9 @@ class KeptRun:
         return self.showing.record
 
     @property
-    def bundle(self) -> Path:
-        """All of it as a file, which the page opens again."""
-        return self.job.folder / RESULTS_ZIP
-
-    def pack(self) -> None:
-        """Make the bundle anew, of all that there is by now."""
-        zip_run(self.showing.folder, self.bundle)
+    def file_address(self) -> str:
+        """Of all of it as a file, which the page opens again; relative to the page."""
+        return f"{RUN_ROUTE.lstrip('/')}/{self.token}"
 
     def updates(
         self, parts: ResultParts, showing: Showing | None = None, *, begins: bool = False
@@ -96,7 +92,7 @@ class KeptRun:
         files = [folder / name for name in self.record.files if "/" not in name]
         return {
             parts.downloads_part: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(self.bundle)),
+            parts.bundle: gr.update(link=self.file_address),
             parts.files: [str(path) for path in files if path.is_file()],
         }
 
@@ -132,7 +128,6 @@ class KeptRuns:
         self, job: Job, cookie: str, showing: Showing, form: Mapping[str, Any] | None = None
     ) -> KeptRun:
         kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {})
-        kept.pack()
         with self._lock:
             for token in [token for token, one in self._runs.items() if not one.is_there]:
                 del self._runs[token]
@@ -206,7 +201,7 @@ def _saved(*opened: KeptRun) -> str:
     (first, *others) = opened
     if others:
         return ""
-    address = f"{RUN_ROUTE.lstrip('/')}/{escape(first.token)}"
+    address = first.file_address
     link = f'<a href="{address}" download title="{text.SAVE_RUN_HELP}">{text.SAVE_RUN}</a>'
     page = f'<a href="{address}/page" download title="{text.SAVE_PAGE_HELP}">{text.SAVE_PAGE}</a>'
     return f"<p>{link}</p><p>{page}</p>"

@@ -40,7 +40,7 @@ class ResultParts:
     figures: gr.HTML
     numbers: gr.HTML
     downloads_part: gr.Column
-    bundle: gr.DownloadButton
+    bundle: gr.Button
     files: gr.File
 
     @property

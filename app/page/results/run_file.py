@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
 from fastapi import Response
-from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi.responses import PlainTextResponse
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
-from app.page.results.kept_runs import RUN_ROUTE, KeptRun, KeptRuns
+from app.page.results.kept_runs import RUN_ROUTE, KeptRuns
+from app.page.routes.media import MadeFiles
+from app.run.output.run_folder import save_run
 
 ENDING, PAGE_ENDING = ".zip", ".html"
 GONE = "There is no such run, or it is kept no longer."
@@ -25,34 +26,29 @@ def file_name(title: str, ending: str = ENDING) -> str:
     return f"{stem or 'run'}{ending}"
 
 
-def run_file_routes(kept: KeptRuns) -> list[APIRoute]:
+def run_file_routes(kept: KeptRuns, made: MadeFiles) -> list[APIRoute]:
     """Serve runs as files that the page opens again."""
-
-    def bundle(run: KeptRun) -> Path:
-        return run.bundle
-
-    return [saving_route(kept, RUN_ROUTE + "/{token}", ENDING, "application/zip", bundle)]
+    return [saving_route(kept, made, RUN_ROUTE + "/{token}", ENDING, save_run)]
 
 
 def saving_route(
-    kept: KeptRuns, path: str, ending: str, media_type: str, save: Callable[[KeptRun], Path]
+    kept: KeptRuns, made: MadeFiles, path: str, ending: str, task: Callable[..., object]
 ) -> APIRoute:
-    """Serve runs in one form, each as ``save`` leaves it; always as a file to be saved, so that
-    nothing of it is opened as a page of this server."""
-    lock = threading.Lock()
+    """Serve runs in one form, of all that there is of them when they are asked for.
 
-    def saved(token: str) -> tuple[Path, str] | None:
+    Args:
+        task: writes it, asked by the run's folder and the file.
+    """
+
+    def found(token: str) -> tuple[Path, str] | None:
         run = kept.find(token)
-        if run is None:
-            return None
-        with lock:
-            return save(run), file_name(run.record.title, ending)
+        return run and (run.showing.folder, file_name(run.record.title, ending))
 
     async def answer(token: str) -> Response:
-        found = await run_in_threadpool(saved, token)
-        if found is None:
+        run = await run_in_threadpool(found, token)
+        if run is None:
             return PlainTextResponse(GONE, status_code=404)
-        headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
-        return FileResponse(found[0], filename=found[1], media_type=media_type, headers=headers)
+        folder, name = run
+        return await made.answer(task, lambda out: (folder, out), name)
 
     return APIRoute(path, answer, methods=["GET"], include_in_schema=False)

@@ -11,12 +11,12 @@ open body: the mesh of a licensed one is not handed to visitors.
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import anyio
 import anyio.to_thread
@@ -28,7 +28,7 @@ from starlette.background import BackgroundTask
 from app.errors import visitor_sentence
 from app.page.visitors.token_files import TokenFiles
 from app.page.visitors.visitors import cookie_of
-from app.run.videos.export import MARKERS_ENDING, RenderRequest
+from app.run.videos.export import MARKERS_ENDING, RenderRequest, render_motion, write_plan
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -113,34 +113,32 @@ PLAN_SUFFIX = ".tiers.json"
 """Of plans as the page shows them."""
 
 
-def motion_file_routes(
-    addresses: MediaAddresses, temp: Path, write_motion: Callable[[RenderRequest], object]
-) -> list[APIRoute]:
-    """Serve them, one at a time, as each takes memory.
+class MadeFiles:
+    """Makes files when they are asked for, one at a time, as each takes memory, and sends them."""
 
-    Args:
-        temp: folder where a file lies until it is sent.
-        write_motion: as `app.run.videos.export.render_motion`, in a process of its own.
-    """
-    turns: list[anyio.CapacityLimiter] = []  # made within the loop that it is of
+    def __init__(self, temp: Path, do: Callable[[Callable[..., object], Any], object]) -> None:
+        """
+        Args:
+            temp: folder where a file lies until it is sent.
+            do: does a task, in a process of its own, that writes where its request says.
+        """
+        self._temp, self._do = temp, do
+        self._turns: anyio.CapacityLimiter | None = None  # made within the loop that it is of
 
-    async def motion_file(token: str, kind: str, request: Request) -> Response:
-        file = addresses.find(token, cookie_of(request))
-        is_plan = file is not None and file.name.endswith(PLAN_SUFFIX)
-        endings = PLAN_ENDINGS if is_plan else ENDINGS
-        if file is None or not (is_plan or file.suffix == ".npz") or kind not in endings:
-            return PlainTextResponse(GONE, status_code=404)
-        if not turns:
-            turns.append(anyio.CapacityLimiter(1))
-        folder = Path(tempfile.mkdtemp(dir=temp))
+    async def answer(
+        self, task: Callable[..., object], request: Callable[[Path], object], name: str
+    ) -> Response:
+        """
+        Args:
+            request: of the task, for a file there.
+            name: under which the file is saved, always, so that nothing of it is opened as a page
+                of this server.
+        """
+        self._turns = self._turns or anyio.CapacityLimiter(1)
+        folder = Path(tempfile.mkdtemp(dir=self._temp))
+        out = folder / name
         try:
-            stem = file.name.removesuffix(PLAN_SUFFIX) if is_plan else file.stem
-            out = folder / f"{stem}{endings[kind]}"
-            if is_plan:
-                write = partial(_write_plan, file, out)
-            else:
-                write = partial(write_motion, RenderRequest(file, out))
-            await anyio.to_thread.run_sync(write, limiter=turns[0])
+            await anyio.to_thread.run_sync(self._do, task, request(out), limiter=self._turns)
         except Exception as error:
             shutil.rmtree(folder, ignore_errors=True)
             return PlainTextResponse(visitor_sentence(error), status_code=400)
@@ -151,25 +149,23 @@ def motion_file_routes(
             out,
             media_type="application/octet-stream",
             filename=out.name,
-            headers={"Cache-Control": "private", "X-Content-Type-Options": "nosniff"},
+            headers={"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"},
             background=BackgroundTask(shutil.rmtree, folder, ignore_errors=True),
         )
 
+
+def motion_file_routes(addresses: MediaAddresses, made: MadeFiles) -> list[APIRoute]:
+    """Serve motions and plans as other programs read them."""
+
+    async def motion_file(token: str, kind: str, request: Request) -> Response:
+        file = addresses.find(token, cookie_of(request))
+        is_plan = file is not None and file.name.endswith(PLAN_SUFFIX)
+        endings = PLAN_ENDINGS if is_plan else ENDINGS
+        if file is None or not (is_plan or file.suffix == ".npz") or kind not in endings:
+            return PlainTextResponse(GONE, status_code=404)
+        stem = file.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
+        task = write_plan if is_plan else render_motion
+        return await made.answer(task, partial(RenderRequest, file), f"{stem}{endings[kind]}")
+
     route = MEDIA_ROUTE + "/{token}/{kind}"
     return [APIRoute(route, motion_file, methods=["GET"], include_in_schema=False)]
-
-
-def _write_plan(shown: Path, out: Path) -> None:
-    """A plan as the page shows it, without what only the page has of it."""
-    from model.plan.files import markers_csv, write_plan_file
-    from model.plan.plan import read_plan
-
-    told = json.loads(shown.read_text(encoding="utf-8"))
-    told.pop("origin", None)
-    bare = out.with_name(f".{out.name}.bare")
-    bare.write_text(json.dumps(told), encoding="utf-8")
-    plan = read_plan(bare)
-    if out.name.endswith(MARKERS_ENDING):
-        out.write_text(markers_csv(plan), encoding="utf-8")
-    else:
-        write_plan_file(plan, out)

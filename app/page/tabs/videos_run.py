@@ -368,7 +368,6 @@ class _StandardWork:
         return updates
 
     def finished(self, result: tuple[Path, ...]) -> Updates:
-        self.wanted.kept.pack()
         return {
             **self.wanted.kept.downloads(self.parts),
             self.parts.status: _line(self.wanted, text.VIDEOS_DONE),

@@ -3,12 +3,13 @@ whoever shows it (docs/formats.md)."""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
 import struct
-import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,7 +26,6 @@ from model.storage.files import written_atomically
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 SHOWN = "shown"
 """Folder of what only a player shows."""
-RESULTS_ZIP = "co-speech-motion.zip"
 NO_RUN = (
     "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
     "this version has written, or its zip."
@@ -53,8 +53,9 @@ _ENDING = r"^(\.[a-z0-9]{1,8})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
-RowKind = Literal["motion", "frames", "plan", "performed", "video", "poster"]
-"""``plan`` is what a player shows, ``performed`` what the system was given."""
+RowKind = Literal["motion", "frames", "plan", "performed", "video", "poster", "told", "windows"]
+"""``plan`` is what a player shows, ``performed`` what the system was given; ``told`` is what an
+editor of it shows, and ``windows``, which stay in their folder, what a take goes on from."""
 Kind = Literal["generated", "given"]
 State = Literal["running", "done", "failed", "cancelled"]
 
@@ -73,6 +74,18 @@ class There(_Strict):
     """Radians about the vertical, then metres."""
 
 
+class TakeOf(_Strict):
+    """Which motion of an edited plan it is."""
+
+    number: Count
+    of: Name
+    """The run's own row."""
+    start: Name
+    """The row whose plan was changed."""
+    fresh: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
+    """Seconds that were made anew."""
+
+
 class Row(_Strict):
     """One motion."""
 
@@ -82,6 +95,7 @@ class Row(_Strict):
     dashes: Annotated[list[Number], Field(max_length=8)]
     files: dict[RowKind, FileName] = {}
     there: There | None = None
+    take: TakeOf | None = None
     assumed: Annotated[list[dict[Name, Any]], Field(max_length=40)] = []
     """As what its file was understood, where it came from one."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
@@ -146,6 +160,12 @@ class RunRecord(_Strict):
 
     def row(self, name: str) -> Row | None:
         return next((row for row in self.rows if row.name == name), None)
+
+    def put(self, row: Row) -> None:
+        """In the place of the one of that name, or at the end."""
+        names = [each.name for each in self.rows]
+        at = names.index(row.name) if row.name in names else len(names)
+        self.rows[at : at + 1] = [row]
 
     @property
     def named(self) -> list[str]:
@@ -231,13 +251,26 @@ def file_of(folder: Path, name: str | None) -> Path | None:
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
-_CHANGING = threading.Lock()
+@contextmanager
+def changed(folder: Path) -> Iterator[RunRecord]:
+    """What a run's folder says, to be changed while no other process or thread does.
+
+    Raises:
+        RunError: as `read_run`.
+    """
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX)
+        record = read_run(folder)
+        yield record
+        record.write(folder / RUN)
+    finally:
+        os.close(place)
 
 
 def add_files(folder: Path, artefacts: Sequence[Artefact]) -> None:
     """Take files that were made after a run had ended into its folder."""
-    with _CHANGING:
-        record = read_run(folder)
+    with changed(folder) as record:
         for artefact in artefacts:
             name = artefact.path.name
             if artefact.kind == "poster":
@@ -249,19 +282,31 @@ def add_files(folder: Path, artefacts: Sequence[Artefact]) -> None:
                 row.files[artefact.kind] = min(row.files.get(artefact.kind, name), name, key=len)
             if name not in record.files:
                 record.files.append(name)
-        record.write(folder / RUN)
+
+
+def drop_unfinished(folder: Path) -> None:
+    """Forget takes that were not made to their end."""
+    with changed(folder) as record:
+        for row in [row for row in record.rows if row.take and "told" not in row.files]:
+            record.rows.remove(row)
+            for name in row.files.values():
+                (folder / name).unlink(missing_ok=True)
+            record.files = [name for name in record.files if name not in row.files.values()]
 
 
 def end_run(folder: Path, sentence: str) -> bool:
     """Say of a run that has failed why, as a visitor is told; whether it has left any motion."""
     try:
-        with _CHANGING:
-            record = read_run(folder)
+        with changed(folder) as record:
             record.state, record.sentence = "failed", cut(sentence)
-            record.write(folder / RUN)
-    except RunError:
+    except (RunError, OSError):
         return False  # it had not begun
     return any("motion" in row.files for row in record.rows)
+
+
+def save_run(asked: tuple[Path, Path], *_: object) -> None:
+    """Zip a folder into a file, as a task."""
+    zip_run(*asked)
 
 
 def zip_run(folder: Path, out: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -156,6 +157,22 @@ def render_motion(
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, read)
     return files, (*reading.notes, *apart, *body.notes(motion))
+
+
+def write_plan(request: RenderRequest, *_: object) -> None:
+    """A plan in one of the forms that other programs read, of what a page shows of it."""
+    from model.plan.files import markers_csv, write_plan_file
+    from model.plan.plan import read_plan
+
+    told = json.loads(request.motion.read_text(encoding="utf-8"))
+    told.pop("origin", None)
+    bare = request.out.with_name(f".{request.out.name}.bare")
+    bare.write_text(json.dumps(told), encoding="utf-8")
+    plan = read_plan(bare)
+    if request.out.name.endswith(MARKERS_ENDING):
+        request.out.write_text(markers_csv(plan), encoding="utf-8")
+    else:
+        write_plan_file(plan, request.out)
 
 
 def _apart(speech: Path, motion: Motion) -> list[str]:

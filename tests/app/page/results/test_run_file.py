@@ -13,9 +13,11 @@ from app.notebook import show
 from app.page.alone import DOOR, WEB, _needed, player_alone, run_page_routes
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.run_file import file_name, run_file_routes
+from app.page.routes.media import MadeFiles
 from app.run.output.run_folder import is_run_zip
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
+from tests.app.fakes import does
 from tests.app.page.results.made_run import keep, made_run
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
@@ -24,7 +26,10 @@ from tests.model.made import made_waveform
 def test_whoever_has_the_link_can_save_the_run(tmp_path):
     runs = KeptRuns(3600.0)
     kept = keep(runs, tmp_path / "job", "mine", title="ä/b\nc", jerk={"f/x": 9.0})
-    client = TestClient(FastAPI(routes=[*run_file_routes(runs), *run_page_routes(runs)]))
+    made = MadeFiles(tmp_path, does)
+    client = TestClient(
+        FastAPI(routes=[*run_file_routes(runs, made), *run_page_routes(runs, made)])
+    )
     (address,) = [part.split('"')[0] for part in runs.html("mine", kept).split('href="')[2:3]]
     answer = client.get(f"/{address}")
     assert answer.status_code == 200

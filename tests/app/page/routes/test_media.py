@@ -13,15 +13,15 @@ from app.page.results.study_preview import StudyPreviews, preview_routes
 from app.page.routes.media import (
     ENDINGS,
     WEB_FOLDER,
+    MadeFiles,
     MediaAddresses,
     media_routes,
     motion_file_routes,
 )
 from app.page.visitors.token_files import TokenFiles
 from app.page.visitors.visitors import COOKIE
-from app.run.videos.export import render_motion
 from model.motion.motion import load_motion, save_motion
-from tests.app.fakes import made_motion
+from tests.app.fakes import does, made_motion
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ Browser = Callable[[str], TestClient]
 def browser(addresses: MediaAddresses, previews: StudyPreviews, temp: Path) -> Browser:
     """By its cookie; empty for one that keeps none."""
     app = FastAPI(routes=[*media_routes(addresses), *preview_routes(previews)])
-    app.router.routes.extend(motion_file_routes(addresses, temp, render_motion))
+    app.router.routes.extend(motion_file_routes(addresses, MadeFiles(temp, does)))
     return lambda cookie: TestClient(app, cookies={COOKIE: cookie} if cookie else None)
 
 
