@@ -6,7 +6,7 @@ import base64
 import json
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,17 @@ from app.run.output.run_folder import (
     Row,
     RowKind,
     RunRecord,
+    TakeOf,
     file_of,
     noise_of,
     read_run,
-    series_looks,
 )
 from app.run.videos.videos import POSTER_SUFFIX
 from conventions.names import REFERENCE_NAME, file_stem
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
+_SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video", "poster")
 Address = Callable[[Path], str]
 
 
@@ -43,10 +44,7 @@ class Showing:
     is_drawn: bool = False
     """Whether each row will have a video."""
     editing: dict[str, Any] | None = None
-    """What the player's editor of gestures is told; None where nothing can be edited."""
-    takes: dict[str, tuple[Path, dict[str, Any]]] = field(default_factory=dict)
-    """Motions of changed plans that came after the run: each one's folder, and what is told of its
-    row beside that folder's own."""
+    """What the player's editor of gestures says; None where nothing can be edited."""
     _read: tuple[tuple[int, int], RunRecord] | None = None
 
     @property
@@ -67,22 +65,21 @@ class Showing:
         return (self.folder / RUN).is_file()
 
     def file(self, kind: RowKind, name: str) -> Path | None:
-        """Of a row, a take's too."""
-        folder, record = self.folder, self.record
-        if name in self.takes:
-            folder = self.takes[name][0]
-            record = read_run(folder)
-        row = record.row(name)
-        return None if row is None else file_of(folder, row.files.get(kind))
+        """Of a row."""
+        row = self.record.row(name)
+        return None if row is None else file_of(self.folder, row.files.get(kind))
 
     def motions(self) -> dict[str, Path]:
         """The motion files of the run's own rows."""
-        files = {row.name: self.file("motion", row.name) for row in self.record.rows}
+        own = [row.name for row in self.record.rows if row.take is None]
+        files = {name: self.file("motion", name) for name in own}
         return {name: path for name, path in files.items() if path is not None}
 
     def performed(self) -> list[str]:
         """The run's own rows that move by a plan that their system was given."""
-        return [row.name for row in self.record.rows if "performed" in row.files]
+        return [
+            row.name for row in self.record.rows if "performed" in row.files and row.take is None
+        ]
 
     def sound(self) -> Path | None:
         return file_of(self.folder, self.record.sound)
@@ -91,13 +88,6 @@ class Showing:
         """What stands under the bodies; empty where nothing has come."""
         path = file_of(self.folder, self.record.timeline)
         return {} if path is None else json.loads(path.read_text(encoding="utf-8"))
-
-    def add_take(self, folder: Path, name: str, number: int, of: str) -> None:
-        """A row that comes beside the others: motion of the changed plan of the row ``of``."""
-        names = [row.name for row in self.record.rows] + [each for each in self.takes]
-        look = series_looks([*(each for each in names if each != name), name])[name]
-        looks = {"color": look.color, "dashes": list(look.dashes)}
-        self.takes[name] = folder, {"label": f"take {number}", **looks, "take": number, "of": of}
 
     def for_browser(self, address: Address) -> Showing:
         """The same for another, who sees the run and changes nothing of it."""
@@ -109,16 +99,11 @@ class Showing:
         """For the player; ``begins`` says that it plays as soon as it can, for who waits for it,
         and ``running`` that more of it is being made."""
         record = self.record
-        rows = [self._row(self.folder, row, {}) for row in record.rows]
-        for name, (folder, told) in self.takes.items():
-            row = read_run(folder).row(name)
-            if row is not None:
-                rows.append(self._row(folder, row, told))
         beside = {"audio": record.sound, "timeline": record.timeline}
         is_running = record.state == "running"
         return {
             "run": self.name or self.folder.name,
-            "rows": rows,
+            "rows": [self._row(row) for row in record.rows],
             "layout": record.layout,
             "running": is_running,
             "begins": is_running,
@@ -126,29 +111,43 @@ class Showing:
                 {"name": each.name, "sentence": each.sentence, "at": each.at}
                 for each in record.findings[:GRAVEST]
             ],
-            **({"editing": self.editing} if self.editing else {}),
-            **self._addresses(self.folder, beside),
+            **({"editing": self._edited(self.editing)} if self.editing else {}),
+            **self._addresses(beside),
         }
 
-    def _row(self, folder: Path, row: Row, told: dict[str, Any]) -> dict[str, Any]:
-        files = {kind: name for kind, name in row.files.items() if kind != "performed"}
+    def _edited(self, said: dict[str, Any]) -> dict[str, Any]:
+        """With what edits can start from."""
+        known = {}
+        for row in self.record.rows:
+            if told := self.file("told", row.name):
+                take = row.take or TakeOf(number=0, of=row.name, start=row.name)
+                known[row.name] = {
+                    "of": take.of,
+                    "from": take.start if row.take else "",
+                    "told": self.address(told),
+                    "fresh": take.fresh,
+                }
+        return {"rows": self.performed(), "known": known, **said}
+
+    def _row(self, row: Row) -> dict[str, Any]:
+        files = {kind: name for kind, name in row.files.items() if kind in _SHOWN}
         return {
             "name": row.name,
             "label": row.label,
             "color": row.color,
             "dashes": row.dashes,
-            **told,
-            **self._addresses(folder, files),
+            **self._addresses(files),
+            **({"take": row.take.number, "of": row.take.of} if row.take else {}),
             **({"there": row.there.model_dump()} if row.there else {}),
             "stem": file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
-            "noise": noise_of(told.get("of", row.name)),
+            "noise": noise_of(row.take.of if row.take else row.name),
             "is_drawn": self.is_drawn,
             **({"assumed": _assumed(row)} if row.assumed else {}),
         }
 
-    def _addresses(self, folder: Path, names: Any) -> dict[str, str]:
-        paths = {kind: file_of(folder, name) for kind, name in names.items()}
+    def _addresses(self, names: Any) -> dict[str, str]:
+        paths = {kind: file_of(self.folder, name) for kind, name in names.items()}
         return {kind: self._url(path) for kind, path in paths.items() if path is not None}
 
     def _url(self, path: Path) -> str:

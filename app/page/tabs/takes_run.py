@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -14,15 +13,15 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
 from app.page.parts.html_parts import PRIVATE, in_turn
-from app.page.player.edited_runs import MAX_TAKES, EditedRun, EditedRuns, KeptTake
-from app.page.queue.jobs import Job
+from app.page.player.edited_runs import EditedRun, EditedRuns
 from app.page.queue.runner import Updates, follow
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import cookie_of, visitor_of
+from app.run.output.run_folder import drop_unfinished
 from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
-from app.run.takes.take import Take, TakeRequest, make_take, row_of
+from app.run.takes.take import Take, TakeRequest, make_take
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
 """Characters."""
@@ -111,10 +110,15 @@ class TakesRunner:
                 raise RunError(text.EDITS_GONE)
             asked = Asked.of(known)
             with self._jobs.opened(visitor, "takes") as job:
-                with self._begin(job, edited, asked) as work:
-                    edited.say(text.TAKE_STARTING, state="working")
-                    yield _shown(self._parts, edited)
+                folder, changes = edited.showing.folder, (asked.edits, asked.locked)
+                request = TakeRequest(edited.request, folder, asked.start, *changes)
+                work = _Work(self._make, request, self._parts, edited)
+                edited.say(text.TAKE_STARTING, state="working")
+                yield _shown(self._parts, edited)
+                try:
                     yield from follow(work, job, {self._parts.player: gr.skip()})
+                finally:
+                    drop_unfinished(folder)
         except CancelledRun:
             if run is not None:
                 run.say(text.CANCELLED)
@@ -126,39 +130,6 @@ class TakesRunner:
             run.say(sentence, is_refused=True)
             yield _shown(self._parts, run)
 
-    @contextmanager
-    def _begin(self, job: Job, run: EditedRun, asked: Asked) -> Iterator[_Work]:
-        known = run.known.get(asked.start)
-        own = run.showing.file("performed", asked.start)
-        plan = own if known is None else known.take.files.plan
-        if plan is None:
-            raise RunError(text.EDITS_GONE)
-        if asked.edits and run.num_takes >= MAX_TAKES:
-            raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
-        of = asked.start if known is None else known.of
-        system, sample = row_of(of, run.request.systems, run.request.samples)
-        number = run.next_number() if asked.edits else 0
-        name = f"{of}.take{number}" if number else of
-        request = TakeRequest(
-            run=run.request,
-            system=system,
-            sample=sample,
-            name=name,
-            out=job.folder / "results",
-            plan=plan,
-            before=None if known is None else known.take.files,
-            beside=run.showing.motions()[of],
-            edits=asked.edits,
-            locked=asked.locked,
-            words=run.words,
-        )
-        work = _Work(self._make, request, self._parts, run, asked.start, of, job, number)
-        try:
-            yield work
-        finally:
-            if number and name not in run.known:
-                run.showing.takes.pop(name, None)
-
 
 @dataclass
 class _Work:
@@ -168,44 +139,20 @@ class _Work:
     request: TakeRequest
     parts: ResultParts
     edited: EditedRun
-    start: str
-    of: str
-    job: Job
-    number: int
-    """0 where the row is only made ready."""
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
-        request = self.request
-        if request.before is None:
-            first = replace(
-                request, name=self.of, out=self.job.folder / "first", edits=(), locked=()
-            )
-            made = self.make(first, lambda event: None, should_cancel)
-            self.edited.keep(self.of, KeptTake(made, self.of))
-            if not self.number:
-                return made
-            request = replace(request, before=made.files)
-        return self.make(request, on_event, should_cancel) if self.number else self._known()
-
-    def _known(self) -> Take:
-        return self.edited.known[self.start].take
+        return self.make(self.request, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
-        if not self.number or not any(isinstance(event, Grown) for event in events):
+        if not any(isinstance(event, Grown) for event in events):
             return {}
-        name, out = self.request.name, self.request.out
-        if name not in self.edited.showing.takes:
-            self.edited.showing.add_take(out, name, self.number, self.of)
-        self.edited.say(text.TAKE_COMING.format(number=self.number), state="working")
+        number = max(row.take.number for row in self.edited.showing.record.rows if row.take)
+        self.edited.say(text.TAKE_COMING.format(number=number), state="working")
         return _shown(self.parts, self.edited)
 
     def finished(self, result: Take) -> Updates:
-        if self.number:
-            self.edited.keep(self.request.name, KeptTake(result, self.of, self.start))
-            done = text.TAKE_DONE.format(number=self.number)
-            self.edited.say(" ".join((done, *result.notes)))
-        else:
-            self.edited.say(text.EDITOR_READY)
+        done = text.TAKE_DONE.format(number=result.number) if result.number else text.EDITOR_READY
+        self.edited.say(" ".join((done, *result.notes)))
         return _shown(self.parts, self.edited)
 
 

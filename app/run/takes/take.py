@@ -4,37 +4,42 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app import text
 from app.errors import CancelledRun, RunError
 from app.run.output.result_folder import ResultFolder, require_free_space
-from app.run.output.run_folder import RunRecord
-from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel, steps_of
+from app.run.output.run_folder import (
+    Row,
+    RunRecord,
+    TakeOf,
+    changed,
+    file_of,
+    read_run,
+    rows_of,
+    shown_file,
+)
+from app.run.requests.request import GenerateRequest, Grown, OnEvent, ShouldCancel, steps_of
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked, edited
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
 if TYPE_CHECKING:
+    from model.generation.again import Performance
     from model.generation.base import System
     from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
+    from model.speech.audio import Speech
 
+MAX_TAKES = 60
+"""Of one run."""
 MAX_EDITED_S = 180.0
 """Speech of which takes are made: each keeps a megabyte for eight seconds."""
 _BYTES_A_SECOND = 500_000
-
-
-@dataclass(frozen=True)
-class TakeFiles:
-    """What is kept of a take, to go on from it."""
-
-    plan: Path
-    motion: Path
-    windows: Path
 
 
 @dataclass(frozen=True)
@@ -43,35 +48,34 @@ class TakeRequest:
 
     run: GenerateRequest
     """That the motion is of."""
-    system: str
-    sample: int
-    """From 1."""
-    name: str
-    """Of the take's row."""
-    out: Path
-    plan: Path
-    """As which the take that the edits start from moves."""
-    before: TakeFiles | None
-    """The take itself; None of the first, whose windows nobody has kept yet."""
-    beside: Path
-    """A motion: takes are laid beside the others as this one is."""
+    folder: Path
+    """The run's; the take comes into it."""
+    start: str
+    """The row whose plan is changed."""
     edits: tuple[Edit, ...] = ()
-    """None is the plan as it is."""
+    """None only gets the row ready to be edited."""
     locked: tuple[Locked, ...] = ()
-    words: tuple[Word, ...] = ()
 
 
 @dataclass(frozen=True)
 class Take:
     """What has become of it."""
 
-    files: TakeFiles
-    told: Path
-    """What an editor shows, as JSON: `told_of`."""
-    notes: tuple[str, ...] = field(default=())
+    number: int
+    """0 where the row is only ready."""
+    notes: tuple[str, ...] = ()
     """What was mended, in sentences."""
-    fresh_s: tuple[tuple[float, float], ...] = ()
-    """The stretches that were made anew."""
+
+
+class _TakeWriter(RunWriter):
+    """Writes one row more into the folder of a run that has ended."""
+
+    def tell(self) -> None:
+        with changed(self.folder.out) as record:
+            for row in self.record.rows:
+                record.put(row)
+            record.files += [name for name in self.record.files if name not in record.files]
+        self._on_event(Grown(self.folder.out))
 
 
 def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
@@ -81,92 +85,119 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
         CancelledRun: when ``should_cancel`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
-    from model.plan.plan import read_plan
-
-    plan = read_plan(request.plan)
-    if plan.duration_s > MAX_EDITED_S:
-        raise RunError(
-            f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
-            f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
-        )
-    done = edited(plan, request.edits, request.words, request.locked)
-    request.out.mkdir(parents=True, exist_ok=True)
-    require_free_space(request.out, int(_BYTES_A_SECOND * plan.duration_s))
-    record = RunRecord(kind="generated", title=request.name, point=request.run.joint)
-    with (
-        ResultFolder(request.out, is_kept=True) as folder,
-        RunWriter(folder, record, on_event, should_cancel) as run,
-    ):
-        run.rows([request.name])
-        written = run.performed(request.name, done.plan)
-        told = folder.path(f"{file_stem(request.name)}.told.json")
-        told.write_text(json.dumps(told_of(written, request.words), allow_nan=False))
-        take = _performed(request, written, folder, file_stem(request.name), run)
-        run.finish("")
-    return Take(take.files, take.told, done.notes, take.fresh_s)
-
-
-def _performed(
-    request: TakeRequest,
-    plan: GesturePlan,
-    folder: ResultFolder,
-    stem: str,
-    run: RunWriter,
-) -> Take:
     from app.run.models import get_system
     from conventions.rates import FPS
-    from model.generation.again import (
-        ENDING,
-        KeptError,
-        load_performance,
-        perform,
-        perform_again,
-        save_performance,
-    )
+    from model.generation.again import ENDING, KeptError, perform_again, save_performance
     from model.generation.windows import Cancelled
     from model.motion.filtering import smooth_motion
     from model.motion.motion import load_motion
     from model.plan.plan import read_plan
     from model.speech.audio import SpeechLimits, load_speech
 
-    asked = request.run
-    system = get_system(request.system, asked.weights)
+    asked, record = request.run, read_run(request.folder)
+    start = record.row(request.start)
+    performed = start and file_of(request.folder, start.files.get("performed"))
+    if start is None or performed is None:
+        raise RunError(text.EDITS_GONE)
+    plan, words = read_plan(performed), words_of(request.folder, record)
+    if plan.duration_s > MAX_EDITED_S:
+        raise RunError(
+            f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
+            f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
+        )
+    numbers = [row.take.number for row in record.rows if row.take]
+    if request.edits and len(numbers) >= MAX_TAKES:
+        raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
+    require_free_space(request.folder, int(_BYTES_A_SECOND * plan.duration_s))
+    of = start.take.of if start.take else start.name
+    system_name, sample = row_of(of, asked.systems, asked.samples)
+    system = get_system(system_name, asked.weights)
     speech = load_speech(asked.speech, SpeechLimits(max_s=asked.max_speech_s))
-    options = options_of(request, system, plan)
-    is_smoothed = asked.post_filter == "savgol"
-    beside = load_motion(request.beside)
+    with ResultFolder(request.folder, is_kept=True) as folder:
+        try:
+            before = _ready(request, start, system, speech, sample, plan, words, should_cancel)
+            if not request.edits:
+                return Take(0)
+            done = edited(plan, request.edits, words, request.locked)
+            number = 1 + max(numbers, default=0)
+            name = f"{of}.take{number}"
+            row = rows_of([*(each.name for each in record.rows), name])[-1]
+            row.label = f"take {number}"
+            row.take = take = TakeOf(number=number, of=of, start=start.name)
+            alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
+            (row,) = alone.rows
+            run = _TakeWriter(folder, alone, on_event, should_cancel)
+            written = run.performed(name, done.plan)
+            beside = load_motion(_there(request.folder, record, of))
 
-    def on_piece(motion: Motion) -> None:
-        if not is_smoothed:
-            run.grow(request.name, motion, speech.num_frames, like=beside)
+            def on_piece(motion: Motion) -> None:
+                if asked.post_filter != "savgol":
+                    run.grow(name, motion, speech.num_frames, like=beside)
 
-    try:
-        if request.before is None:
-            made = perform(system, speech, options, run.should_cancel, on_piece)
-        else:
-            kept = request.before
-            old = load_performance(
-                kept.windows, system, read_plan(kept.plan), load_motion(kept.motion)
-            )
-            made = perform_again(system, speech, options, old, run.should_cancel, on_piece)
-    except Cancelled as error:
-        raise CancelledRun from error
-    except KeptError as error:
-        raise RunError(str(error)) from error
-    save_performance(made, folder.path(f"{stem}{ENDING}"))
-    shown = smooth_motion(made.motion) if is_smoothed else made.motion
-    run.motion(request.name, shown, f"{stem}.npz")
-    names = (f"{stem}.plan.json", f"{stem}.npz", f"{stem}{ENDING}")
-    files = TakeFiles(*(request.out / name for name in names))
-    fresh = tuple((part.start / FPS, part.stop / FPS) for part in made.fresh)
-    return Take(files, request.out / f"{stem}.told.json", (), fresh)
+            options = options_of(asked, system, sample, written)
+            made = perform_again(system, speech, options, before, should_cancel, on_piece)
+            take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
+            row.files["windows"] = shown_file(name, ENDING)
+            save_performance(made, request.folder / row.files["windows"])
+            shown = smooth_motion(made.motion) if asked.post_filter == "savgol" else made.motion
+            run.motion(name, shown, f"{file_stem(name)}.npz")
+            _tell(request.folder, row, written, words)
+            run.file("plan", "", request.folder / row.files["told"])
+            run.finish("")
+        except Cancelled as error:
+            raise CancelledRun from error
+        except KeptError as error:
+            raise RunError(str(error)) from error
+    return Take(number, done.notes)
 
 
-def options_of(request: TakeRequest, system: System, plan: GesturePlan) -> GenerateOptions:
+def _ready(
+    request: TakeRequest,
+    row: Row,
+    system: System,
+    speech: Speech,
+    sample: int,
+    plan: GesturePlan,
+    words: Sequence[Word],
+    should_cancel: ShouldCancel,
+) -> Performance:
+    """The motion that a take begins with, performed once more where its windows are not there."""
+    from model.generation.again import ENDING, load_performance, perform, save_performance
+    from model.motion.motion import load_motion
+
+    windows = file_of(request.folder, row.files.get("windows"))
+    if windows is not None:
+        motion = load_motion(_there(request.folder, read_run(request.folder), row.name))
+        return load_performance(windows, system, plan, motion)
+    made = perform(system, speech, options_of(request.run, system, sample, plan), should_cancel)
+    row.files["windows"] = shown_file(row.name, ENDING)
+    save_performance(made, request.folder / row.files["windows"])
+    _tell(request.folder, row, plan, words)
+    with changed(request.folder) as record:
+        record.put(row)
+    return made
+
+
+def _tell(folder: Path, row: Row, plan: GesturePlan, words: Sequence[Word]) -> None:
+    """Write what an editor shows of a row, which can be edited from then on."""
+    row.files["told"] = shown_file(row.name, ".told.json")
+    (folder / row.files["told"]).write_text(json.dumps(told_of(plan, words), allow_nan=False))
+
+
+def _there(folder: Path, record: RunRecord, name: str) -> Path:
+    row = record.row(name)
+    path = row and file_of(folder, row.files.get("motion"))
+    if path is None:
+        raise RunError(text.EDITS_GONE)
+    return path
+
+
+def options_of(
+    run: GenerateRequest, system: System, sample: int, plan: GesturePlan
+) -> GenerateOptions:
     """What the run asked of the system for this one motion."""
     from model.generation.windows import GenerateOptions
 
-    run = request.run
     known = {sampler.name for sampler in system.samplers}
     sampler = system.sampler(run.sampler if run.sampler in known else None)
     asked = steps_of(run.steps, system.name), steps_of(run.face_steps, system.name)
@@ -178,7 +209,7 @@ def options_of(request: TakeRequest, system: System, plan: GesturePlan) -> Gener
         face_steps=face_steps,
         sampler=sampler.name,
         guidance=system.strength(None if system.guidance is None else run.guidance),
-        first_sample=request.sample - 1,
+        first_sample=sample - 1,
         conditions=(plan,),
     )
 
@@ -214,6 +245,13 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
         "kinds": sorted(PLACES),
         "words": [[word.start_s, word.end_s, word.text] for word in words],
     }
+
+
+def words_of(folder: Path, record: RunRecord) -> tuple[Word, ...]:
+    """What is said, as the time line of a run has it."""
+    path = file_of(folder, record.timeline)
+    told = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
+    return tuple(Word(*word) for word in told.get("words", ()))
 
 
 def row_of(name: str, systems: Sequence[str], samples: int) -> tuple[str, int]:

@@ -1,6 +1,7 @@
 """Edits as they come from outside, what they do to a plan, and the motion made again."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,11 +9,12 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
-from app.run.output.run_folder import RunRecord, read_run
+from app.run.many.opened import copied_run
+from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import generate_all
 from app.run.requests.request import Event, GenerateRequest, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
-from app.run.takes.take import TakeRequest, make_take, row_of
+from app.run.takes.take import Take, TakeRequest, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan.editing import added, gestures
 from model.plan.plan import GesturePlan, PlanError, read_plan
@@ -184,8 +186,8 @@ def test_there_is_an_end_to_how_much_comes_at_once():
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> TakeRequest:
-    """A request that changes nothing, of a run that is there."""
+def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> GenerateRequest:
+    """Of a run that is there."""
     folder = tmp_path_factory.mktemp("take")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
     still = (phase(0.0, SPOKEN, "rest"),)
@@ -196,59 +198,75 @@ def made(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> Tak
         plan=folder / "plan.json", steps=2, has_video=False, has_figures=False,
     )  # fmt: skip
     generate_all(run)
-    stem = "workbench-planned"
-    return TakeRequest(
-        run, PLANNED, 1, PLANNED, folder / "first", run.out / f"{stem}.plan.json", None,
-        run.out / f"{stem}.npz",
-    )  # fmt: skip
+    return run
 
 
-def test_a_take_changes_what_was_edited_and_keeps_the_rest(
-    made: TakeRequest, tmp_path: Path
+def never() -> bool:
+    return False
+
+
+def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_goes(
+    run: GenerateRequest, tmp_path: Path
 ) -> None:
-    first = make_take(made, lambda event: None, lambda: False)
-    old = load_motion(first.files.motion)
-    for name in ("poses", "trans", "expressions"):  # the plan as it is: the motion of the run
-        np.testing.assert_array_equal(getattr(load_motion(made.beside), name), getattr(old, name))
-    records: list[RunRecord] = []
+    folder = tmp_path / "run"
+    shutil.copytree(run.out, folder)
+    asked = TakeRequest(run, folder, PLANNED)
+    assert make_take(asked, lambda event: None, never) == Take(0)
+    rows: list[Row] = []
 
     def noted(event: Event) -> None:
         if isinstance(event, Grown):
-            records.append(read_run(event.folder))
+            rows.append(read_run(event.folder).rows[-1])
 
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
-    asked = replace(made, name="x.take1", out=tmp_path / "out", before=first.files, edits=(edit,))
-    take = make_take(asked, noted, lambda: False)
-    (part,) = take.fresh_s
+    take = make_take(replace(asked, edits=(edit,)), noted, never)
+    record = read_run(folder)
+    assert (take.number, record.state) == (1, "done") and record.sentence
+    own, made = record.rows
+    assert (made.name, made.label) == (f"{PLANNED}.take1", "take 1") and made.take is not None
+    (part,) = made.take.fresh
     assert 5 < part[0] < 9 and part[1] == SPOKEN
-    new = load_motion(take.files.motion)
+    old, new = (load_motion(folder / row.files["motion"]) for row in record.rows)
     stays = round(30 * part[0])
-    np.testing.assert_array_equal(old.poses[:stays], new.poses[:stays])
+    for name in ("poses", "trans", "expressions"):  # performed once more, it is the run's motion
+        np.testing.assert_array_equal(getattr(old, name)[:stays], getattr(new, name)[:stays])
     assert not np.array_equal(old.poses[stays:], new.poses[stays:])
-    rows = [row for record in records for row in record.rows]
     there = [row.there for row in rows if row.there is not None]
-    assert there[-1].end == old.num_frames and {row.name for row in rows} == {"x.take1"}
+    assert there[-1].end == old.num_frames and {row.name for row in rows} == {made.name}
     assert len({one.end for one in there}) > 1, "it comes window by window"
-    assert len({one.place for one in there}) == 1  # where the run's stands
-    assert {"plan", "performed", "motion"} <= rows[-1].files.keys()
-    assert [one.lands_s for one in gestures(read_plan(take.files.plan), "right")] == [9.5]
-    (gesture,) = json.loads(take.told.read_text())["gestures"]
+    assert own.there is not None and {one.place for one in there} == {own.there.place}
+    assert made.color != own.color
+    plan = read_plan(folder / made.files["performed"])
+    assert [one.lands_s for one in gestures(plan, "right")] == [9.5]
+    (gesture,) = json.loads((folder / made.files["told"]).read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
+
+    elsewhere = copied_run(zip_run(folder, tmp_path / "run.zip"), tmp_path / "elsewhere")
+    assert read_run(elsewhere) == record
+    assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
+    assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
-    plan, out = take.files.plan, tmp_path / "back"
-    again = replace(made, out=out, before=take.files, plan=plan, edits=(back,))
-    other = make_take(again, lambda event: None, lambda: False)
-    assert [one.lands_s for one in gestures(read_plan(other.files.plan), "right")] == [9.0]
+    again = replace(asked, folder=elsewhere, start=made.name, edits=(back,))
+    assert make_take(again, lambda event: None, never).number == 2
+    last = read_run(elsewhere).rows[-1]
+    assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
+    plan = read_plan(elsewhere / last.files["performed"])
+    assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
 
 
-def test_what_cannot_be_leaves_nothing(made: TakeRequest, tmp_path: Path) -> None:
+def test_what_cannot_be_leaves_nothing(run: GenerateRequest, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(run.out, folder)
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
-    asked = replace(made, out=tmp_path / "out", edits=(late,))
-    with pytest.raises(PlanError, match=r"the end at 12.00 s"):
-        make_take(asked, lambda event: None, lambda: False)
+    asked = TakeRequest(run, folder, PLANNED, (late,))
+    before = read_run(folder)
     with pytest.raises(CancelledRun):
-        make_take(replace(asked, edits=()), lambda event: None, lambda: True)
-    assert not list(tmp_path.rglob("*.npz"))
+        make_take(asked, lambda event: None, lambda: True)
+    assert read_run(folder) == before
+    with pytest.raises(PlanError, match=r"the end at 12.00 s"):
+        make_take(asked, lambda event: None, never)
+    drop_unfinished(folder)
+    assert [row.name for row in read_run(folder).rows] == [PLANNED]
 
 
 def test_a_row_says_which_motion_it_is() -> None:

@@ -15,7 +15,7 @@ from app.page.tabs import takes_run, videos_run
 from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
 from app.page.tabs.videos_run import DrawSeen, SeenRunner
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import read_run
+from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.requests.request import (
     GenerateRequest,
     Grown,
@@ -24,7 +24,7 @@ from app.run.requests.request import (
     ShouldCancel,
 )
 from app.run.run_writer import RunWriter
-from app.run.takes.take import Take, TakeFiles, TakeRequest
+from app.run.takes.take import Take, TakeRequest
 from app.run.videos.seen_video import SeenRequest, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
@@ -167,13 +167,24 @@ NOD = {"do": "nod", "at": 1.0}
 
 
 def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
-    made_run(request.out.parent, jerk={request.name: 1.0}, out=request.out.name)
-    on_event(Grown(request.out))
-    written = request.out / "told.json"
-    written.write_text("{}")
-    stem = request.name.replace("/", "-")
-    files = TakeFiles(request.plan, request.out / "shown" / f"{stem}.npz", written)
-    return Take(files, written, ("It was mended.",), ((0.5, 1.0),))
+    number = 0
+    with changed(request.folder) as record:
+        start = record.row(request.start)
+        if start is None:
+            raise RunError(text.EDITS_GONE)
+        row = start.model_copy(deep=True)
+        if request.edits:
+            number = len(record.rows)
+            take = TakeOf(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
+            row.name, row.label, row.take = f"{ROW}.take{number}", f"take {number}", take
+            row.files.pop("told", None)
+            record.put(row)
+    on_event(Grown(request.folder))
+    with changed(request.folder) as record:
+        row.files["told"] = "told.json"
+        (request.folder / "told.json").write_text("{}")
+        record.put(row)
+    return Take(number, ("It was mended.",) if number else ())
 
 
 class Editor:
@@ -205,13 +216,7 @@ def rows(value: dict[str, Any]) -> list[str]:
 
 
 def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
-    asked: list[TakeRequest] = []
-
-    def noted(request: TakeRequest, *how: Any) -> Take:
-        asked.append(request)
-        return make(request, *how)
-
-    editor = Editor(tmp_path, noted)
+    editor = Editor(tmp_path)
     ready = editor.ask()
     assert ready["editing"]["said"] == text.EDITOR_READY and rows(ready) == [ROW]
     last = editor.ask(NOD)
@@ -224,26 +229,24 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert editing["known"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
     again = editor.ask(NOD, start=f"{ROW}.take1")
     assert again["editing"]["known"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
-    first, one, two = asked
-    assert not first.edits and first.before is None
-    assert one.before is not None and one.words[0].text == "you"
-    assert two.before is not None and "take1" in two.before.motion.name
-    assert editor.showing.motions().keys() == {ROW}  # videos and pairs are of the run
+    assert editor.showing.motions().keys() == {ROW}  # videos are of the run
+    other = editor.showing.for_browser(str).value()
+    assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
 
 
-def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path):
+def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     def fails(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
         made = make(request, on_event, should_cancel)
-        if request.edits:
-            raise PlanError("The hand has no time.")
-        return made
+        with changed(request.folder) as record:  # as where its process is killed
+            record.rows[-1].files.pop("told")
+        raise PlanError(f"The hand has no time for {made.number}.")
 
     editor = Editor(tmp_path, fails)
     last = editor.ask(NOD)
     editing = last["editing"]
-    assert rows(last) == [ROW] and set(editing["known"]) == {ROW}
+    assert rows(last) == [ROW] and not editing["known"]
     said = (editing["said"], editing["refused"], editing["state"])
-    assert said == ("The hand has no time.", True, "")
+    assert said == ("The hand has no time for 1.", True, "")
     wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
     assert wrong["refused"] and "now is no number from 0 to 3600" in wrong["said"]
     unknown = editor.ask(NOD, start="gan/20")["editing"]
