@@ -22,13 +22,23 @@ class Medium extends EventTarget {
   isConnected = true;
   error = null;
   playbackRate = 1;
-  currentTime = 0;
+  sought = 0;
+  #time = 0;
 
   constructor(duration, pace = 1) {
     super();
     this.duration = duration;
     this.pace = pace;
     media.push(this);
+  }
+
+  get currentTime() {
+    return this.#time;
+  }
+
+  set currentTime(time) {
+    this.#time = time;
+    this.sought += 1;
   }
 
   async play() {
@@ -41,8 +51,8 @@ class Medium extends EventTarget {
 
   run(seconds) {
     if (this.paused) return;
-    this.currentTime = Math.min(this.duration, this.currentTime + seconds * this.playbackRate * this.pace);
-    if (this.currentTime < this.duration) return;
+    this.#time = Math.min(this.duration, this.#time + seconds * this.playbackRate * this.pace);
+    if (this.#time < this.duration) return;
     this.paused = true;
     this.dispatchEvent(new Event("ended"));
   }
@@ -124,6 +134,18 @@ test("a pause stops all on the frame that the sound shows, and a start after the
   assert.equal(player.frame, 0);
   await pass(0.2);
   assert.ok(!sound.paused);
+});
+
+test("a pause has a video that ran show its picture anew, even where it stands right", async () => {
+  const { player, sound, videos } = started(1, 1);
+  await player.play();
+  await pass(0.5);
+  videos[0].currentTime = (Math.floor(sound.currentTime * 30) + 0.5) * FRAME_S;
+  const before = videos.map(({ sought }) => sought);
+  player.pause();
+  assert.deepEqual(videos.map(({ sought }, k) => sought - before[k]), [1, 1]);
+  player.seekFrame(player.frame);
+  assert.deepEqual(videos.map(({ sought }, k) => sought - before[k]), [1, 1], "once");
 });
 
 test("a loop is played again and again, and begun where it begins", async () => {

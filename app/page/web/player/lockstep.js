@@ -293,6 +293,7 @@ class Follower {
   #seen = null; // what the browser last said of a shown frame
   #jumped = -Infinity;
   #wanted = null; // where to go once the seek under way has ended
+  #hasRun = false; // since it last stood: then a picture may be due that a pause has kept back
   #rate = 1;
 
   constructor(video) {
@@ -313,14 +314,20 @@ class Follower {
       return;
     }
     this.#wanted = null;
-    if (Math.abs(video.currentTime - time) > FRAME_S / 100) video.currentTime = time;
+    if (this.#hasRun || Math.abs(video.currentTime - time) > FRAME_S / 100) video.currentTime = time;
+    this.#hasRun = false;
   }
 
   start(rate) {
     this.#jumped = performance.now();
     this.setRate(rate);
-    if (this.video.currentTime < this.#lastMoment) this.video.play().catch(() => {}); // paused again
+    if (this.video.currentTime < this.#lastMoment) this.#play();
     this.#watch();
+  }
+
+  #play() {
+    this.#hasRun = true;
+    this.video.play().catch(() => {}); // paused again
   }
 
   setRate(rate) {
@@ -338,7 +345,7 @@ class Follower {
   lead(clock, rate) {
     const { video } = this;
     if (video.seeking || clock.seeking || clock.currentTime >= this.#lastMoment) return;
-    if (video.paused) video.play().catch(() => {});
+    if (video.paused) this.#play();
     const drift = this.drift(clock);
     const now = performance.now();
     if (Math.abs(drift) > JUMP_S && now - this.#jumped > CALM_MS) {
