@@ -10,7 +10,6 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click
-from app.page.player.edited_runs import EditedRuns
 from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import PARAMETER
@@ -71,9 +70,8 @@ def build_app(services: Services) -> gr.Blocks:
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
             SeenRunner(services, parts).wire(prefix)
         videos = VideosBehind(services, results, "videos")
-        edited = EditedRuns()
-        runner = GenerateRunner(services, form, results, videos, edited)
-        TakesRunner(services, edited, results).wire()
+        runner = GenerateRunner(services, form, results, videos)
+        TakesRunner(services, results).wire()
         if services.first_look is not None:
             _await_example(page, form, results, services.first_look)
         _wire(page, form, results, runner, videos)

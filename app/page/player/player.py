@@ -89,6 +89,14 @@ class Showing:
         path = file_of(self.folder, self.record.timeline)
         return {} if path is None else json.loads(path.read_text(encoding="utf-8"))
 
+    def say(self, sentence: str = "", *, is_refused: bool = False, state: str = "") -> None:
+        """Have the editor of gestures say something beside all that it knows.
+
+        Args:
+            state: ``working`` while a take is made.
+        """
+        self.editing = {"said": sentence, "refused": is_refused, "state": state}
+
     def for_browser(self, address: Address) -> Showing:
         """The same for another, who sees the run and changes nothing of it."""
         other = copy(self)

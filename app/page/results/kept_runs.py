@@ -30,6 +30,7 @@ from app.page.routes.media import MediaAddresses
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import RunRecord, file_of
+from app.run.requests.request import GenerateRequest
 
 PARAMETER = "run"
 """Of the page's address."""
@@ -51,6 +52,8 @@ class KeptRun:
     """For that browser."""
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
+    asked: GenerateRequest | None = None
+    """As which takes of its plans are made; None where none are."""
     ended: float = field(default_factory=time.time)
 
     @property
@@ -125,9 +128,16 @@ class KeptRuns:
         self._lock = threading.Lock()
 
     def keep(
-        self, job: Job, cookie: str, showing: Showing, form: Mapping[str, Any] | None = None
+        self,
+        job: Job,
+        cookie: str,
+        showing: Showing,
+        form: Mapping[str, Any] | None = None,
+        asked: GenerateRequest | None = None,
     ) -> KeptRun:
-        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {})
+        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {}, asked)
+        if asked is not None and showing.performed():
+            showing.say()
         with self._lock:
             for token in [token for token, one in self._runs.items() if not one.is_there]:
                 del self._runs[token]
@@ -139,6 +149,13 @@ class KeptRuns:
         with self._lock:
             run = self._runs.get(token)
         return run if run is not None and run.is_there else None
+
+    def edited(self, name: str, cookie: str) -> KeptRun | None:
+        """The run of that name whose plans this browser may edit."""
+        with self._lock:
+            runs = [run for run in self._runs.values() if run.showing.name == name]
+        mine = (run for run in runs if not run.cookie or is_same(run.cookie, cookie))
+        return next((run for run in mine if run.is_there and run.showing.editing), None)
 
     def of(self, cookie: str) -> list[KeptRun]:
         """A browser's own, the newest first."""

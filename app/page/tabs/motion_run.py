@@ -16,7 +16,6 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
-from app.page.player.edited_runs import EditedRuns, own_speech
 from app.page.player.player import NOTHING, Showing, browser_addresses
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates
@@ -84,17 +83,14 @@ class GenerateRunner(TabRunner[None]):
         form: FormParts,
         results: ResultParts,
         videos: VideosBehind,
-        edited: EditedRuns | None = None,
     ) -> None:
         """
         Args:
             videos: draws a run's videos once it has ended.
-            edited: where runs go whose gestures can be edited; None where none can.
         """
         super().__init__(services.jobs, results.status)
         self._services = services
         self._videos = videos
-        self._edited = edited
         self._form = form
         self._results = results
 
@@ -103,7 +99,8 @@ class GenerateRunner(TabRunner[None]):
         asked = self.asked(job, cookie, values)
         self._videos.give_up(job.visitor)
         services, form = self._services, self._kept_values(job, values)
-        lasting = replace(asked, speech=own_speech(asked, form))
+        speech = form.get("speech")  # which stays as long as the run, under its own name
+        lasting = replace(asked, speech=Path(speech)) if speech else None
         showing = showing_of(job, services.addresses, cookie, is_drawn=asked.has_video)
         line = StageLine()
 
@@ -112,13 +109,9 @@ class GenerateRunner(TabRunner[None]):
             request = replace(asked, has_video=False, is_kept=True)
             services.worker.do(generate_run, request, on_event, should_cancel)
 
-        def ended(kept: KeptRun) -> None:
-            if self._edited is not None:
-                self._edited.keep(cookie, job.folder, lasting, showing)
-
         looks = (asked.display, asked.size, asked.framing, asked.close_ups)
         yield RunWork(
-            *(do, showing, self._results, services.kept, job, cookie, line.html, ended, form),
+            *(do, showing, self._results, services.kept, job, cookie, line.html, form, lasting),
             videos=self._videos if asked.has_video else None,
             options=VideoOptions(*looks),
             body=asked.body,
@@ -203,8 +196,9 @@ class RunWork:
     cookie: str
     line: Callable[[list[Event]], str]
     """How far it is, as HTML; empty where nothing new is known."""
-    ended: Callable[[KeptRun], None] = lambda kept: None
     form: Mapping[str, Any] = field(default_factory=dict)
+    asked: GenerateRequest | None = None
+    """As `KeptRun` has it."""
     videos: VideosBehind | None = None
     """None where no videos are wanted."""
     options: VideoOptions = PLAYED
@@ -237,8 +231,7 @@ class RunWork:
         return new
 
     def finished(self, result: None) -> Updates:
-        kept = self.kept.keep(self.job, self.cookie, self.showing, self.form)
-        self.ended(kept)
+        kept = self.kept.keep(self.job, self.cookie, self.showing, self.form, self.asked)
         if self.videos is not None and kept.record.state == "done":
             record = kept.record
             wanted = VideosRequest(

@@ -13,7 +13,7 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
 from app.page.parts.html_parts import PRIVATE, in_turn
-from app.page.player.edited_runs import EditedRun, EditedRuns
+from app.page.player.player import Showing
 from app.page.queue.runner import Updates, follow
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.services import Services
@@ -78,9 +78,9 @@ def read_asked(told: object) -> Mapping[str, Any]:
 class TakesRunner:
     """Makes the takes of one tab's runs."""
 
-    def __init__(self, services: Services, runs: EditedRuns, parts: ResultParts) -> None:
+    def __init__(self, services: Services, parts: ResultParts) -> None:
         self._make: MakeTake = partial(services.worker.do, make_take)
-        self._runs = runs
+        self._kept = services.kept
         self._jobs = services.jobs
         self._parts = parts
 
@@ -102,33 +102,33 @@ class TakesRunner:
             gr.Error: with a sentence, where there is no run that could say it.
         """
         cookie, visitor = cookie_of(request), visitor_of(request)
-        run: EditedRun | None = None
+        showing: Showing | None = None
         try:
             known = read_asked(told)
-            run = edited = self._runs.find(known["run"], cookie)
-            if edited is None:
+            run = self._kept.edited(known["run"], cookie)
+            if run is None or run.asked is None:
                 raise RunError(text.EDITS_GONE)
+            showing = run.showing
             asked = Asked.of(known)
             with self._jobs.opened(visitor, "takes") as job:
-                folder, changes = edited.showing.folder, (asked.edits, asked.locked)
-                request = TakeRequest(edited.request, folder, asked.start, *changes)
-                work = _Work(self._make, request, self._parts, edited)
-                edited.say(text.TAKE_STARTING, state="working")
-                yield _shown(self._parts, edited)
+                changes = asked.start, asked.edits, asked.locked
+                request = TakeRequest(run.asked, showing.folder, *changes)
+                work = _Work(self._make, request, self._parts, showing)
+                yield work.said(text.TAKE_STARTING, state="working")
                 try:
                     yield from follow(work, job, {self._parts.player: gr.skip()})
                 finally:
-                    drop_unfinished(folder)
+                    drop_unfinished(showing.folder)
         except CancelledRun:
-            if run is not None:
-                run.say(text.CANCELLED)
-                yield _shown(self._parts, run)
+            if showing is not None:
+                showing.say(text.CANCELLED)
+                yield {self._parts.player: showing.value() | {"begins": False}}
         except Exception as error:
             sentence = visitor_sentence(error)
-            if run is None:
+            if showing is None:
                 raise gr.Error(sentence, print_exception=False) from error
-            run.say(sentence, is_refused=True)
-            yield _shown(self._parts, run)
+            showing.say(sentence, is_refused=True)
+            yield {self._parts.player: showing.value() | {"begins": False}}
 
 
 @dataclass
@@ -138,7 +138,7 @@ class _Work:
     make: MakeTake
     request: TakeRequest
     parts: ResultParts
-    edited: EditedRun
+    showing: Showing
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
         return self.make(self.request, on_event, should_cancel)
@@ -146,15 +146,13 @@ class _Work:
     def progress(self, events: list[Event]) -> Updates:
         if not any(isinstance(event, Grown) for event in events):
             return {}
-        number = max(row.take.number for row in self.edited.showing.record.rows if row.take)
-        self.edited.say(text.TAKE_COMING.format(number=number), state="working")
-        return _shown(self.parts, self.edited)
+        number = max(row.take.number for row in self.showing.record.rows if row.take)
+        return self.said(text.TAKE_COMING.format(number=number), state="working")
 
     def finished(self, result: Take) -> Updates:
         done = text.TAKE_DONE.format(number=result.number) if result.number else text.EDITOR_READY
-        self.edited.say(" ".join((done, *result.notes)))
-        return _shown(self.parts, self.edited)
+        return self.said(" ".join((done, *result.notes)))
 
-
-def _shown(parts: ResultParts, run: EditedRun) -> Updates:
-    return {parts.player: run.showing.value() | {"begins": False}}
+    def said(self, sentence: str, state: str = "") -> Updates:
+        self.showing.say(sentence, state=state)
+        return {self.parts.player: self.showing.value() | {"begins": False}}

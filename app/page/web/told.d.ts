@@ -40,7 +40,7 @@ export interface Assumption {
   others: string[];
 }
 
-/** app/page/player/edited_runs.py */
+/** app/page/player/player.py */
 export interface Editing {
   /** The run's own rows that can be edited. */
   rows: string[];

@@ -9,7 +9,7 @@ import pytest
 
 from app import text
 from app.errors import RunError
-from app.page.player.edited_runs import EditedRuns
+from app.page.queue.jobs import Job
 from app.page.results.result_parts import build_results
 from app.page.tabs import takes_run, videos_run
 from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
@@ -193,16 +193,16 @@ class Editor:
     def __init__(self, folder: Path, make: MakeTake = make) -> None:
         with gr.Blocks():
             self.parts = build_results()
-        runs = EditedRuns()
         services = made_services(folder, {"make_take": make})
-        self.runner = TakesRunner(services, runs, self.parts)
+        self.runner = TakesRunner(services, self.parts)
         said = Transcript((Word(0.2, 0.5, "you"),))
         self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
         with ResultFolder(self.showing.folder, is_kept=True) as results:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         request = GenerateRequest(folder / "talk.wav", self.showing.folder, folder, (ROW,))
-        runs.keep(COOKIE, folder / "run", request, self.showing)
+        job = Job("me", "generate", folder / "run")
+        services.kept.keep(job, COOKIE, self.showing, None, request)
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
