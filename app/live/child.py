@@ -24,18 +24,13 @@ if TYPE_CHECKING:
 class Performers:
     """Gives every session its turn. Sessions are known by numbers."""
 
-    def __init__(
-        self,
-        weights: Path,
-        tell: Callable[[int, object], None],
-        load: Callable[[str, Path], System] = get_system,
-    ) -> None:
+    def __init__(self, weights: Path, tell: Callable[[int, object], None]) -> None:
         """
         Args:
             tell: takes a number and what is for whoever has it: frames as bytes, what is told
                 beside them as an object, and as text the sentence with which it ends.
         """
-        self._weights, self._tell, self._load = weights, tell, load
+        self._weights, self._tell = weights, tell
         self.open: dict[int, LiveSession] = {}
         """Whoever has waited longest is first."""
         self._ended: dict[int, LiveSession] = {}
@@ -88,7 +83,7 @@ class Performers:
         Raises:
             RunError, UnknownNameError, CheckpointError: if it cannot be had live.
         """
-        system = self._load(name, self._weights)
+        system = get_system(name, self._weights)
         check_live(system)
         if name not in self._prepared:
             rehearse(system, speaker or next(iter(system.speakers)))

@@ -246,7 +246,8 @@ class LiveSession:
             return
         cost = min([*self._costs][1:])
         if cost > MAX_WINDOW_MS:
-            raise RunError(slow_system(self.ask.system, cost / self._frames_of_window))
+            frame_ms, limit = cost / self._frames_of_window, MAX_WINDOW_MS / 60
+            raise RunError(SLOW_SYSTEM.format(system=self.ask.system, ms=frame_ms, limit=limit))
 
 
 def why_less(minute: Minute, spoken_s: float) -> str:
@@ -293,8 +294,3 @@ def rehearse(system: System, speaker: str) -> None:
     live = LiveMotion(system, GenerateOptions(speaker))
     live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
     live.step()
-
-
-def slow_system(name: str, frame_ms: float) -> str:
-    """The sentence for a system that is too slow to be live."""
-    return SLOW_SYSTEM.format(system=name, ms=frame_ms, limit=MAX_WINDOW_MS / 60)

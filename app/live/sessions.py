@@ -62,7 +62,7 @@ class LiveSessions:
         self._max_sessions_each = max_sessions_each
         self._lock = threading.RLock()
         self._numbers = itertools.count()
-        self._places: list[Place] = []
+        self.places: list[Place] = []
         self._ended: deque[tuple[float, Place]] = deque()
         self._ears: dict[int, Tell] = {}
         self._child: Child | None = None
@@ -85,16 +85,16 @@ class LiveSessions:
             RunError: when too many visitors are there, in all or of this address.
         """
         with self._lock:
-            others = [each for each in self._places if not cookie or each.cookie != cookie]
+            others = [each for each in self.places if not cookie or each.cookie != cookie]
             if len(others) >= self._max_sessions:
                 raise RunError(FULL.format(limit=self._max_sessions))
             near = sum(each.address == address for each in others) if address else 0
             if near >= self._max_sessions_each:
                 raise RunError(FULL_EACH.format(limit=self._max_sessions_each))
-            for other in [each for each in self._places if each not in others]:
+            for other in [each for each in self.places if each not in others]:
                 self.close(other, TAKEN_OVER)
             place = Place(next(self._numbers), ask, cookie, address)
-            self._places.append(place)
+            self.places.append(place)
             self._ask(place.number, tell, "open", (ask, place.token))
         return place
 
@@ -114,9 +114,9 @@ class LiveSessions:
     def close(self, place: Place, sentence: str = "") -> None:
         """The visitor has stopped, gone, or must."""
         with self._lock:
-            if place not in self._places:
+            if place not in self.places:
                 return
-            self._places.remove(place)
+            self.places.remove(place)
             self._ended.append((time.monotonic(), place))
             self._forget_old()
             self._send(place.number, "close")
@@ -132,16 +132,12 @@ class LiveSessions:
         """
         with self._lock:
             self._forget_old()
-            there = [*self._places, *(place for _, place in self._ended)]
+            there = [*self.places, *(place for _, place in self._ended)]
         for place in there:
             is_it = secrets.compare_digest(place.token.encode(), token.encode())
             if is_it and place.cookie == cookie:
                 return place.ask, self._kept(place, folder)
         raise RunError(NOT_THERE)
-
-    @property
-    def num_open(self) -> int:
-        return len(self._places)
 
     def end(self) -> None:
         """End the process; whoever is there is told."""

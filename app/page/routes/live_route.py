@@ -89,6 +89,8 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
         ask = LiveAsk.of(await _ask(socket))
         cookie = socket.cookies.get(COOKIE, "")
         place = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
+        if not await _sent(socket, await unsent.get()):  # what a browser must know before it sends
+            return
         hearing = asyncio.create_task(_hear(socket, sessions, place))
         sending = asyncio.create_task(_send(socket, unsent))
         try:
@@ -142,15 +144,19 @@ def _object(told: str) -> object:
 
 async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
     """Frames and what is told of them, until a sentence ends it."""
-    while True:
-        message = await unsent.get()
-        if isinstance(message, str):
-            await _end(socket, message)
-            return
-        if isinstance(message, bytes):
-            await socket.send_bytes(message)
-        else:
-            await socket.send_text(json.dumps(message))
+    while await _sent(socket, await unsent.get()):
+        pass
+
+
+async def _sent(socket: WebSocket, message: Message) -> bool:
+    """Send it; whether it was not the sentence that ends it."""
+    if isinstance(message, str):
+        await _end(socket, message)
+    elif isinstance(message, bytes):
+        await socket.send_bytes(message)
+    else:
+        await socket.send_text(json.dumps(message))
+    return not isinstance(message, str)
 
 
 async def _end(socket: WebSocket, sentence: str) -> None:

@@ -434,7 +434,7 @@ def test_places_are_bounded_in_all_and_for_each_address(weights):
     sessions.close(first)
     sessions.open(ASK, "mine", nothing, "10.0.0.1")
     sessions.open(ASK, "mine", nothing, "10.0.0.1")  # in another tab: the first ends
-    assert sessions.num_open == len(sessions.performers.open) == 4
+    assert len(sessions.places) == len(sessions.performers.open) == 4
     assert (module.MAX_SESSIONS, module.MAX_SESSIONS_EACH) == (10, 6)  # as the README has it
 
 
@@ -444,9 +444,9 @@ def test_a_browser_has_one_session_and_no_other_browser_ends_it(sessions):
     sessions.open(ASK, "other", nothing)
     for _ in range(2):
         sessions.open(ASK, "", nothing)
-    assert module.TAKEN_OVER not in told and sessions.num_open == 4
+    assert module.TAKEN_OVER not in told and len(sessions.places) == 4
     sessions.open(ASK, "mine", nothing)
-    assert told[1:] == [module.TAKEN_OVER] and sessions.num_open == 4
+    assert told[1:] == [module.TAKEN_OVER] and len(sessions.places) == 4
 
 
 def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypatch, tmp_path):

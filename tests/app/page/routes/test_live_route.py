@@ -53,7 +53,7 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live minute"):
         sessions.keep(ready["token"], "yours", tmp_path)
-    until(lambda: sessions.num_open == 0)  # the connection ends, and the minute outlives it
+    until(lambda: len(sessions.places) == 0)  # the connection ends, and the minute outlives it
     assert len(sessions._ended) == 1
 
 
@@ -92,7 +92,7 @@ def test_what_is_no_sound_ends_the_session(client, sessions):
             assert "token" in told(socket)
             socket.send_bytes(sent) if isinstance(sent, bytes) else socket.send_text(sent)
             assert words in told(socket)["end"]
-        assert sessions.num_open == 0
+        assert len(sessions.places) == 0
 
 
 def test_one_too_many_is_told(client):
