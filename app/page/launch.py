@@ -239,7 +239,7 @@ def launch(
         first_look = FirstLooks(config, catalogue, addresses, worker)
     kept, opened = KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
-        opened = (keep_own(kept, config.opened, config.temp / "opened", addresses),)
+        opened = (keep_own(kept, config.opened, config.temp / "opened", addresses, config.weights),)
     services = Services(
         config=config,
         catalogue=catalogue,

@@ -31,6 +31,7 @@ from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import RunRecord, file_of
 from app.run.requests.request import GenerateRequest
+from app.run.takes.take import asked_of
 
 PARAMETER = "run"
 """Of the page's address."""
@@ -195,7 +196,9 @@ class KeptRuns:
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def keep_own(kept: KeptRuns, path: Path, temp: Path, addresses: MediaAddresses) -> str:
+def keep_own(
+    kept: KeptRuns, path: Path, temp: Path, addresses: MediaAddresses, weights: Path
+) -> str:
     """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
     token.
 
@@ -205,7 +208,8 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, addresses: MediaAddresses) 
     folder = copied_run(path, temp)
     showing = Showing(folder, browser_addresses(addresses, ""), temp.name)
     tab: Tab = "generate" if showing.record.kind == "generated" else "own_motion"
-    return kept.keep(Job("", tab, temp), "", showing).token
+    asked = asked_of(folder, showing.record, weights)
+    return kept.keep(Job("", tab, temp), "", showing, asked=asked).token
 
 
 def address_of(*runs: KeptRun) -> str:

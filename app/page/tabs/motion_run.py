@@ -304,7 +304,7 @@ class Opening:
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         parts, showing = self._places[tab], run.showing
-        if not is_same(run.cookie, cookie):
+        if run.job.visitor and not is_same(run.cookie, cookie):  # of nobody, it is everybody's
             showing = showing.for_browser(browser_addresses(self._addresses, cookie))
         return {
             **run.updates(parts, showing),

@@ -247,6 +247,24 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     }
 
 
+_SAMPLING = (
+    *("speaker", "seed", "samples", "steps", "face_steps", "sampler", "guidance"),
+    *("post_filter", "joint"),
+)
+
+
+def asked_of(folder: Path, record: RunRecord, weights: Path) -> GenerateRequest | None:
+    """As the motion of a run's folder was asked for, as far as takes are made by it; None where
+    none can be."""
+    own = [row.name for row in record.rows if "performed" in row.files and row.take is None]
+    systems = tuple(dict.fromkeys(SampleName.parse(name).system for name in own))
+    speech = file_of(folder, record.sound)
+    if record.kind != "generated" or speech is None or not systems:
+        return None
+    told = {name: record.asked[name] for name in _SAMPLING if name in record.asked}
+    return GenerateRequest(speech=speech, out=folder, weights=weights, systems=systems, **told)
+
+
 def words_of(folder: Path, record: RunRecord) -> tuple[Word, ...]:
     """What is said, as the time line of a run has it."""
     path = file_of(folder, record.timeline)

@@ -14,7 +14,7 @@ from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import generate_all
 from app.run.requests.request import Event, GenerateRequest, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
-from app.run.takes.take import Take, TakeRequest, make_take, row_of
+from app.run.takes.take import Take, TakeRequest, asked_of, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan.editing import added, gestures
 from model.plan.plan import GesturePlan, PlanError, read_plan
@@ -246,7 +246,10 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
     assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
-    again = replace(asked, folder=elsewhere, start=made.name, edits=(back,))
+    as_told = asked_of(elsewhere, record, run.weights)
+    assert as_told is not None and as_told.systems == (PLANNED,)
+    assert (as_told.seed, as_told.steps, as_told.speech) == (4, 2, elsewhere / "speech.wav")
+    again = TakeRequest(as_told, elsewhere, made.name, (back,))
     assert make_take(again, lambda event: None, never).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)

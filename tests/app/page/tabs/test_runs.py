@@ -345,7 +345,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = keep_own(page.runs, made.folder, tmp_path / "opened", MediaAddresses())
+    own = keep_own(page.runs, made.folder, tmp_path / "opened", MediaAddresses(), tmp_path)
     page.opening._opened = (own,)
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
@@ -357,7 +357,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", MediaAddresses())
+        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", MediaAddresses(), tmp_path)
 
 
 def test_two_runs_open_beside_each_other(tmp_path):
