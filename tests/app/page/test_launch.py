@@ -201,6 +201,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from app.config import AppConfig
 from app.page.launch import launch
+from app.page.routes.stage_route import prepare
+prepare()
 speech, weights, temp = map(Path, sys.argv[1:])
 page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
 asks = {each.api_name: each.fn for each in page.fns.values() if each.fn is not None}
@@ -234,7 +236,7 @@ def test_runs_are_shown_by_a_process_that_reads_files_and_computes_nothing(
 def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_however_it_is_ended(
     weights, tmp_path
 ):
-    """torch alone takes longer to import than all of the page; the warm-up does, behind it."""
+    """torch alone takes longer to import than all of the page."""
     child = subprocess.Popen(
         [sys.executable, "-c", START, "--port", "0", "--weights", str(weights)],
         cwd=ROOT,
@@ -265,7 +267,6 @@ def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_howe
         child.kill()
     assert child.returncode == 0
     assert [p for p in tmp_path.rglob("*") if p.is_file() and p.name != ".lock"] == []
-    # torch's own finalizers may complain where the end comes amid its import.
     assert str(ROOT / "app") not in told
 
 
