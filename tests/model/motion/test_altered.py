@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from conventions.joints import FACE, JOINT_INDEX, NUM_JOINTS
+from conventions.views import MAX_TURN_RAD
 from model.motion.altered import exaggerate, motion_at_speed, noisy_motions
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion

@@ -179,7 +179,8 @@ def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -
             row.name, row.label, row.take = f"{ROW}.take{number}", f"take {number}", take
             row.files.pop("told", None)
             record.put(row)
-    on_event(Grown(request.folder))
+    if number:
+        on_event(Grown(request.folder))
     with changed(request.folder) as record:
         row.files["told"] = "told.json"
         (request.folder / "told.json").write_text("{}")
