@@ -53,7 +53,7 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
 
 def results_parts(
     prefix: str,
-) -> tuple[gr.HTML, gr.HTML, gr.Column, gr.DownloadButton, gr.File]:
+) -> tuple[gr.HTML, gr.HTML, gr.Column, gr.Button, gr.File]:
     """Figures, numbers and downloads of a run, hidden until there are any.
 
     Args:

@@ -112,8 +112,8 @@ class TakesRunner:
             asked = Asked.of(known)
             with self._jobs.opened(visitor, "takes") as job:
                 changes = asked.start, asked.edits, asked.locked
-                request = TakeRequest(run.asked, showing.folder, *changes)
-                work = _Work(self._make, request, self._parts, showing)
+                wanted = TakeRequest(run.asked, showing.folder, *changes)
+                work = _Work(self._make, wanted, self._parts, showing)
                 yield work.said(text.TAKE_STARTING, state="working")
                 try:
                     yield from follow(work, job, {self._parts.player: gr.skip()})
