@@ -13,14 +13,9 @@ import re
 from html import escape
 from pathlib import Path
 
-from fastapi.routing import APIRoute
-
 from app.errors import RunError
 from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
-from app.page.results.kept_runs import RUN_ROUTE, KeptRuns
-from app.page.results.run_file import PAGE_ENDING, saving_route
-from app.page.routes.media import MadeFiles
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.pieces import MAX_FRAMES
@@ -143,8 +138,3 @@ def save_page(asked: tuple[Path, Path], *_: object) -> None:
     """Write the page of a run's folder into a file."""
     folder, out = asked
     out.write_text(player_alone(folder), encoding="utf-8")
-
-
-def run_page_routes(kept: KeptRuns, made: MadeFiles) -> list[APIRoute]:
-    """Serve runs as such pages."""
-    return [saving_route(kept, made, RUN_ROUTE + "/{token}/page", PAGE_ENDING, save_page)]

@@ -187,14 +187,14 @@ def launch(
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
     from app.live.sessions import LiveSessions
-    from app.page.alone import run_page_routes
+    from app.page.alone import save_page
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.player.first_look_shown import FirstLooks
     from app.page.queue.jobs import Jobs
     from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns, keep_own
-    from app.page.results.run_file import run_file_routes
+    from app.page.results.run_file import saving_route
     from app.page.results.study_preview import preview_routes
     from app.page.routes.guard import (
         Framing,
@@ -211,6 +211,7 @@ def launch(
     from app.page.visitors.files import keep_swept
     from app.page.visitors.researcher_part import Handover, study_routes
     from app.page.visitors.uploads import keep_uploads_tidy
+    from app.run.output.run_folder import save_run
 
     for sentence in left_out():
         log.warning("%s", sentence)
@@ -258,8 +259,8 @@ def launch(
     page.queue(max_size=config.max_waiting, default_concurrency_limit=config.num_slots)
     made = MadeFiles(config.temp, gate.do)
     routes = [
-        *run_file_routes(services.kept, made),
-        *run_page_routes(services.kept, made),
+        saving_route(kept, made, ".zip", save_run),
+        saving_route(kept, made, ".html", save_page, "/page"),
         *media_routes(addresses),
         *study_routes(services.handover),
         *preview_routes(services.previews),

@@ -13,26 +13,19 @@ from starlette.concurrency import run_in_threadpool
 
 from app.page.results.kept_runs import RUN_ROUTE, KeptRuns
 from app.page.routes.media import MadeFiles
-from app.run.output.run_folder import save_run
 
-ENDING, PAGE_ENDING = ".zip", ".html"
 GONE = "There is no such run, or it is kept no longer."
 _MAX_STEM = 60
 
 
-def file_name(title: str, ending: str = ENDING) -> str:
+def file_name(title: str, ending: str = ".zip") -> str:
     """Of a run's file, from what the run is called."""
     stem = re.sub(r"[^\w .,+-]+", "-", title).strip(" .-")[:_MAX_STEM]
     return f"{stem or 'run'}{ending}"
 
 
-def run_file_routes(kept: KeptRuns, made: MadeFiles) -> list[APIRoute]:
-    """Serve runs as files that the page opens again."""
-    return [saving_route(kept, made, RUN_ROUTE + "/{token}", ENDING, save_run)]
-
-
 def saving_route(
-    kept: KeptRuns, made: MadeFiles, path: str, ending: str, task: Callable[..., object]
+    kept: KeptRuns, made: MadeFiles, ending: str, task: Callable[..., object], below: str = ""
 ) -> APIRoute:
     """Serve runs in one form, of all that there is of them when they are asked for.
 
@@ -51,4 +44,6 @@ def saving_route(
         folder, name = run
         return await made.answer(task, lambda out: (folder, out), name)
 
-    return APIRoute(path, answer, methods=["GET"], include_in_schema=False)
+    return APIRoute(
+        f"{RUN_ROUTE}/{{token}}{below}", answer, methods=["GET"], include_in_schema=False
+    )

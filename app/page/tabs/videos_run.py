@@ -276,7 +276,8 @@ class VideosBehind:
     def want(self, visitor: str, wanted: Wanted) -> None:
         """Have these drawn as soon as the page asks."""
         with self._lock:
-            self._wanted[visitor] = wanted
+            there = {who: each for who, each in self._wanted.items() if each.kept.is_there}
+            self._wanted = {**there, visitor: wanted}  # some left before they asked
 
     def give_up(self, visitor: str) -> None:
         """Another run begins: nobody wants the videos of the one before any more."""

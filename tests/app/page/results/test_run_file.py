@@ -10,11 +10,11 @@ from starlette.testclient import TestClient
 
 from app.errors import RunError
 from app.notebook import show
-from app.page.alone import DOOR, WEB, _needed, player_alone, run_page_routes
+from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.run_file import file_name, run_file_routes
+from app.page.results.run_file import file_name, saving_route
 from app.page.routes.media import MadeFiles
-from app.run.output.run_folder import is_run_zip
+from app.run.output.run_folder import is_run_zip, save_run
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import does
@@ -27,9 +27,8 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     runs = KeptRuns(3600.0)
     kept = keep(runs, tmp_path / "job", "mine", title="ä/b\nc", jerk={"f/x": 9.0})
     made = MadeFiles(tmp_path, does)
-    client = TestClient(
-        FastAPI(routes=[*run_file_routes(runs, made), *run_page_routes(runs, made)])
-    )
+    forms = ((".zip", save_run, ""), (".html", save_page, "/page"))
+    client = TestClient(FastAPI(routes=[saving_route(runs, made, *form) for form in forms]))
     (address,) = [part.split('"')[0] for part in runs.html("mine", kept).split('href="')[2:3]]
     answer = client.get(f"/{address}")
     assert answer.status_code == 200
