@@ -1,19 +1,18 @@
-"""How fields of a request, and files that families need, are asked for on a command line.
-
-A request is a frozen dataclass of `app.run`; its command adds the flags of its fields and gets the
-request back from what was written. Fields without a flag are of the page alone.
-"""
+"""How what is asked for is written on a command line: tyro makes flags of the fields of a frozen
+dataclass, by their types, and says of them what their docstrings say."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
-from app.config import BUNDLED_WEIGHTS
+from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
+
 from app.errors import RunError
 from model.systems.registry import families
 
@@ -21,123 +20,102 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T", bound="DataclassInstance")
-_KEY, _INNER = "flag", "flags"
 
 
-@dataclass(frozen=True)
-class Flag:
-    """Of one field of a request. A field that is a switch has a flag that turns it over."""
+def written(
+    read: Callable[[str], Any],
+    metavar: str,
+    usual: str = "",
+    show: Callable[[Any], str] = str,
+) -> PrimitiveConstructorSpec:
+    """Marks a type whose values are read from one word.
 
-    help: str | None = None
-    metavar: str | None = None
-    read: Callable[[str], Any] | None = None
-    """The value from what is written, which is taken as it is by default. May raise `RunError`."""
-    name: str = ""
-    """Such as ``--start``; by default that of the field."""
-    is_positional: bool = False
-    takes_several: bool = False
-    choices: Sequence[Any] | None = None
-    usual: Callable[[], Any] | None = None
-    """What stands where nothing is written, if that is not the field's own default."""
-
-    def add(self, parser: argparse.ArgumentParser, of: Field[Any]) -> None:
-        """Let a parser know it."""
-        default = self.usual() if self.usual else _default(of)
-        if self.is_positional:
-            parser.add_argument(
-                of.name,
-                type=self._argument,
-                nargs="+" if self.takes_several else None,
-                metavar=self.metavar,
-                help=self.help,
-            )
-            return
-        name = self.name or f"--{of.name.replace('_', '-')}"
-        if isinstance(default, bool):
-            action = "store_false" if default else "store_true"
-            parser.add_argument(name, dest=of.name, action=action, help=self.help)
-            return
-        parser.add_argument(
-            name,
-            dest=of.name,
-            type=self._argument,
-            default=None if default is MISSING else default,
-            required=default is MISSING,
-            choices=self.choices,
-            metavar=self.metavar,
-            help=self.help,
-        )
-
-    def _argument(self, written: str) -> Any:
-        try:
-            return self.read(written) if self.read else written
-        except RunError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{written!r} is no number") from None
+    Args:
+        read: may raise `RunError` with the sentence that says why a word is none.
+        usual: what is said in place of a default that is None or empty.
+    """
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda words: read(words[0]),
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [usual if value in (None, ()) else show(value)],
+    )
 
 
-def flag(
-    help: str | None = None,
-    metavar: str | None = None,
-    read: Callable[[str], Any] | None = None,
-    name: str = "",
-    **more: Any,
-) -> Mapping[str, Flag]:
-    """Metadata of a field with a `Flag`."""
-    return {_KEY: Flag(help, metavar, read, name, **more)}
-
-
-def flags_of(request: type) -> Mapping[str, type]:
-    """Metadata of a field that is a request of its own, whose flags stand among the others."""
-    return {_INNER: request}
-
-
-def _default(of: Field[Any]) -> Any:
-    return of.default if of.default_factory is MISSING else of.default_factory()
-
-
-def add_flags(parser: argparse.ArgumentParser, request: type) -> None:
-    """The flags of all fields of a request, in their order."""
-    for of in fields(request):
-        if (own := of.metadata.get(_KEY)) is not None:
-            own.add(parser, of)
-        elif (inner := of.metadata.get(_INNER)) is not None:
-            add_flags(parser, inner)
-
-
-def read_flags(request: type[T], options: argparse.Namespace, **others: Any) -> T:
-    """The request that was written; ``others`` are its fields that have no flags, or other values
-    than were written."""
-    asked: dict[str, Any] = {}
-    for of in fields(request):
-        if (own := of.metadata.get(_KEY)) is not None:
-            value = getattr(options, of.name)
-            asked[of.name] = tuple(value) if own.takes_several else value
-        elif (inner := of.metadata.get(_INNER)) is not None:
-            asked[of.name] = read_flags(inner, options)
-    return request(**{**asked, **others})
-
-
-def names_of(written: str) -> tuple[str, ...]:
+def names_of(told: str) -> tuple[str, ...]:
     """``A,B``; the empty tuple of ``all``.
 
     Raises:
         RunError: if there is none.
     """
-    names = tuple(name.strip() for name in written.split(",") if name.strip())
+    names = tuple(name.strip() for name in told.split(",") if name.strip())
     if not names:
         raise RunError("name at least one")
     return () if names == ("all",) else names
 
 
-OUT_FOLDER = flag("folder of results", "DIR", Path, name="--out")
-SPEECH = flag("any sound file", "SPEECH", Path, is_positional=True)
-SEED = flag("default: %(default)s", "N", int)
-WEIGHTS = flag("default: bundled", "DIR", Path, usual=lambda: BUNDLED_WEIGHTS)
-SPEAKER = flag("default: the first that is known", "NAME")
-MANNER = flag("whose manner (default: the first)", "NAME", name="--speaker")
-SOUND = flag("sound of the video", "WAV", Path)
+def one_of(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
+    """Marks a type of which a person may ask for these alone."""
+
+    def read(told: str) -> Any:
+        for choice in choices:
+            if told == str(choice):
+                return choice
+        raise RunError(f"{told!r} is none of {', '.join(map(str, choices))}")
+
+    return written(read, "|".join(map(str, choices)))
+
+
+def a_count(told: str) -> int:
+    """Raises `RunError` if it is none."""
+    if not told.isdecimal() or int(told) < 1:
+        raise RunError(f"{told!r} is no number from 1 on")
+    return int(told)
+
+
+File = Annotated[Path | None, written(Path, "FILE", "none")]
+Text = Annotated[str | None, written(str, "NAME", "the first that is known")]
+Names = Annotated[tuple[str, ...], written(names_of, "A,B,...", "all", ",".join)]
+Count = Annotated[int | None, written(a_count, "N", "none")]
+
+
+def part_of(asked: type, *names: str, **instead: Any) -> type:
+    """The same dataclass, of which a command has flags of some fields alone.
+
+    Args:
+        instead: of some fields another type, or with it another default: ``(type,)`` or ``(type,
+            default)``.
+    """
+    hints = get_type_hints(asked, include_extras=True)
+    own: dict[str, Any] = {name: each[0] for name, each in instead.items()}
+    values: dict[str, Any] = {
+        name: field(default=each[1]) if each[1:] else field() for name, each in instead.items()
+    }
+    for of in fields(asked):
+        if of.name not in (*names, *instead):
+            own[of.name] = hints[of.name]
+            values[of.name] = field(
+                init=False, default=of.default, default_factory=of.default_factory
+            )
+    part = type(asked.__name__, (asked,), {"__annotations__": own, **values})
+    return dataclass(frozen=True, kw_only=True)(part)
+
+
+def whole(asked: type[T], part: Any, **others: Any) -> T:
+    """What was asked for by some of its fields."""
+    return asked(**{of.name: getattr(part, of.name) for of in fields(asked)} | others)
+
+
+def family_files() -> type:
+    """A dataclass with a flag for each file that a family needs."""
+    files = [file for family in families() for file in family.files]
+    kind = Annotated[Path | None, written(Path, "FILE", "none")]
+    named = [
+        (_name_of(file.flag), Annotated[kind, arg(help=file.help)], field(default=None))
+        for file in files
+    ]
+    return make_dataclass("FamilyFiles", named, frozen=True)
 
 
 def add_family_files(parser: argparse.ArgumentParser) -> None:
@@ -150,7 +128,7 @@ def add_family_files(parser: argparse.ArgumentParser) -> None:
             group.add_argument(file.flag, type=Path, metavar=file.metavar, help=file.help)
 
 
-def use_family_files(options: argparse.Namespace) -> None:
+def use_family_files(named: Mapping[str, Any]) -> None:
     """Let this process and its children know what was named; see at once that it is all there.
 
     Raises:
@@ -158,7 +136,11 @@ def use_family_files(options: argparse.Namespace) -> None:
     """
     for family in families():
         for file in family.files:
-            path = getattr(options, file.flag.removeprefix("--").replace("-", "_"))
+            path = named[_name_of(file.flag)]
             if path is not None:
                 os.environ[file.variable] = str(path.absolute())
         family.require_files()
+
+
+def _name_of(flag: str) -> str:
+    return flag.removeprefix("--").replace("-", "_")

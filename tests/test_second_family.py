@@ -13,8 +13,8 @@ from frame_regression import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
 from app.page.tabs.systems.systems import ladder
-from app.run.pipeline import generate_all
-from app.run.requests.request import GenerateRequest
+from app.run.pipeline import do
+from app.run.requests.request import Ask
 from model import evaluate as measuring
 from model.generation.windows import GenerateOptions, generate_motion
 from model.sampling.samplers import UnknownNameError
@@ -105,8 +105,8 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     catalogue = read_catalogue(weights)
     assert FAMILY.about[MEAN] in ladder(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
-    request = GenerateRequest(speech=speech, out=tmp_path / "out", weights=weights, has_video=False)
-    result = generate_all(request, lambda event: None, lambda: False)
+    request = Ask(speech=speech, out=tmp_path / "out", weights=weights, has_figures=True)
+    result = do(request, lambda event: None, lambda: False)
     assert result.names == (MEAN, DRAWN) and (tmp_path / "out" / "regression-mean.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())
     assert record["weights"][MEAN]["sha256"] == record["weights"][DRAWN]["sha256"]

@@ -25,8 +25,8 @@ from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system, warm_up
 from app.run.output.provenance import versions
 from app.run.output.run_folder import read_run
-from app.run.pipeline import generate_all
-from app.run.requests.request import SIZES_PX, Event, GenerateRequest, Grown, Progress
+from app.run.pipeline import do
+from app.run.requests.request import SIZES_PX, Ask, Event, Grown, Progress
 from conventions.names import file_stem
 from conventions.rates import FPS
 from conventions.views import CLOSE_UPS
@@ -264,8 +264,8 @@ def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
             figure_times[event.fraction] = time.monotonic()
 
     started = time.monotonic()
-    request = GenerateRequest(speech=clip, out=folder / "run", weights=weights)
-    generate_all(request, watch)
+    request = Ask(speech=clip, out=folder / "run", weights=weights, has_video=True)
+    do(request, watch)
     seconds = time.monotonic() - started
     return [
         Figure(f"whole run, {CLIP_S:g} s clip, all systems", seconds, "s", "at most 45 s"),
@@ -293,13 +293,16 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
     ladder = tuple(name for name in list_systems(weights) if name in explained)
     started = time.monotonic()
-    request = GenerateRequest(
-        *(clip, folder / "page", weights),
+    request = Ask(
+        speech=clip,
+        out=folder / "page",
+        weights=weights,
+        has_video=True,
         systems=ladder,
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,
     )
-    generate_all(request, watch)
+    do(request, watch)
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, {CLIP_S:g} s clip, as on the page"

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional, arg
 
 from app.commands.said import name_file, say
+from app.config import default_body
 from app.errors import RunError, sentence_of
-from app.flags import add_flags, flag, read_flags
+from app.flags import File
 from app.run.body_motion import body_motion
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
-from app.run.requests.request import ASSUME, BODY
+from app.run.requests.request import Assumed
 from conventions.names import printable
 from model.formats.reading import Told
 
@@ -31,61 +33,40 @@ FORMS = (".npz", ".bvh", ".glb")
 class ConvertRequest:
     """Which files become what, and where."""
 
-    files: tuple[Path, ...] = field(
-        metadata=flag(
-            "motion files of any form that is read, folders or zips of them",
-            "FILE",
-            Path,
-            is_positional=True,
-            takes_several=True,
-        )
-    )
-    out: Path = field(
-        metadata=flag(f"a file ({', '.join(FORMS)}), or a folder for all", "FOLDER|FILE", Path)
-    )
-    to: str = field(
-        default=FORMS[0],
-        metadata=flag(
-            f"what a folder gets: {', '.join(FORMS)} (default: %(default)s)", "FORM", choices=FORMS
-        ),
-    )
-    told: Told = field(default=Told(), metadata=ASSUME)
-    body: Path | None = field(default=None, metadata=BODY)
-    """Its mean hand is used, and its bones in .bvh and .glb."""
-    is_json: bool = field(
-        default=False, metadata=flag("what was assumed, for programs", name="--json")
-    )
+    files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
+    """Motion files of any form that is read, folders or zips of them."""
+    out: Path
+    """A file (.npz, .bvh, .glb), or a folder for all."""
+    to: Literal[".npz", ".bvh", ".glb"] = ".npz"
+    """What a folder gets."""
+    told: Assumed = field(default_factory=Told)
+    body: File = field(default_factory=default_body)
+    """Licensed SMPLX_NEUTRAL*.npz: its mean hand is used, and its bones in .bvh and .glb."""
+    is_json: Annotated[bool, arg(name="json")] = False
+    """What was assumed, for programs."""
 
 
-def add_convert(commands) -> None:
-    """The command with its flags."""
-    parser = commands.add_parser(
-        "convert",
-        help="anyone's motion file to BEAT2 npz, BVH or glTF",
-        description="Write motion files as they were understood: at 30 frames a second, in metres, "
-        "y up, hands from the flat hand, 55 joints; and say what was assumed. A file that cannot "
-        "be read is named, and costs itself only (exit status 1).",
-    )
-    add_flags(parser, ConvertRequest)
-    parser.set_defaults(command=_convert)
+def convert(asked: ConvertRequest) -> None:
+    """Anyone's motion file to BEAT2 npz, BVH or glTF.
 
-
-def _convert(options: argparse.Namespace) -> None:
-    request = read_flags(ConvertRequest, options)
-    told = convert(request)
+    Write motion files as they were understood: at 30 frames a second, in metres, y up, hands from
+    the flat hand, 55 joints; and say what was assumed. A file that cannot be read is named, and
+    costs itself only (exit status 1).
+    """
+    told = converted(asked)
     failed = [each for each in told if "error" in each]
-    if request.is_json:
+    if asked.is_json:
         sys.stdout.write(json.dumps(told, indent=1) + "\n")
     for each in told:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
             say(sentence)
-        if "out" in each and not request.is_json:
+        if "out" in each and not asked.is_json:
             name_file(Path(each["out"]))
     if failed:
         raise RunError(f"{len(failed)} of {len(told)} files could not be read.")
 
 
-def convert(request: ConvertRequest) -> list[dict[str, Any]]:
+def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     """Write all that can be read, and tell of each file what was assumed or why it was refused.
 
     Raises:

@@ -6,11 +6,15 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.errors import sentence_of
+from app.commands.runs import Files
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import RunError, sentence_of
+from app.flags import File, use_family_files
 
 MIN_MEMORY_GB = 2.0
 MIN_DISK_GB = 1.0
@@ -30,6 +34,24 @@ class Finding:
     @property
     def is_broken(self) -> bool:
         return self.is_needed and not self.works
+
+
+def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> None:
+    """What works on this machine, what is missing, what to do.
+
+    Try OpenGL, body, weights, ffmpeg, memory and disk. Exit status 1 when something needed does not
+    work.
+
+    Args:
+        body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
+        weights: folder of trained systems.
+    """
+    use_family_files(vars(files))
+    findings = examine(weights, body or default_body())
+    sys.stdout.write(report(findings))
+    broken = [finding.name for finding in findings if finding.is_broken]
+    if broken:
+        raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
 
 
 def examine(weights: Path, body: Path | None) -> list[Finding]:

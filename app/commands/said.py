@@ -3,12 +3,11 @@ output."""
 
 from __future__ import annotations
 
-import argparse
 import io
 import logging
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from tqdm import tqdm
 
@@ -29,13 +28,6 @@ def name_file(path: Path) -> None:
         out.reconfigure(errors="surrogateescape")  # a name may be no text at all
     out.write(f"{printable(str(path)) if out.isatty() else path}\n")
     out.flush()
-
-
-class Parser(argparse.ArgumentParser):
-    """Refuses arguments without handing them to the terminal as they are."""
-
-    def error(self, message: str) -> NoReturn:
-        super().error("\n".join(map(printable, message.split("\n"))))
 
 
 class LogLines(logging.Formatter):
@@ -88,7 +80,7 @@ class ProgressBars:
         return self
 
     def take(self, event: Event) -> None:
-        """Show an event of `app.run.pipeline.generate_all`."""
+        """Show an event of `app.run.pipeline.do`."""
         if not isinstance(event, Progress):
             return
         if event.stage not in self._bars:

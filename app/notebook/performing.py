@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from app.config import BUNDLED_WEIGHTS
+from app.errors import RunError
 from app.notebook.comparing import Comparison, compare
 from app.notebook.inputs import (
     MotionLike,
@@ -22,10 +23,10 @@ from app.notebook.inputs import (
 )
 from app.notebook.progress import Bar
 from app.notebook.showing import HEIGHT_PX, Player, show
-from app.run.pipeline import generate_all
-from app.run.planning import PlanRequest, make_plan
-from app.run.requests.request import GenerateRequest, Steps
-from conventions.names import REFERENCE_NAME, PostFilter, file_stem
+from app.run.pipeline import do
+from app.run.planning import make_plan
+from app.run.requests.request import Ask
+from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan, read_plan
@@ -68,33 +69,20 @@ def generate(
     speech: SpeechLike,
     systems: str | Sequence[str] | None = None,
     *,
-    speaker: str | None = None,
-    seed: int = 0,
-    samples: int = 1,
-    steps: Steps = None,
-    sampler: str | None = None,
-    guidance: float | None = None,
-    post_filter: PostFilter = "none",
     plan: PlanLike | None = None,
     reference: MotionLike | None = None,
-    transcript: str | Path | None = None,
-    recognise_words: bool = False,
-    weights: str | Path = BUNDLED_WEIGHTS,
     progress: bool = True,
+    **asked: Any,
 ) -> Performance:
     """Generate motion of one or more systems, with the same noise.
 
     Args:
         systems: a name or several (`app.notebook.systems`); "all" are all there are, None is the
             one that plans.
-        speaker: in whose manner; None is the first that the systems know.
-        samples: motions of each system, each from noise of its own.
-        steps: of the sampler, of all systems or by name.
-        guidance: strength of the speech, 0 to 10; 1 is as trained, None as suits each system.
         plan: what the systems that plan are to perform; None lets them plan.
         reference: recorded motion of the same speech, to be measured and shown beside.
-        transcript: a TextGrid of the speech, or a plain English text of it.
-        recognise_words: where there is no transcript.
+        asked: further fields of `app.run.requests.request.Ask`, such as ``seed``, ``speaker``,
+            ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
 
     Raises:
         ValueError: of what cannot be done, with one sentence.
@@ -104,35 +92,25 @@ def generate(
     with ExitStack() as held:
         bar = held.enter_context(Bar("speech", progress))
         out = Path(held.enter_context(TemporaryDirectory()))
-        request = GenerateRequest(
-            speech=held.enter_context(speech_file(speech)),
+        sound = held.enter_context(speech_file(speech))
+        recorded = None if reference is None else held.enter_context(motion_file(reference))
+        ask = Ask(
+            speech=sound,
             out=out,
-            weights=Path(weights),
             systems=named,
-            speaker=speaker,
-            seed=seed,
-            samples=samples,
-            steps=steps,
-            sampler=sampler,
-            guidance=guidance,
-            post_filter=post_filter,
             plan=held.enter_context(plan_file(plan)),
-            reference=None if reference is None else held.enter_context(motion_file(reference)),
-            transcript=None if transcript is None else Path(transcript),
-            words="recognise" if recognise_words else "none",
-            has_video=False,
+            reference=recorded,
             has_figures=False,
+            **_fields(asked),
         )
-        result = generate_all(request, bar.take)
-        heard = read_speech(request.speech)
+        result = do(ask, bar.take)
         stems = {name: out / file_stem(name) for name in result.names if name != REFERENCE_NAME}
         motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
         plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}
-        if request.reference is not None:
-            recorded = read_motion(request.reference)
-            motions[REFERENCE_NAME] = first_frames(recorded, result.num_frames)
+        if recorded is not None:
+            motions[REFERENCE_NAME] = first_frames(read_motion(recorded), result.num_frames)
         return Performance(
-            speech=heard,
+            speech=read_speech(sound),
             motions=motions,
             plans={name: read_plan(path) for name, path in plans.items() if path.is_file()},
             said=result.said,
@@ -141,33 +119,35 @@ def generate(
         )
 
 
-def plan(
-    speech: SpeechLike,
-    *,
-    speaker: str | None = None,
-    seed: int = 0,
-    guidance: float | None = None,
-    transcript: str | Path | None = None,
-    recognise_words: bool = False,
-    weights: str | Path = BUNDLED_WEIGHTS,
-) -> GesturePlan:
+def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
     """Draw what the system that plans is going to do with the speech; see `model.plan.plan`.
+
+    Args:
+        asked: as of `generate`.
 
     Raises:
         ValueError: of what cannot be done, with one sentence.
     """
     with speech_file(speech) as sound, TemporaryDirectory() as folder:
-        out = Path(folder) / "plan.json"
-        drawn = make_plan(
-            PlanRequest(
-                speech=sound,
-                out=out,
-                weights=Path(weights),
-                speaker=speaker,
-                seed=seed,
-                guidance=guidance,
-                transcript=None if transcript is None else Path(transcript),
-                words="recognise" if recognise_words else "none",
+        return make_plan(Ask(speech=sound, out=Path(folder) / "plan.json", **_fields(asked))).plan
+
+
+def _fields(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Of an ask, with files named by text, too.
+
+    Raises:
+        RunError: if there is no such field.
+    """
+    known = {field.name for field in fields(Ask)}
+    for name in asked:
+        if name == "recognise_words":
+            raise RunError('recognise_words=True is words="recognise" now.')
+        if name not in known:
+            raise RunError(
+                f"There is no {name!r} to ask for; there are {', '.join(sorted(known))}."
             )
-        )
-        return drawn.plan
+    files = ("weights", "transcript", "style", "body")
+    return {
+        name: Path(value) if name in files and isinstance(value, str) else value
+        for name, value in asked.items()
+    }

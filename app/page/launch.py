@@ -127,7 +127,7 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
     )
     add_family_files(parser)
     options = parser.parse_args(argv)
-    use_family_files(options)
+    use_family_files(vars(options))
     return AppConfig(
         host=options.host,
         port=options.port,

@@ -16,7 +16,7 @@ from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH, RunRecord
-from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter, picture_layout
 from app.run.videos.own_videos import picture_motions
 from conventions.names import file_stem
@@ -213,7 +213,7 @@ def make_first_look(
         CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError: each with one sentence.
     """
-    from app.run.pipeline import generate_all
+    from app.run.pipeline import do
     from conventions.rates import SAMPLE_RATE
     from model.measures.smoothness import derivative_magnitudes
     from model.motion.motion import load_motion
@@ -226,13 +226,14 @@ def make_first_look(
         waveform = load_speech(look.speech).waveform
         write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
         speech = load_speech(beginning)
-        request = GenerateRequest(
-            *(beginning, Path(temporary, "run"), look.weights),
+        ask = Ask(
+            speech=beginning,
+            out=Path(temporary, "run"),
+            weights=look.weights,
             systems=(look.system,),
-            has_video=False,
             has_figures=False,
         )
-        result = generate_all(request, on_event, should_cancel)
+        result = do(ask, on_event, should_cancel)
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}

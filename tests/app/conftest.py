@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.requests.request import GenerateRequest
+from app.run.requests.request import Ask
 from tests.model.made import made_waveform
 
 
@@ -18,10 +18,10 @@ def _any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.fixture
-def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., GenerateRequest]:
+def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., Ask]:
     """A request that needs no GL and draws no figures unless it is told otherwise."""
 
-    def make(**changes) -> GenerateRequest:
+    def make(**changes) -> Ask:
         values = {
             "speech": speech,
             "out": tmp_path / "out",
@@ -30,7 +30,7 @@ def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., GenerateRe
             "has_video": False,
             "has_figures": False,
         }
-        return GenerateRequest(**{**values, **changes})
+        return Ask(**{**values, **changes})
 
     return make
 

@@ -21,14 +21,13 @@ from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.services import Services, UploadCheck
 from app.page.visitors.researcher_part import Handover
-from app.run.diagnose import MEASURED, DiagnoseRequest
-from app.run.diagnose import record_of as own_record
 from app.run.followed_point import choose_tip_source
+from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
-from app.run.pipeline import record_of, row_names
+from app.run.pipeline import MEASURED, record_of
 from app.run.requests.request import (
     Artefact,
-    GenerateRequest,
+    Ask,
     OnEvent,
     Progress,
     ShouldCancel,
@@ -168,7 +167,7 @@ def tell_windows(
 
 
 def make_generate(
-    on_start: Callable[[GenerateRequest], None] | None = None,
+    on_start: Callable[[Ask], None] | None = None,
     error: BaseException | None = None,
     hold: threading.Event | None = None,
     seconds: float = 1.0,
@@ -176,13 +175,13 @@ def make_generate(
     before_figures: threading.Event | None = None,
     plan: GesturePlan | None = None,
     late_error: BaseException | None = None,
-) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], None]:
+) -> Callable[[Ask, OnEvent, ShouldCancel], None]:
     """A pipeline without models, which writes a run's folder as the real one does; it can be told
     to fail, at once or with all motion there, or to wait until ``hold``; with ``before_window``
     motion comes in windows, held before each; figures wait for ``before_figures``; the first system
     performs ``plan``."""
 
-    def generate(request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def generate(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         if on_start is not None:
             on_start(request)
         names, num_frames = row_names(request, request.systems), round(30 * seconds)
@@ -197,7 +196,7 @@ def make_generate(
                 raise error
             while hold is not None and not hold.wait(0.05):
                 run.stop_if_asked()
-            speech = load_speech(request.speech)
+            speech = load_speech(request.speech or "")
             run.record.speech_sha256 = speech.sha256
             run.rows(names)
             run.sound(speech.waveform)
@@ -241,12 +240,12 @@ def make_generate(
     return generate
 
 
-def diagnose(request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
     on_event(Progress("numbers", 0.5))
     with (
         ResultFolder(request.out, is_kept=request.is_kept) as folder,
-        RunWriter(folder, own_record(request), on_event) as run,
+        RunWriter(folder, record_of(request), on_event) as run,
     ):
         motions = {name: made_motion(30) for name in request.names}
         run.rows(motions)

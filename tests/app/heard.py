@@ -1,25 +1,35 @@
 """What a task of `app.page.queue.worker` tells while it works."""
 
-from app.run.requests.request import Artefact, Event, Progress
+from app.run.requests.request import Artefact, Event, Progress, Stage
 
 
 class Heard:
     """Takes its events, and says when it shall stop."""
 
-    def __init__(self, stop_at: float = 2.0, count: int = 1) -> None:
+    def __init__(self, stop_at: float = 2.0, count: int = 1, stage: Stage | None = None) -> None:
         """
         Args:
             stop_at: share from which on so many have been told when it stops.
+            stage: of which they are; None of any.
         """
-        self.shares: list[float] = []
+        self.told: list[Progress] = []
+        self._stage = stage
         self.files: list[Artefact] = []
         self._stop_at, self._count = stop_at, count
 
     def take(self, event: Event) -> None:
         if isinstance(event, Progress):
-            self.shares.append(event.fraction)
+            self.told.append(event)
         elif isinstance(event, Artefact):
             self.files.append(event)
 
     def should_stop(self) -> bool:
-        return sum(share >= self._stop_at for share in self.shares) >= self._count
+        shares = self.shares if self._stage is None else self.shares_of(self._stage)
+        return sum(share >= self._stop_at for share in shares) >= self._count
+
+    @property
+    def shares(self) -> list[float]:
+        return [each.fraction for each in self.told]
+
+    def shares_of(self, stage: Stage) -> list[float]:
+        return [each.fraction for each in self.told if each.stage == stage]

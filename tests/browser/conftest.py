@@ -25,7 +25,8 @@ from playwright.sync_api import (
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
-from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
+from app.run.many.opened import do_in_folder
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
 from app.study.export import ExportRequest, export_study
 from model.plan.plan import GesturePlan, HandPhase, Nod
@@ -238,7 +239,7 @@ class Fake:
 
     def __init__(self) -> None:
         self.windows, self.videos, self.figures = Gate(), Gate(), threading.Event()
-        self.asked: list[GenerateRequest] = []
+        self.asked: list[Ask] = []
 
     def usual(self) -> None:
         """Nothing is held back."""
@@ -249,6 +250,8 @@ class Fake:
         self.seconds = SECONDS
 
     def generate(self, *arguments: Any) -> Any:
+        if arguments[0].motions:
+            return do_in_folder(*arguments)
         before = self.windows.__getitem__ if self.comes_in_windows else None
         given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}
         run = fakes.make_generate(self.asked.append, seconds=self.seconds, plan=PLAN, **given)
@@ -261,7 +264,7 @@ class Fake:
     @property
     def does(self) -> dict[str, Any]:
         return {
-            "generate_run": self.generate,
+            "do_in_folder": self.generate,
             "draw_behind": self.draw_behind,
             "export_planned": _of_noise,
         }

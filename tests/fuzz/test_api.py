@@ -16,7 +16,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch
 from app.page.parts.asked import form_of
-from app.page.tabs.motion import Form, request_from_form
+from app.page.tabs.motion import Form, ask_from_form
 from app.page.tabs.own_motion_run import OwnMotionForm
 from app.page.tabs.study_run import StudyForm, plan_text
 from tests.app.fakes import CATALOGUE
@@ -80,7 +80,7 @@ def _own(form: OwnMotionForm) -> object:
 
 
 def _run(form: Form) -> object:
-    return request_from_form(form, Path("/job"), CATALOGUE, AppConfig())
+    return ask_from_form(form, Path("/job"), CATALOGUE, AppConfig())
 
 
 @pytest.mark.parametrize(

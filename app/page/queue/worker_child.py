@@ -62,7 +62,6 @@ def main() -> None:
 
 def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
     """In small parts; a failure shows at the first run."""
-    import app.run.diagnose
     import app.run.pipeline  # noqa: F401
     from app.run import models
 

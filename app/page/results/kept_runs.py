@@ -30,7 +30,7 @@ from app.page.routes.media import MediaAddresses
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import RunRecord, file_of
-from app.run.requests.request import GenerateRequest
+from app.run.requests.request import Ask
 from app.run.takes.take import asked_of
 
 PARAMETER = "run"
@@ -53,7 +53,7 @@ class KeptRun:
     """For that browser."""
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
-    asked: GenerateRequest | None = None
+    asked: Ask | None = None
     """As which takes of its plans are made; None where none are."""
     ended: float = field(default_factory=time.time)
 
@@ -134,7 +134,7 @@ class KeptRuns:
         cookie: str,
         showing: Showing,
         form: Mapping[str, Any] | None = None,
-        asked: GenerateRequest | None = None,
+        asked: Ask | None = None,
     ) -> KeptRun:
         kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {}, asked)
         if asked is not None and showing.performed():

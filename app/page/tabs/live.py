@@ -17,7 +17,7 @@ from app.page.tabs.motion_run import GenerateRunner
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind
 from app.run.requests.display import Display
-from app.run.requests.request import GenerateRequest, Take
+from app.run.requests.request import Ask, Take
 from conventions.views import CLOSE_UPS
 from model.systems.registry import family_of, usual_systems
 
@@ -32,7 +32,7 @@ class LiveRunner(GenerateRunner):
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
         return {}  # the form of the tab "Motion" cannot ask for it again
 
-    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Ask:
         """Sound, motion and plan of the last minute, laid into the job's folder.
 
         Raises:
@@ -41,7 +41,7 @@ class LiveRunner(GenerateRunner):
         config = self._services.config
         token = values[0] if isinstance(values[0], str) else ""
         asked, kept = self._services.live.keep(token[:_MAX_TOKEN], cookie, job.folder)
-        return GenerateRequest(
+        return Ask(
             speech=kept.wav,
             out=job.folder / "results",
             weights=config.weights,

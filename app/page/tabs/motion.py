@@ -35,9 +35,9 @@ from app.run.requests.display import Display
 from app.run.requests.request import (
     MAX_SAMPLES,
     MAX_STEPS,
-    GenerateRequest,
+    Ask,
     Steps,
-    check_request,
+    check,
     parse_steps,
     steps_of,
 )
@@ -80,9 +80,7 @@ class Form:
     """What the systems that perform plans are to perform."""
 
 
-def request_from_form(
-    form: Form, folder: Path, catalogue: Catalogue, config: AppConfig
-) -> GenerateRequest:
+def ask_from_form(form: Form, folder: Path, catalogue: Catalogue, config: AppConfig) -> Ask:
     """The run that a form asks for.
 
     Raises:
@@ -121,7 +119,7 @@ def request_from_form(
             )
         )
     apart = [name for name in systems if name in catalogue.with_face_steps]
-    request = GenerateRequest(
+    ask = Ask(
         speech=Path(form.speech),
         out=folder / "results",
         weights=config.weights,
@@ -145,11 +143,10 @@ def request_from_form(
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
         has_video=form.has_videos,
-        has_poses=True,
         max_speech_s=config.max_speech_s,
     )
-    check_request(request)
-    return request
+    check(ask)
+    return ask
 
 
 def kept_values(form: Form, folder: Path) -> dict[str, Any]:

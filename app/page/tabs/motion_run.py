@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,20 +19,19 @@ from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING, Showing, browser_addresses
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates
-from app.page.results.kept_runs import PARAMETER, KeptRun, KeptRuns, told_so_far
+from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import RunPair
 from app.page.routes.media import MediaAddresses
-from app.page.tabs.motion import Form, FormParts, kept_values, request_from_form
+from app.page.tabs.motion import Form, FormParts, ask_from_form, kept_values
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.page.visitors.visitors import cookie_of, is_same
-from app.run.diagnose import PLAYED
+from app.run.many.opened import do_in_folder
 from app.run.output.run_folder import end_run
-from app.run.pipeline import generate_run
 from app.run.requests.request import (
+    Ask,
     Event,
-    GenerateRequest,
     Grown,
     OnEvent,
     Progress,
@@ -96,37 +95,26 @@ class GenerateRunner(TabRunner[None]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[RunWork]:
-        asked = self.asked(job, cookie, values)
+        ask = self.asked(job, cookie, values)
         self._videos.give_up(job.visitor)
-        services, form = self._services, self._kept_values(job, values)
+        form = self._kept_values(job, values)
         speech = form.get("speech")  # which stays as long as the run, under its own name
-        lasting = replace(asked, speech=Path(speech)) if speech else None
-        showing = showing_of(job, services.addresses, cookie, is_drawn=asked.has_video)
-        line = StageLine()
-
-        def do(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-            line.started = time.monotonic()  # now, after the waiting
-            request = replace(asked, has_video=False, is_kept=True)
-            services.worker.do(generate_run, request, on_event, should_cancel)
-
-        looks = (asked.display, asked.size, asked.framing, asked.close_ups)
+        lasting = replace(ask, speech=Path(speech)) if speech else None
+        showing = showing_of(job, self._services.addresses, cookie, is_drawn=ask.has_video)
         yield RunWork(
-            *(do, showing, self._results, services.kept, job, cookie, line.html, form, lasting),
-            videos=self._videos if asked.has_video else None,
-            options=VideoOptions(*looks),
-            body=asked.body,
-            at_the_end=self._buttons(is_running=False),
+            *(ask, self._services, self._videos, self._results, job, cookie, showing),
+            *(form, lasting, self._buttons(is_running=False)),
         )
 
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
         """Of the form, for whoever opens the run by its link."""
         return kept_values(form_of(Form, values), job.folder)
 
-    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Ask:
         """The run that the form asks for; arguments and errors as of `begin`."""
         services = self._services
         form = form_of(Form, values)
-        return request_from_form(form, job.folder, services.catalogue, services.config)
+        return ask_from_form(form, job.folder, services.catalogue, services.config)
 
     def blank(self) -> Updates:
         parts = self._results
@@ -187,24 +175,19 @@ def showing_of(job: Job, addresses: MediaAddresses, cookie: str, *, is_drawn: bo
 class RunWork:
     """One run, of generated motion or of given, and what the page has been shown of it."""
 
-    do: Callable[[OnEvent, ShouldCancel], object]
-    """Writes the folder that is shown."""
-    showing: Showing
+    ask: Ask
+    """Its videos are drawn behind the stage, once it has ended."""
+    services: Services
+    videos: VideosBehind
     parts: ResultParts
-    kept: KeptRuns
     job: Job
     cookie: str
-    line: Callable[[list[Event]], str]
-    """How far it is, as HTML; empty where nothing new is known."""
+    showing: Showing
     form: Mapping[str, Any] = field(default_factory=dict)
-    asked: GenerateRequest | None = None
+    lasting: Ask | None = None
     """As `KeptRun` has it."""
-    videos: VideosBehind | None = None
-    """None where no videos are wanted."""
-    options: VideoOptions = PLAYED
-    """Of the videos."""
-    body: Path | None = None
     at_the_end: Updates = field(default_factory=dict)
+    _line: StageLine = field(default_factory=StageLine)
     _shown: Updates = field(default_factory=dict)
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
@@ -213,8 +196,10 @@ class RunWork:
         Raises:
             Exception: of a run that has left nothing.
         """
+        self._line.started = time.monotonic()  # now, after the waiting
+        ask = replace(self.ask, has_video=False, is_kept=True)
         try:
-            self.do(on_event, should_cancel)
+            self.services.worker.do(do_in_folder, ask, on_event, should_cancel)
         except CancelledRun:
             raise
         except Exception as error:
@@ -222,8 +207,7 @@ class RunWork:
                 raise
 
     def progress(self, events: list[Event]) -> Updates:
-        line = self.line(events)
-        updates: Updates = {self.parts.status: line} if line else {}
+        updates: Updates = {self.parts.status: self._line.html(events)}
         if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
             updates |= told_so_far(self.showing, self.parts)
         new = {part: each for part, each in updates.items() if self._shown.get(part) != each}
@@ -231,16 +215,17 @@ class RunWork:
         return new
 
     def finished(self, result: None) -> Updates:
-        kept = self.kept.keep(self.job, self.cookie, self.showing, self.form, self.asked)
-        if self.videos is not None and kept.record.state == "done":
-            record = kept.record
+        kept = self.services.kept.keep(self.job, self.cookie, self.showing, self.form, self.lasting)
+        record, ask = kept.record, self.ask
+        if ask.has_video and record.state == "done":
             wanted = VideosRequest(
                 *(self.showing.motions(), self.job.folder),
                 self.showing.sound() if record.speech_sha256 else None,
-                *(record.point, self.body, self.options),
+                *(record.point, ask.body),
+                VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups),
             )
             self.videos.want(self.job.visitor, Wanted(kept, wanted))
-        runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
+        runs = {self.parts.runs: shown(self.services.kept.html(self.cookie, kept))}
         return {**kept.updates(self.parts, begins=True), **runs, **self.at_the_end}
 
 

@@ -1,4 +1,4 @@
-"""The runs of the tab "Your motion": from the form to `app.run.diagnose`, and back as updates."""
+"""The runs of the tab "Your motion": from the form to `app.run.given`, and back as updates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -18,28 +18,18 @@ from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner, Updates, Work, last_share
+from app.page.queue.runner import TabRunner, Updates, Work
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.motion_run import RunWork, showing_of
 from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools, is_zip
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind
-from app.run.diagnose import DiagnoseRequest
-from app.run.many.opened import diagnose_opened
+from app.run.many.opened import is_one_run
 from app.run.many.unpacked import stem_of
-from app.run.output.run_folder import is_run_zip
-from app.run.requests.request import (
-    MAX_COMPARED,
-    Event,
-    OnEvent,
-    ShouldCancel,
-    read_assumptions,
-    read_channel,
-)
+from app.run.requests.display import Display
+from app.run.requests.request import MAX_COMPARED, Ask, read_assumptions, read_channel
 from conventions.names import REFERENCE_NAME, printable
-
-if TYPE_CHECKING:
-    from app.run.many.sets import SetsRequest
+from conventions.views import CLOSE_UPS
 
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
 MAX_FILES = 24
@@ -47,7 +37,8 @@ TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
-MEASURING = "Measuring and drawing: {share:.0%}"
+SEEN: dict[str, Any] = {"size": 512, "display": Display(has_trail=True), "close_ups": CLOSE_UPS}
+"""How given motion is shown; the player frames bodies alike."""
 MAX_FRAMES = 108_000
 """Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
@@ -76,7 +67,7 @@ class OwnMotionForm:
     channel: str = ""
     """Of the speech, as `--channel` takes it; nothing mixes all."""
 
-    def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
+    def to_ask(self, out: Path, config: AppConfig) -> Ask:
         """The measuring that the form asks for.
 
         Raises:
@@ -86,7 +77,7 @@ class OwnMotionForm:
         if not paths:
             raise RunError(NO_MOTION)
         if self.is_run:
-            return replace(asked_of({"run": paths[0]}, None, out, config), is_run=True)
+            return asked_of({"run": paths[0]}, None, out, config)
         if len(paths) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(paths)))
         limit = MAX_COMPARED - bool(self.reference)
@@ -100,7 +91,8 @@ class OwnMotionForm:
         names = display_names([path.stem for path in paths])
         reference = Path(self.reference) if self.reference else None
         files = [*paths, *filter(None, [reference])]
-        return DiagnoseRequest(
+        return Ask(
+            **SEEN,
             motions=tuple(paths),
             out=out,
             names=names,
@@ -113,7 +105,7 @@ class OwnMotionForm:
             start_frame=int(start),
             body=config.body,
             weights=config.weights,
-            is_kept=True,
+            has_video=self.has_videos,
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
@@ -124,21 +116,19 @@ class OwnMotionForm:
     @property
     def is_run(self) -> bool:
         """Whether it is the folder of a run, zipped, that is to be shown again."""
-        return len(self.motions or ()) == 1 and is_run_zip(Path((self.motions or [""])[0]))
+        return is_one_run([Path(path) for path in self.motions or ()])
 
     @property
     def has_sets(self) -> bool:
         """Whether zips of clips are to be measured."""
         return any(map(is_zip, self.motions or ())) and not self.is_run
 
-    def to_sets(self, out: Path) -> SetsRequest:
+    def to_sets(self, out: Path) -> Ask:
         """The measuring of zips that the form asks for.
 
         Raises:
             RunError: with a sentence for the visitor.
         """
-        from app.run.many.sets import SetsRequest
-
         paths = [Path(path) for path in self.motions or ()]
         if not all(map(is_zip, self.motions or ())):
             raise RunError(MIXED)
@@ -148,14 +138,14 @@ class OwnMotionForm:
         limit = MAX_COMPARED - bool(self.reference)
         if len(paths) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(paths)))
-        return SetsRequest(
-            tuple(paths),
-            display_names([stem_of(path) for path in paths]),
-            out,
-            Path(self.reference) if self.reference else None,
-            Path(self.speech) if self.speech else None,
-            read_assumptions(self.assume),
-            read_channel(self.channel) if self.channel else None,
+        return Ask(
+            motions=tuple(paths),
+            names=display_names([stem_of(path) for path in paths]),
+            out=out,
+            reference=Path(self.reference) if self.reference else None,
+            speech=Path(self.speech) if self.speech else None,
+            told=read_assumptions(self.assume),
+            channel=read_channel(self.channel) if self.channel else None,
         )
 
 
@@ -211,23 +201,11 @@ class OwnMotionRunner(TabRunner[Any]):
             with self._sets.work(asked, job, cookie, addresses, self._parts) as work:
                 yield work
             return
-        request = form.to_request(out, self._services.config)
-        has_videos = form.has_videos and not form.is_run
-        yield self._work(request, job, cookie, has_videos=has_videos)
+        yield self._work(form.to_ask(out, self._services.config), job, cookie)
 
-    def _work(self, asked: DiagnoseRequest, job: Job, cookie: str, *, has_videos: bool) -> RunWork:
-        services = self._services
-
-        def do(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-            services.worker.do(diagnose_opened, asked, on_event, should_cancel)
-
-        return RunWork(
-            do,
-            showing_of(job, services.addresses, cookie, is_drawn=has_videos),
-            *(self._parts, services.kept, job, cookie, _line),
-            videos=self._videos if has_videos else None,
-            body=asked.body,
-        )
+    def _work(self, ask: Ask, job: Job, cookie: str) -> RunWork:
+        showing = showing_of(job, self._services.addresses, cookie, is_drawn=ask.has_video)
+        return RunWork(ask, self._services, self._videos, self._parts, job, cookie, showing)
 
     def blank(self) -> Updates:
         return {
@@ -264,10 +242,10 @@ class ClipRunner(OwnMotionRunner):
         self._videos.give_up(job.visitor)
         config = self._services.config
         asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
-        told = clip.asked.told.known(asked.motions, *asked.names)
+        told = clip.ask.told.known(asked.motions, *asked.names)
         title = f"{clip.name} of {', '.join(asked.names)}"
-        asked = replace(asked, told=told, channel=clip.asked.channel, title=title)
-        yield self._work(asked, job, cookie, has_videos=False)
+        asked = replace(asked, told=told, channel=clip.ask.channel, title=title)
+        yield self._work(asked, job, cookie)
 
     def _without_results(self) -> Updates:
         return {
@@ -277,12 +255,11 @@ class ClipRunner(OwnMotionRunner):
         }
 
 
-def asked_of(
-    files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig
-) -> DiagnoseRequest:
+def asked_of(files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig) -> Ask:
     """The measuring of motions that have names already, the reference among them."""
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
-    return DiagnoseRequest(
+    return Ask(
+        **SEEN,
         motions=tuple(motions.values()),
         out=out,
         names=tuple(motions),
@@ -290,11 +267,5 @@ def asked_of(
         speech=speech,
         body=config.body,
         weights=config.weights,
-        is_kept=True,
         max_frames=MAX_FRAMES,
     )
-
-
-def _line(events: list[Event]) -> str:
-    share = last_share(events)
-    return "" if share is None else markup.sentence_status(MEASURING.format(share=share))

@@ -23,10 +23,10 @@ from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses
 from app.run.many.unpacked import is_packed
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import Event, OnEvent, ShouldCancel
+from app.run.requests.request import Ask, Event, OnEvent, ShouldCancel
 
 if TYPE_CHECKING:
-    from app.run.many.sets import Sets, SetsRequest
+    from app.run.many.sets import Sets
 
 MIXED = "Give zips of results only, or motion files only; a zip is measured as one set."
 REFERENCE_TOO = (
@@ -40,7 +40,7 @@ CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again
 SETS_ZIP = "Tables and figures as one zip"
 MAX_ASKED = 2000
 
-MeasureSets = Callable[["SetsRequest", OnEvent, ShouldCancel], "Sets"]
+MeasureSets = Callable[[Ask, OnEvent, ShouldCancel], "Sets"]
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ class SetsTools:
     @contextmanager
     def work(
         self,
-        asked: SetsRequest,
+        ask: Ask,
         job: Job,
         cookie: str,
         addresses: MediaAddresses,
         parts: ResultParts,
     ) -> Iterator[SetsWork]:
         """One measuring of them."""
-        yield SetsWork(self, asked, job, cookie, addresses, parts)
+        yield SetsWork(self, ask, job, cookie, addresses, parts)
 
     def clip_of(self, told: object, cookie: str) -> Clip:
         """What app/page/web/sets.js asks for.
@@ -108,7 +108,7 @@ class SetsTools:
         if clip not in kept.sets.told["clips"]:
             raise RunError(CLIP_DAMAGED)
         motions = {name: files[clip] for name, files in kept.sets.clips.items()}
-        return Clip(clip, motions, kept.sets.sounds.get(clip), kept.sets.asked)
+        return Clip(clip, motions, kept.sets.sounds.get(clip), kept.sets.ask)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Clip:
     motions: dict[str, Path]
     """By set, the reference among them."""
     sound: Path | None
-    asked: SetsRequest
+    ask: Ask
     """Of which it is one."""
 
 
@@ -133,14 +133,14 @@ class SetsWork:
     """One run over zips."""
 
     tools: SetsTools
-    asked: SetsRequest
+    ask: Ask
     job: Job
     cookie: str
     addresses: MediaAddresses
     parts: ResultParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
-        return self.tools.measure(self.asked, on_event, should_cancel)
+        return self.tools.measure(self.ask, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)

@@ -11,21 +11,20 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.flags import MANNER, WEIGHTS, flag, names_of
+from app.flags import written
 from app.run.body_motion import body_motion
+from app.run.made import options_of
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import share_teller
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.videos.export import render_settings
 from app.run.videos.own_videos import in_register
 from app.run.videos.videos import draw_videos
 from conventions.names import file_stem
-from model.systems.registry import usual_systems
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
@@ -109,58 +108,31 @@ def _two_names(written: str) -> tuple[str, str]:
     return calm, lively
 
 
-@dataclass(frozen=True)
-class HearingRequest:
-    """What is compared: motions that are generated here, or those of a folder."""
+TwoSpeakers = Annotated[
+    tuple[str, str] | None, written(_two_names, "CALM,LIVELY", "none", ",".join)
+]
 
-    out: Path = field(metadata=flag(None, "DIR", Path))
+
+@dataclass(frozen=True, kw_only=True)
+class HearingAsk:
+    """A run of which speech and noise vary; or of motions, a folder of anyone's:
+    ``[SYSTEM__]SPEECH__SEED.npz``."""
+
+    ask: Ask
+    """Has videos of the first two speeches and seeds, under the sound of either."""
     speeches: tuple[Path, ...] = ()
-    """Two or more; none where ``motions`` are given."""
-    systems: tuple[str, ...] = field(
-        default=(),
-        metadata=flag(
-            "default: %(default)s",
-            "A,B,...",
-            names_of,
-            usual=lambda: ",".join(usual_systems("hearing")),
-        ),
-    )
-    seeds: int = field(default=2, metadata=flag("default: %(default)s", "N", int))
+    """Two or more; none where motions are given."""
+    seeds: int = 2
     """Noise seeds, from 0 on."""
-    speaker: str | None = field(default=None, metadata=MANNER)
-    guidance: float | None = field(
-        default=None,
-        metadata=flag(
-            "strength of the speech; 1 is as trained (default: as suits each system)", "N", float
-        ),
-    )
-    speakers: tuple[str, str] | None = field(
-        default=None,
-        metadata=flag(
-            "two speakers whose manner is compared on the first speech, such as hana,june",
-            "CALM,LIVELY",
-            _two_names,
-        ),
-    )
-    """A calm one and a lively one, who are compared on the first speech as well."""
-    has_videos: bool = field(
-        default=False,
-        metadata=flag(
-            "draw the bodies of the first two speeches and seeds, under the sound of either",
-            name="--videos",
-        ),
-    )
-    """Whether the bodies of the first two speeches and seeds are drawn."""
-    motions: Path | None = None
-    """A folder of anyone's motion: ``[SYSTEM__]SPEECH__SEED.npz``."""
-    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
-    max_speech_s: float = 600.0
+    speakers: TwoSpeakers = None
+    """Two whose manner is compared on the first speech, too, such as hana,june."""
 
     def __post_init__(self) -> None:
-        if self.motions is not None:
-            if self.speeches or self.systems:
+        count = len(self.ask.systems)
+        if self.ask.motions:
+            if self.speeches or count:
                 raise RunError("Give speeches and systems, or a folder of motions; not both.")
-            if self.speakers or self.has_videos:
+            if self.speakers or self.ask.has_video:
                 raise RunError("A folder of motions tells no speakers and no sound to draw with.")
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
@@ -172,10 +144,8 @@ class HearingRequest:
             raise RunError("Two of the speeches have one name; rename one of the files.")
         if not 2 <= self.seeds <= MAX_SEEDS:
             raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
-        if not 1 <= len(self.systems) <= MAX_SYSTEMS:
-            raise RunError(
-                f"One to {MAX_SYSTEMS} systems are compared at once; got {len(self.systems)}."
-            )
+        if not 1 <= count <= MAX_SYSTEMS:
+            raise RunError(f"One to {MAX_SYSTEMS} systems are compared at once; got {count}.")
 
 
 @dataclass(frozen=True)
@@ -236,7 +206,7 @@ class Hearing:
 
 
 def measure_hearing(
-    request: HearingRequest,
+    asked: HearingAsk,
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
 ) -> Hearing:
@@ -251,18 +221,19 @@ def measure_hearing(
     from model.motion.motion import save_motion
 
     on_progress = share_teller("numbers", on_event, should_cancel)
-    generated = _GENERATED_BEFORE_VIDEOS if request.has_videos else 1.0
-    with ResultFolder(request.out) as folder:
-        if request.motions is not None:
-            of_system = {name: _Made(grid) for name, grid in _read(request.motions).items()}
+    generated = _GENERATED_BEFORE_VIDEOS if asked.ask.has_video else 1.0
+    with ResultFolder(asked.ask.out) as folder:
+        if asked.ask.motions:
+            (given,) = asked.ask.motions
+            of_system = {name: _Made(grid) for name, grid in _read(given).items()}
         else:
-            speeches = _speeches(request)
-            of_system = _generated(request, speeches, lambda share: on_progress(generated * share))
+            speeches = _speeches(asked)
+            of_system = _generated(asked, speeches, lambda share: on_progress(generated * share))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     name = f"{file_stem(system)}__{speech}__{seed}.npz"
                     save_motion(motion, folder.path(name))
-            if request.has_videos:
+            if asked.ask.has_video:
                 draw_hearing_videos(
                     {system: made.grid for system, made in of_system.items()},
                     speeches,
@@ -270,7 +241,7 @@ def measure_hearing(
                     lambda share: on_progress(generated + (1 - generated) * share),
                 )
         on_progress(1.0)
-        heard = tuple(_heard(system, made, request.speakers) for system, made in of_system.items())
+        heard = tuple(_heard(system, made, asked.speakers) for system, made in of_system.items())
         _write_numbers(heard, folder)
         _draw(heard, {system: made.grid for system, made in of_system.items()}, folder)
         return Hearing(heard, folder.publish())
@@ -286,13 +257,13 @@ class _Made:
     """Of the first speech, by speaker and seed."""
 
 
-def _speeches(request: HearingRequest) -> dict[str, Speech]:
+def _speeches(asked: HearingAsk) -> dict[str, Speech]:
     """By name; no more of each than is heard."""
     from conventions.rates import SAMPLE_RATE
     from model.speech.audio import SpeechLimits, load_speech
 
-    limits = SpeechLimits(max_s=request.max_speech_s)
-    whole = {path.stem: load_speech(path, limits) for path in request.speeches}
+    limits = SpeechLimits(max_s=asked.ask.max_speech_s)
+    whole = {path.stem: load_speech(path, limits) for path in asked.speeches}
     heard = int(MAX_S * SAMPLE_RATE)
     return {
         name: replace(speech, waveform=speech.waveform[:heard]) for name, speech in whole.items()
@@ -300,34 +271,34 @@ def _speeches(request: HearingRequest) -> dict[str, Speech]:
 
 
 def _generated(
-    request: HearingRequest,
+    asked: HearingAsk,
     speeches: Mapping[str, Speech],
     on_progress: Callable[[float], None],
 ) -> dict[str, _Made]:
-    from model.generation.windows import GenerateOptions, generate_motion
+    from model.generation.windows import generate_motion
 
-    systems = [get_system(name, request.weights) for name in dict.fromkeys(request.systems)]
-    seeds = range(request.seeds)
+    ask = asked.ask
+    systems = [get_system(name, ask.weights) for name in dict.fromkeys(ask.systems)]
+    seeds = range(asked.seeds)
     of_system: dict[str, _Made] = {}
     first = next(iter(speeches))
     grid_keys = [(name, seed) for name in speeches for seed in seeds]
-    speaker_keys = [(speaker, seed) for speaker in request.speakers or () for seed in seeds]
+    speaker_keys = [(speaker, seed) for speaker in asked.speakers or () for seed in seeds]
     wanted = len(systems) * (len(grid_keys) + len(speaker_keys))
     done = 0
     for system in systems:
-        own = request.speaker or next(iter(system.speakers))
-        strength = None if system.guidance is None else request.guidance
-        asked = [(name, own, seed) for name, seed in grid_keys]
-        asked += [(first, speaker, seed) for speaker, seed in speaker_keys]
+        own = options_of(ask, system)
+        wishes = [(name, own.speaker, seed) for name, seed in grid_keys]
+        wishes += [(first, speaker, seed) for speaker, seed in speaker_keys]
         moved: list[Motion] = []
-        for name, speaker, seed in asked:
+        for name, speaker, seed in wishes:
             on_progress(done / wanted)
             done += 1
-            options = GenerateOptions(speaker, seed=seed, guidance=strength)
+            options = replace(own, speaker=speaker, seed=seed)
             moved += generate_motion(system, speeches[name], options)
         of_system[system.name] = _Made(
             dict(zip(grid_keys, moved, strict=False)),
-            system.strength(strength),
+            own.guidance,
             dict(zip(speaker_keys, moved[len(grid_keys) :], strict=True)),
         )
     return of_system

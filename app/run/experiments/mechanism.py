@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.flags import SEED, SOUND, flag
 from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
@@ -18,11 +17,10 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.output.telling import share_teller
 from app.run.requests.display import Display, marks_of
-from app.run.requests.request import ASSUME, BODY, JOINT, OnEvent, ShouldCancel
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter, picture_layout
 from app.run.videos.export import render_settings
 from app.run.videos.videos import draw_videos
-from model.formats.reading import Told
 from model.speech.transcript import NOTHING_SAID
 
 if TYPE_CHECKING:
@@ -37,42 +35,20 @@ _DRAWN = 0.85
 """Share of the work that is done when both bodies are drawn."""
 
 
-@dataclass(frozen=True)
-class MechanismRequest:
-    """Which motion, how much noise, what to follow."""
+@dataclass(frozen=True, kw_only=True)
+class MechanismAsk:
+    """Equal noise on one motion."""
 
-    motion: Path = field(metadata=flag(None, "MOTION", Path, is_positional=True))
-    out: Path = field(metadata=flag(None, "FILE.mp4", Path))
-    """An mp4."""
-    noise_rad: float = field(
-        default=0.02,
-        metadata=flag(
-            f"deviation about each axis, {NOISE_RAD[0]:g} to {NOISE_RAD[1]:g} "
-            "(default: %(default)s)",
-            "RAD",
-            float,
-            "--noise",
-        ),
-    )
-    """Deviation of each component of the random turns."""
-    seed: int = field(default=0, metadata=SEED)
-    joint: str = field(default=TIP, metadata=JOINT)
-    """The point whose trail and numbers are told."""
-    speech: Path | None = field(default=None, metadata=SOUND)
-    told: Told = field(default=Told(), metadata=ASSUME)
-    """How the file is to be read."""
-    body: Path | None = field(default=None, metadata=BODY)
-    size: int = field(
-        default=640, metadata=flag("height of a body (default: %(default)s)", "PX", int)
-    )
-    """Height of a body in pixels."""
+    ask: Ask
+    """Of one motion, to an mp4."""
+    noise_rad: float = 0.02
+    """Deviation of the random turns about each axis."""
     played: Path | None = None
     """Where both motions are left as a run, for a player."""
-    has_video: bool = True
 
 
 def show_mechanism(
-    request: MechanismRequest,
+    asked: MechanismAsk,
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
 ) -> tuple[Path | None, tuple[str, ...]]:
@@ -91,30 +67,31 @@ def show_mechanism(
     from model.motion.kinematics import open_body_skeleton
     from model.motion.tracks import moving_chain
 
-    _check(request)
-    if not moving_chain(request.joint):
-        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
-    request.told.check([request.motion])
-    found = read_any_motion(request.motion, request.told, request.body)
+    _check(asked)
+    ask = asked.ask
+    (motion,) = ask.motions
+    if not moving_chain(ask.joint):
+        raise RunError(f"No rotation moves the {ask.joint}; follow a joint further from it.")
+    ask.told.check([motion])
+    found = read_any_motion(motion, ask.told, ask.body)
     growth = measure_error_growth(
-        found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
+        found.motion, open_body_skeleton(), ask.joint, asked.noise_rad, seed=ask.seed
     )
-    on_local, on_global = noisy_motions(found.motion, request.noise_rad, request.seed)
+    on_local, on_global = noisy_motions(found.motion, asked.noise_rad, ask.seed)
     noisy: dict[str, Motion] = dict(zip(NAMES, (on_local, on_global), strict=True))
-    if request.played is not None:
-        _play(request, request.played, noisy, on_event)
-    if request.has_video:
-        _draw(request, found.motion, noisy, share_teller("video", on_event, should_cancel))
-    sentences = (*found.notes, *_told(growth, request.noise_rad))
-    return request.out if request.has_video else None, sentences
+    if asked.played is not None:
+        _play(ask, asked.played, noisy, on_event)
+    if ask.has_video:
+        on_share = share_teller("video", on_event, should_cancel)
+        _draw(ask, asked.noise_rad, found.motion, noisy, on_share)
+    sentences = (*found.notes, *_told(growth, asked.noise_rad))
+    return ask.out if ask.has_video else None, sentences
 
 
-def _play(
-    request: MechanismRequest, out: Path, noisy: Mapping[str, Motion], on_event: OnEvent
-) -> None:
-    tip = choose_tip_source(get_body(request.body), request.body, TIP)
+def _play(ask: Ask, out: Path, noisy: Mapping[str, Motion], on_event: OnEvent) -> None:
+    tip = choose_tip_source(get_body(ask.body), ask.body, TIP)
     record = RunRecord(
-        kind="given", point=TIP, layout=picture_layout("front", request.size, ("hands",), "knees")
+        kind="given", point=TIP, layout=picture_layout("front", ask.size, ("hands",), "knees")
     )
     with ResultFolder(out, is_kept=True) as folder, RunWriter(folder, record, on_event) as run:
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
@@ -123,7 +100,8 @@ def _play(
 
 
 def _draw(
-    request: MechanismRequest,
+    ask: Ask,
+    noise_rad: float,
     clean: Motion,
     noisy: Mapping[str, Motion],
     on_progress: Callable[[float], None],
@@ -132,9 +110,9 @@ def _draw(
     from renderer.video.render import stage_for
     from renderer.video.worker_process import RenderJob
 
-    body = get_body(request.body)
-    tip = choose_tip_source(body, request.body, request.joint)
-    settings = render_settings("front", request.size, close_ups=("hands",), framing="knees")
+    body = get_body(ask.body)
+    tip = choose_tip_source(body, ask.body, ask.joint)
+    settings = render_settings("front", ask.size, close_ups=("hands",), framing="knees")
     stage = stage_for(body, [body_motion(clean)], settings)  # the noise moves no camera
     with tempfile.TemporaryDirectory() as folder:
         jobs = {
@@ -142,7 +120,7 @@ def _draw(
                 motion=body_motion(motion),
                 out=Path(folder, f"{number}.mp4"),
                 settings=settings,
-                body_path=request.body,
+                body_path=ask.body,
                 stage=stage,
                 marks=marks_of(motion, Display(has_trail=True), tip, body),
             )
@@ -156,23 +134,25 @@ def _draw(
         )
         compose_videos(
             [Path(folder, f"{number}.mp4") for number in range(len(jobs))],
-            [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
-            request.out,
-            request.speech,
+            [f"{noise_rad:g} rad of noise on {name}" for name in noisy],
+            ask.out,
+            ask.speech,
             on_progress=lambda part: on_progress(_DRAWN + (1.0 - _DRAWN) * part),
         )
 
 
-def _check(request: MechanismRequest) -> None:
-    least, most = NOISE_RAD
-    if not least <= request.noise_rad <= most:
-        raise RunError(f"Noise must be {least:g} to {most:g} rad; got {request.noise_rad:g}.")
-    if request.seed < 0:
-        raise RunError(f"The seed must not be negative; got {request.seed}.")
-    if request.out.suffix.lower() != ".mp4":
-        raise RunError(f"{request.out.name} must end in .mp4.")
-    if not request.out.parent.is_dir():
-        raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
+def _check(asked: MechanismAsk) -> None:
+    ask, (least, most) = asked.ask, NOISE_RAD
+    if not least <= asked.noise_rad <= most:
+        raise RunError(f"Noise must be {least:g} to {most:g} rad; got {asked.noise_rad:g}.")
+    if len(ask.motions) != 1:
+        raise RunError(f"One motion is shown; got {len(ask.motions)}.")
+    if ask.seed < 0:
+        raise RunError(f"The seed must not be negative; got {ask.seed}.")
+    if ask.out.suffix.lower() != ".mp4":
+        raise RunError(f"{ask.out.name} must end in .mp4.")
+    if not ask.out.parent.is_dir():
+        raise RunError(f"The folder {ask.out.parent} does not exist; create it first.")
 
 
 def _told(growth: ErrorGrowth, noise_rad: float) -> list[str]:

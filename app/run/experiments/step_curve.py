@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from app.config import BUNDLED_WEIGHTS
+from tyro.conf import arg
+
 from app.errors import RunError
-from app.flags import OUT_FOLDER, SEED, SPEAKER, SPEECH, WEIGHTS, flag, names_of
+from app.flags import a_count, written
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import share_teller
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -34,26 +35,24 @@ MAX_COUNT = 1000
 FINGERTIP = "right_middle"
 
 
-@dataclass(frozen=True)
-class StepCurveRequest:
-    """What is measured."""
+def _counts(told: str) -> tuple[int, ...]:
+    return tuple(map(a_count, told.split(",")))
 
-    speech: Path = field(metadata=SPEECH)
-    out: Path = field(metadata=OUT_FOLDER)
-    systems: tuple[str, ...] = field(metadata=flag("at most six", "A,B,...", names_of))
-    counts: tuple[int, ...] = field(
-        default=COUNTS,
-        metadata=flag(
-            f"numbers of steps (default: {','.join(map(str, COUNTS))})",
-            "N,N,...",
-            lambda written: tuple(map(int, written.split(","))),
-            "--steps",
-        ),
-    )
-    speaker: str | None = field(default=None, metadata=SPEAKER)
-    seed: int = field(default=0, metadata=SEED)
-    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
-    max_speech_s: float = 600.0
+
+Counts = Annotated[
+    tuple[int, ...],
+    written(_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
+    arg(name="steps"),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepsAsk:
+    """A run of which the steps vary."""
+
+    ask: Ask
+    counts: tuple[int, ...] = COUNTS
+    """Numbers of steps."""
 
     def __post_init__(self) -> None:
         if not self.counts or not all(1 <= count <= MAX_COUNT for count in self.counts):
@@ -61,10 +60,9 @@ class StepCurveRequest:
                 f"Steps must be whole numbers from 1 to {MAX_COUNT}; got "
                 f"{', '.join(map(str, self.counts)) or 'none'}."
             )
-        if not 1 <= len(self.systems) <= MAX_SYSTEMS:
-            raise RunError(
-                f"One to {MAX_SYSTEMS} systems are measured at once; got {len(self.systems)}."
-            )
+        count = len(self.ask.systems)
+        if not 1 <= count <= MAX_SYSTEMS:
+            raise RunError(f"One to {MAX_SYSTEMS} systems are measured at once; got {count}.")
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class StepCurve:
 
 
 def measure_step_curve(
-    request: StepCurveRequest,
+    asked: StepsAsk,
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
 ) -> StepCurve:
@@ -107,18 +105,19 @@ def measure_step_curve(
     from renderer.figures.step_curve import Mark, step_curve_figure
 
     on_progress = share_teller("numbers", on_event, should_cancel)
-    whole = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    ask = asked.ask
+    whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
-    systems = [get_system(name, request.weights) for name in request.systems]
-    counts = sorted(set(request.counts), reverse=True)  # the most first: others are compared to it
+    systems = [get_system(name, ask.weights) for name in ask.systems]
+    counts = sorted(set(asked.counts), reverse=True)  # the most first: others are compared to it
     points: list[StepPoint] = []
-    with ResultFolder(request.out) as folder:
+    with ResultFolder(ask.out) as folder:
         for number, system in enumerate(systems):
             points += _points_of(
                 system,
                 speech,
                 counts,
-                request,
+                ask,
                 lambda part, number=number: on_progress((number + part) / len(systems)),
             )
         on_progress(1.0)
@@ -138,19 +137,19 @@ def _points_of(
     system: System,
     speech: Speech,
     counts: list[int],
-    request: StepCurveRequest,
+    ask: Ask,
     on_progress: Callable[[float], None],
 ) -> list[StepPoint]:
     """From few steps to many."""
     from model.generation.windows import GenerateOptions, generate_motion
 
-    speaker = request.speaker or next(iter(system.speakers))
+    speaker = ask.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
     found: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_progress(done / len(counts))
-        options = GenerateOptions(speaker, seed=request.seed, steps=count)
+        options = GenerateOptions(speaker, seed=ask.seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
         seconds = time.perf_counter() - started

@@ -9,7 +9,7 @@ out of the tables, and told of.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, write_tables
 from app.run.many.unpacked import unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
+from app.run.requests.request import Ask
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS
 from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
@@ -44,30 +45,6 @@ if TYPE_CHECKING:
 FORMAT = 4
 """Of a clip's record; another one is measured anew."""
 _SPEECH = "the speech"
-
-
-@dataclass(frozen=True)
-class ManyRequest:
-    """Which folders to measure, beside what."""
-
-    folders: tuple[Path, ...]
-    out: Path
-    reference: Path | None = None
-    speech: Path | None = None
-    """Folder of the clips' sound, for BeatAlign."""
-    mean_speeds: Path | None = None
-    """Published ones (`model.measures.beats.read_mean_speeds`)."""
-    emage_weights: Path | None = None
-    """Of EMAGE's encoder (`model.systems.autoencoders.emage`), for FGD as papers tell it."""
-    told: Told = field(default_factory=Told)
-    """How files are to be read, where they do not say it."""
-    body: Path | None = None
-    """Licensed, whose mean hand is used."""
-    names: tuple[str, ...] = ()
-    """What to call the folders; by default as they are called."""
-    channel: int | None = None
-    """Of that sound, from 0; None mixes all."""
-    pool: JobPool = field(default_factory=JobPool)
 
 
 @dataclass(frozen=True)
@@ -86,10 +63,15 @@ class ManyResult:
 
 
 def diagnose_folders(
-    request: ManyRequest, on_progress: Callable[[float], None] = lambda share: None
+    ask: Ask,
+    on_progress: Callable[[float], None] = lambda share: None,
+    pool: JobPool | None = None,
 ) -> ManyResult:
-    """Measure all clips that every folder has, and leave what `write_tables` writes in
-    ``request.out``.
+    """Measure all clips that every folder has, and leave what `write_tables` writes in ``ask.out``.
+
+    Args:
+        ask: its motions, its reference and its speech are folders, or zips.
+        pool: who measures; by default this process.
 
     Raises:
         RunError: where folders have no clip in common, a folder is none, or a zip is hostile.
@@ -97,34 +79,26 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if those who measure are lost.
     """
-    check_weights(request.emage_weights, request.reference)
-    sets = [(path, ENDINGS) for path in (*request.folders, request.reference) if path is not None]
-    sets += [(request.speech, SOUND_ENDINGS)] if request.speech is not None else []
-    remove_unfinished(request.out)
-    with held_folder(request.out), unpacked_sets(sets, request.out) as folders:
-        return _diagnose_sets(_with_folders(request, folders), on_progress)
+    check_weights(ask.emage_weights, ask.reference)
+    sets = [(path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None]
+    sets += [(ask.speech, SOUND_ENDINGS)] if ask.speech is not None else []
+    remove_unfinished(ask.out)
+    with held_folder(ask.out), unpacked_sets(sets, ask.out) as folders:
+        unpacked = replace(
+            ask,
+            motions=tuple(folders.get(path, path) for path in ask.motions),
+            reference=ask.reference and folders.get(ask.reference, ask.reference),
+            speech=ask.speech and folders.get(ask.speech, ask.speech),
+        )
+        return _diagnose_sets(unpacked, on_progress, pool or JobPool(1))
 
 
-def _with_folders(request: ManyRequest, folders: dict[Path, Path]) -> ManyRequest:
-    """What is asked, of what was unpacked."""
-
-    def opened(path: Path | None) -> Path | None:
-        return None if path is None else folders.get(path, path)
-
-    return replace(
-        request,
-        folders=tuple(folders.get(path, path) for path in request.folders),
-        reference=opened(request.reference),
-        speech=opened(request.speech),
-    )
-
-
-def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -> ManyResult:
-    folders = _named_folders(request)
+def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool) -> ManyResult:
+    folders = _named_folders(ask)
     of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
         name: (folder, ENDINGS) for name, folder in folders.items()
     }
-    if (speech := _speech_folder(request)) is not None:
+    if (speech := _speech_folder(ask)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
     files = paired_files(of_sets, (REFERENCE_NAME, _SPEECH))
     sounds = {clip: first_of(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
@@ -143,22 +117,23 @@ def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -
         if (told := _counts(len(found[clip]) for clip in clips)) != "1"
     ]
     paths = [path for found in files.values() for each in found.values() for path in each.values()]
-    notes += filter(None, [request.told.unknown(paths, *files)])
+    notes += filter(None, [ask.told.unknown(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
-    if request.speech is not None and silent:
+    if ask.speech is not None and silent:
         notes.append(f"{len(silent)} of {len(clips)} clips have no sound of their name.")
-    return _diagnose_clips(request, files, sounds, clips, notes, on_progress)
+    return _diagnose_clips(ask, files, sounds, clips, notes, on_progress, pool)
 
 
 def _diagnose_clips(
-    request: ManyRequest,
+    ask: Ask,
     files: dict[str, dict[str, Samples]],
     sounds: dict[str, Path],
     clips: list[str],
     notes: list[str],
     on_progress: Callable[[float], None],
+    pool: JobPool,
 ) -> ManyResult:
-    kept = request.out / "clips"
+    kept = ask.out / "clips"
     kept.mkdir(parents=True, exist_ok=True)
     records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}
     jobs = []
@@ -169,16 +144,16 @@ def _diagnose_clips(
         }
         sound, speeds, weights = (
             path and path.absolute()
-            for path in (sounds.get(clip), request.mean_speeds, request.emage_weights)
+            for path in (sounds.get(clip), ask.mean_speeds, ask.emage_weights)
         )
-        beside = _Beside(sound, speeds, weights, request.channel)
-        asked = request.told, request.body and request.body.absolute()
+        beside = _Beside(sound, speeds, weights, ask.channel)
+        asked = ask.told, ask.body and ask.body.absolute()
         measured_of = {
             f"{name} {sample}".strip(): path
             for name, samples in of_clip.items()
             for sample, path in samples.items()
         }
-        stamp = stamp_of(measured_of | beside.files, [FORMAT, *map(str, asked), request.channel])
+        stamp = stamp_of(measured_of | beside.files, [FORMAT, *map(str, asked), ask.channel])
         jobs.append(
             Job(
                 clip,
@@ -196,7 +171,7 @@ def _diagnose_clips(
         done += 1
         on_progress(done / len(jobs))
 
-    failed = request.pool.do_all(jobs, on_done)
+    failed = pool.do_all(jobs, on_done)
     left_out = {clip: sentence_of(error) or "" for clip, error in sorted(failed.items())}
     for clip, error in failed.items():
         if len(failed) == len(jobs) or not left_out[clip]:
@@ -209,13 +184,13 @@ def _diagnose_clips(
     above = Above(told_above(files, numbers), left_out)
     notes[:0] = above.notes
     by_emage = EmageDistances()
-    if request.emage_weights is not None:
+    if ask.emage_weights is not None:
         frames = [each["frames"] for each in numbers]
         by_emage = emage_distances(list(files), dict(zip(records.values(), frames, strict=True)))
-    origin = origin_of(list(files), clips, numbers, FORMAT, request.mean_speeds)
-    written = write_tables(request.out, list(files), clips, numbers, origin, by_emage.rows, above)
+    origin = origin_of(list(files), clips, numbers, FORMAT, ask.mean_speeds)
+    written = write_tables(ask.out, list(files), clips, numbers, origin, by_emage.rows, above)
     notes += filter(None, (why_left_out(numbers), by_emage.note))
-    drawn, said = draw_spread(request.out, list(files), numbers)
+    drawn, said = draw_spread(ask.out, list(files), numbers)
     measured = {
         name: {clip: first_of(found[clip]) for clip in clips} for name, found in files.items()
     }
@@ -230,28 +205,28 @@ def _counts(numbers: Iterable[int]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
-def _named_folders(request: ManyRequest) -> dict[str, Path]:
-    names = request.names or [folder.resolve().name for folder in request.folders]
-    folders = dict(zip(map(printable, names), request.folders, strict=True))
-    if len(folders) < len(request.folders) or REFERENCE_NAME in folders:
+def _named_folders(ask: Ask) -> dict[str, Path]:
+    names = ask.names or [folder.resolve().name for folder in ask.motions]
+    folders = dict(zip(map(printable, names), ask.motions, strict=True))
+    if len(folders) < len(ask.motions) or REFERENCE_NAME in folders:
         raise RunError("Two folders have the same name, or one is called 'reference'; rename one.")
-    if request.reference is not None:
-        folders[REFERENCE_NAME] = request.reference
+    if ask.reference is not None:
+        folders[REFERENCE_NAME] = ask.reference
     wrong = next((folder for folder in folders.values() if not folder.is_dir()), None)
     if wrong is not None:
         raise RunError(f"{wrong} is no folder or zip; give sets only, or files only.")
     return folders
 
 
-def _speech_folder(request: ManyRequest) -> Path | None:
-    if request.mean_speeds is not None and request.speech is None:
+def _speech_folder(ask: Ask) -> Path | None:
+    if ask.mean_speeds is not None and ask.speech is None:
         raise RunError("Mean speeds are of use with sound only; give both (--speech FOLDER).")
-    if request.speech is not None and not request.speech.is_dir():
+    if ask.speech is not None and not ask.speech.is_dir():
         raise RunError(
-            f"{request.speech} is no folder or zip; sets of motion go with a set of sound, "
+            f"{ask.speech} is no folder or zip; sets of motion go with a set of sound, "
             "whose files have the clips' names."
         )
-    return request.speech
+    return ask.speech
 
 
 @dataclass(frozen=True)

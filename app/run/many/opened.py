@@ -12,10 +12,18 @@ from typing import Annotated
 from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
-from app.run.diagnose import DiagnoseRequest, OpenedRun, diagnose_files
 from app.run.many.unpacked import Limits, is_packed, unpacked
-from app.run.output.run_folder import NO_RUN, RUN, RunRecord, Text, file_of, read_run
-from app.run.requests.request import MAX_COMPARED, OnEvent, ShouldCancel
+from app.run.output.run_folder import (
+    NO_RUN,
+    RUN,
+    RunRecord,
+    Text,
+    file_of,
+    is_run_zip,
+    read_run,
+)
+from app.run.pipeline import do
+from app.run.requests.request import MAX_COMPARED, Ask, OnEvent, Opened, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import (
     NOTHING_SAID,
@@ -57,27 +65,26 @@ class _Line(BaseModel):
         )
 
 
-def diagnose_opened(
-    request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel
-) -> None:
-    """As `diagnose_files`; a request for one run's folder, or its zip, is for what that run shows.
-    All that comes of it is in the folder.
-
-    Raises:
-        RunError: if it is none.
-    """
-    if request.is_run:
-        request = opened(request, request.out.parent / "opened")
-    diagnose_files(request, on_event, should_cancel)
+def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder; of a run's zip
+    that is what the run shows, measured anew."""
+    if is_one_run(ask.motions):
+        ask = opened(ask, ask.out.parent / "opened")
+    do(ask, on_event, should_cancel)
 
 
-def opened(request: DiagnoseRequest, into: Path) -> DiagnoseRequest:
+def is_one_run(motions: Sequence[Path]) -> bool:
+    """Whether what was given is a run's zip alone."""
+    return len(motions) == 1 and is_run_zip(motions[0])
+
+
+def opened(ask: Ask, into: Path) -> Ask:
     """The same of the motions that a run shows, as many as fit, with its speech, words and plans.
 
     Args:
         into: where a zip is unpacked; not there yet.
     """
-    (path,) = request.motions
+    (path,) = ask.motions
     folder, name = run_folder(path, into), printable(path.name)
     record = read_run(folder)
     motions = {
@@ -96,13 +103,16 @@ def opened(request: DiagnoseRequest, into: Path) -> DiagnoseRequest:
         if (file := file_of(folder, row.files.get("performed"))) is not None
     }
     return replace(
-        request,
+        ask,
         motions=tuple(motions[each] for each in shown),
         names=tuple(shown),
         reference=motions.get(REFERENCE_NAME),
         speech=speech,
         joint=record.point,
-        opened=OpenedRun(record, _said(folder, record), plans),
+        opened=Opened(
+            *(record.title, record.settings, record.speech_sha256),
+            *(_said(folder, record), plans),
+        ),
     )
 
 

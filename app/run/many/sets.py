@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.motions import diagnose_folders
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.unpacked import Limits, stem_of, unpacked
 from app.run.output.telling import share_teller
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS
-from model.formats.reading import Told
-from processes.pool import JobPool
 
 MAX_BYTES = 10**9
 """Of all zips of a run, unpacked."""
@@ -23,24 +21,6 @@ MAX_FILES = 1500
 """Of all of them."""
 _UNPACKED = 0.05
 """Share of the work that is done then."""
-
-
-@dataclass(frozen=True)
-class SetsRequest:
-    """Which zips to measure, each a system's results, beside what."""
-
-    zips: tuple[Path, ...]
-    names: tuple[str, ...]
-    out: Path
-    """Unpacked files stay below it, beside what is written."""
-    reference: Path | None = None
-    """A zip of recorded clips with the same names."""
-    speech: Path | None = None
-    """A zip of their sound, for BeatAlign."""
-    told: Told = field(default_factory=Told)
-    """How files are to be read, where they do not say it."""
-    channel: int | None = None
-    """Of that sound, from 0; None mixes all."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +35,16 @@ class Sets:
     """By system, and the reference, the motion file of each clip."""
     sounds: dict[str, Path]
     """By clip."""
-    asked: SetsRequest
+    ask: Ask
 
 
 def measure_sets(
-    request: SetsRequest,
+    ask: Ask,
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
 ) -> Sets:
-    """Unpack, then measure one clip after the other; those that cannot be read are left out.
+    """Unpack zips, each a system's results, below ``ask.out``, then measure one clip after the
+    other; those that cannot be read are left out.
 
     Raises:
         CancelledRun: when ``should_cancel`` said so.
@@ -71,7 +52,7 @@ def measure_sets(
         MotionError: where no clip can be read.
     """
     on_progress = share_teller("numbers", on_event, should_cancel)
-    top = request.out / "unpacked"
+    top = ask.out / "unpacked"
     left = Limits(files=MAX_FILES, total_bytes=MAX_BYTES)
 
     def folder_of(path: Path, name: str, endings: tuple[str, ...]) -> Path:
@@ -84,18 +65,15 @@ def measure_sets(
         left = Limits(files=left.files - count, total_bytes=left.total_bytes - held)
         return folder
 
-    folders = tuple(
-        folder_of(path, f"set{number}", ENDINGS) for number, path in enumerate(request.zips)
+    opened = replace(
+        ask,
+        motions=tuple(
+            folder_of(path, f"set{number}", ENDINGS) for number, path in enumerate(ask.motions)
+        ),
+        reference=ask.reference and folder_of(ask.reference, REFERENCE_NAME, ENDINGS),
+        speech=ask.speech and folder_of(ask.speech, "speech", SOUND_ENDINGS),
     )
-    reference = request.reference and folder_of(request.reference, REFERENCE_NAME, ENDINGS)
-    speech = request.speech and folder_of(request.speech, "speech", SOUND_ENDINGS)
-    asked = ManyRequest(
-        *(folders, request.out, reference, speech),
-        names=request.names,
-        told=request.told,
-        channel=request.channel,
-        pool=JobPool(1),
-    )
-    found = diagnose_folders(asked, lambda share: on_progress(_UNPACKED + (1 - _UNPACKED) * share))
-    told = json.loads((request.out / "many.json").read_text())
-    return Sets(found.files, found.notes, told, found.measured, found.sounds, request)
+    left_to_do = 1 - _UNPACKED
+    found = diagnose_folders(opened, lambda share: on_progress(_UNPACKED + left_to_do * share))
+    told = json.loads((ask.out / "many.json").read_text())
+    return Sets(found.files, found.notes, told, found.measured, found.sounds, ask)

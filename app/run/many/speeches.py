@@ -16,7 +16,7 @@ from app.errors import RunError, sentence_of
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
-from app.run.requests.request import GenerateRequest, check_request
+from app.run.requests.request import Ask, check
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
 from processes.job import Job
@@ -47,38 +47,38 @@ def is_many(speech: Path) -> bool:
 
 
 def generate_many(
-    request: GenerateRequest,
+    ask: Ask,
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
 ) -> ManyRuns:
-    """Do ``request`` for each piece of speech, into ``request.out`` by the name of its file, and
+    """Do an ``ask`` for each piece of speech, into ``ask.out`` by the name of its file, and
     leave ``many.csv``, ``many.json`` and ``sheet.md`` over all that are done. Each has noise of its
     own, the same for all systems; its seed stands in its provenance.
 
     Args:
-        request: its speech is a folder of sound files, or a text file with one path a line.
+        ask: its speech is a folder of sound files, or a text file with one path a line.
         on_done: told the folder of each run as it is there, and the share done.
 
     Raises:
         RunError: if nothing can be begun.
         JobsError: if those who work are lost; what is done is kept.
     """
-    check_request(request)
-    if request.reference is not None or request.transcript is not None:
+    check(ask)
+    if ask.reference is not None or ask.transcript is not None:
         raise RunError(
             "A reference and a transcript belong to one piece of speech; leave them out of a run "
             "over many, and compare with recordings by `python -m app diagnose`."
         )
-    speeches = find_speeches(request.speech)
-    plans = _plans(request.plan, speeches)
-    style = request.style and request.style.absolute()
-    request = replace(request, weights=request.weights.absolute(), style=style)
-    folders = {clip: (request.out / clip).absolute() for clip in speeches}
+    speeches = find_speeches(ask.speech or Path())
+    plans = _plans(ask.plan, speeches)
+    style = ask.style and ask.style.absolute()
+    ask = replace(ask, weights=ask.weights.absolute(), style=style)
+    folders = {clip: (ask.out / clip).absolute() for clip in speeches}
     records = {clip: folder / RECORD for clip, folder in folders.items()}
     jobs = []
     for clip, speech in speeches.items():
-        seed = clip_seed(request.seed, clip)
-        own = replace(request, speech=speech, out=folders[clip], seed=seed, plan=plans.get(clip))
+        seed = clip_seed(ask.seed, clip)
+        own = replace(ask, speech=speech, out=folders[clip], seed=seed, plan=plans.get(clip))
         stamp = _stamp(own)
         done = partial(is_kept, records[clip], stamp)
         jobs.append(Job(clip, done, partial(_generate_clip, own, records[clip], stamp)))
@@ -90,14 +90,14 @@ def generate_many(
         num_done += 1
         on_done(folders[clip], num_done / len(jobs))
 
-    with held_folder(request.out):
+    with held_folder(ask.out):
         failed = {clip: _sentence(error) for clip, error in pool.do_all(jobs, tell).items()}
         clips = [clip for clip in speeches if clip not in failed]
         files: tuple[Path, ...] = ()
         if clips:
             numbers = read_records({clip: records[clip] for clip in clips})
             names = list(numbers[clips[0]]["systems"])
-            files = write_tables(request.out, names, clips, list(numbers.values()))
+            files = write_tables(ask.out, names, clips, list(numbers.values()))
     return ManyRuns(tuple(clips), kept, failed, files)
 
 
@@ -170,22 +170,22 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-def _stamp(request: GenerateRequest) -> dict[str, Any]:
+def _stamp(ask: Ask) -> dict[str, Any]:
     """Of everything that decides what a run's files hold; not of where they lie."""
-    bare = replace(request, speech=Path(request.speech.name), out=Path(), weights=Path())
+    bare = replace(ask, speech=ask.speech and Path(ask.speech.name), out=Path(), weights=Path())
     asked = asdict(replace(bare, plan=None, style=None))
-    read = {"speech": request.speech, "plan": request.plan, "style": request.style}
+    read = {"speech": ask.speech, "plan": ask.plan, "style": ask.style}
     files = {name: path for name, path in read.items() if path is not None}
-    files |= {path.name: path for path in sorted(request.weights.glob("*.safetensors"))}
-    return stamp_of(files if request.body is None else files | {"body": request.body}, asked)
+    files |= {path.name: path for path in sorted(ask.weights.glob("*.safetensors"))}
+    return stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
 
 
-def _generate_clip(request: GenerateRequest, record: Path, stamp: dict[str, Any]) -> None:
-    from app.run.pipeline import generate_all
+def _generate_clip(ask: Ask, record: Path, stamp: dict[str, Any]) -> None:
+    from app.run.pipeline import do
 
     record.unlink(missing_ok=True)  # of other files, which are about to go
-    remove_unfinished(request.out)
-    result = generate_all(request)
+    remove_unfinished(ask.out)
+    result = do(ask)
     diagnostics = result.diagnostics
     motions = dict(diagnostics.systems)
     if diagnostics.reference is not None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import datetime
 import importlib.metadata
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
+
+from app.run.output.run_folder import told_of
+from app.run.requests.request import Ask
+from model.speech.transcript import Transcript
 
 WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
 _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
@@ -43,22 +47,41 @@ def _describe(system: Any) -> dict[str, Any]:
 
 
 def make_provenance(
-    systems: Sequence[Any],
-    speech: Mapping[str, Any],
-    options: Mapping[str, Any],
-    drawing: Mapping[str, Any],
-    notes: Sequence[str],
+    ask: Ask, inputs: Any, said: Transcript, notes: Sequence[str]
 ) -> dict[str, Any]:
-    """The whole record, ready for JSON."""
+    """The whole record of generated motion, ready for JSON.
+
+    Args:
+        inputs: an `app.run.rows.Inputs`.
+    """
+    by_system = {
+        name: {system: getattr(own, name) for system, own in inputs.options.items()}
+        for name in ("steps", "face_steps", "sampler", "guidance")
+    }
+    weights_are = (str(each.card.get("weights_are", WEIGHTS_ARE)) for each in inputs.systems)
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": versions(),
-        "weights": describe_systems(systems),
-        "speech": dict(speech),
-        "options": dict(options),
-        "drawing": dict(drawing),
+        "weights": describe_systems(inputs.systems),
+        "speech": {
+            "file": ask.speech and ask.speech.name,
+            "sha256": inputs.speech_sha256,
+            "duration_s": round(inputs.speech_s, 6),
+            "frames": inputs.num_frames,
+            "words": {"origin": said.origin, "count": len(said.words)} if said.words else None,
+        },
+        "options": {
+            **told_of(ask),
+            **by_system,
+            "speaker": inputs.speaker,
+            "live": dict(ask.take.facts) if ask.take else None,
+        },
+        "drawing": {
+            "body": inputs.body.name,
+            "body_sha256": inputs.body.sha256,
+            "look": inputs.body.look,
+            "backend": inputs.backend,
+        },
         "notes": list(notes),
-        "weights_are": "; ".join(
-            dict.fromkeys(str(system.card.get("weights_are", WEIGHTS_ARE)) for system in systems)
-        ),
+        "weights_are": "; ".join(dict.fromkeys(weights_are)),
     }

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from app.errors import RunError
 from app.findings.verdict import short_names
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import Artefact
+from app.run.requests.request import Artefact, Ask
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
 from model.storage.files import written_atomically
 
@@ -32,8 +32,8 @@ NO_RUN = (
 )
 _MAX_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
-_OWN = {"out", "weights", "body", "is_kept", "is_run", "opened", "take", "title", "max_frames"}
-"""Of a request, what is nobody's business or no choice."""
+_OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_frames"}
+"""Of an ask, what is nobody's business or no choice."""
 _MAX_STEM_BYTES = 200
 _MAX_LIST_BYTES = 300_000
 """Of the list of files at the end of a zip that is looked at."""
@@ -342,23 +342,22 @@ def is_run_zip(path: Path) -> bool:
 
 
 def begun(
-    request: object,
-    kind: Kind,
-    title: str,
-    settings: Mapping[str, str],
-    point: str,
-    layout: Mapping[str, Any],
+    ask: Ask, kind: Kind, title: str, settings: Mapping[str, str], layout: Mapping[str, Any]
 ) -> RunRecord:
     """Of a run of which nothing is there yet, but what was asked for."""
-    asked = {key: each for key, each in vars(request).items() if key not in _OWN}
     return RunRecord(
         kind=kind,
         title=cut(title),
-        asked={key: _jsonable(each) for key, each in asked.items() if each is not None},
+        asked={key: each for key, each in told_of(ask).items() if each is not None},
         settings={key: cut(value) for key, value in settings.items()},
-        point=point,
+        point=ask.joint,
         layout=dict(layout),
     )
+
+
+def told_of(ask: Ask) -> dict[str, Any]:
+    """All that was asked for and is of anybody's business, ready for JSON; of files their names."""
+    return {key: _jsonable(each) for key, each in vars(ask).items() if key not in _OWN}
 
 
 def cut(told: str) -> str:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, get_args
+
+from tyro.conf import Suppress, arg
 
 from app.errors import RunError
-from app.flags import flag
+from app.flags import one_of
 from app.run.body_motion import body_motion
 
 if TYPE_CHECKING:
@@ -85,63 +87,17 @@ def _coloring(told: object) -> Coloring:
 class Display:
     """How motion is shown, for all videos of a comparison alike."""
 
-    exaggeration: float = field(
-        default=1.0,
-        metadata={
-            "told": Told("factor", finite, (1.0, 20.0), "Tremble can be shown {} times as large"),
-            **flag(
-                "draw tremble, all above 5 Hz, N times as large, and say so in the picture: "
-                f"{', '.join(map(str, EXAGGERATIONS))} (default: 1)",
-                "N",
-                int,
-                "--exaggerate",
-                choices=EXAGGERATIONS,
-            ),
-        },
-    )
-    """By what everything faster than the cut-off is multiplied."""
-    has_trail: bool = field(
-        default=False,
-        metadata={
-            "told": Told("hasTrail", _is_true),
-            **flag(
-                "the way of the followed point through the last second, coloured by its speed",
-                name="--trail",
-            ),
-        },
-    )
-    """Of the followed point, over the last moments."""
-    coloring: Coloring = field(
-        default="natural",
-        metadata={
-            "told": Told("hasHeat", _coloring),
-            **flag(
-                "jerk: each region of the body by how much it jerks (default: %(default)s)",
-                name="--color",
-                choices=COLORINGS,
-            ),
-        },
-    )
-    """``jerk``: each region of the body by how it jerks."""
-    cutoff_hz: float = field(
-        default=5.0,
-        metadata={
-            "told": Told("cutoff", finite, (3.0, 8.0), "Tremble can be what is faster than {} Hz")
-        },
-    )
-    trail_frames: int = field(
-        default=30,
-        metadata={"told": Told("trailFrames", whole, (5, 90), "A trail can be {} frames long")},
-    )
+    exaggeration: Annotated[float, one_of(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
+    """Draw tremble, all above 5 Hz, so many times as large, and say so in the picture."""
+    has_trail: Annotated[bool, arg(name="trail")] = False
+    """The way of the followed point through the last second, coloured by its speed."""
+    coloring: Annotated[Coloring, arg(name="color")] = "natural"
+    """jerk: each region of the body by how much it jerks."""
+    cutoff_hz: Suppress[float] = 5.0
+    """What is faster is tremble."""
+    trail_frames: Suppress[int] = 30
     """How long a trail is."""
-    jerk_m_s3: float = field(
-        default=500.0,
-        metadata={
-            "told": Told(
-                "heatScale", finite, (50.0, 2000.0), "The scale of jerk can end at {} m/s³"
-            )
-        },
-    )
+    jerk_m_s3: Suppress[float] = 500.0
     """Where the scale of the colours ends, and a trail has a dot. Recorded speakers' fingertips
     jerk more than the usual one in one frame of a hundred."""
 
@@ -161,8 +117,15 @@ class Display:
         return self.exaggeration == 1 and not self.has_trail and self.coloring == "natural"
 
 
-TOLD: Mapping[str, Told] = {each.name: each.metadata["told"] for each in fields(Display)}
-"""By the field's name."""
+TOLD: Mapping[str, Told] = {
+    "exaggeration": Told("factor", finite, (1.0, 20.0), "Tremble can be shown {} times as large"),
+    "has_trail": Told("hasTrail", _is_true),
+    "coloring": Told("hasHeat", _coloring),
+    "cutoff_hz": Told("cutoff", finite, (3.0, 8.0), "Tremble can be what is faster than {} Hz"),
+    "trail_frames": Told("trailFrames", whole, (5, 90), "A trail can be {} frames long"),
+    "jerk_m_s3": Told("heatScale", finite, (50.0, 2000.0), "The scale of jerk can end at {} m/s³"),
+}
+"""By the field of `Display`."""
 
 
 def check_display(display: Display) -> None:

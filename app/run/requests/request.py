@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from app.config import default_body
+from tyro.conf import arg
+
+from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.flags import OUT_FOLDER, SEED, SPEAKER, WEIGHTS, flag, flags_of, names_of
+from app.flags import File, Names, Text, a_count, names_of, one_of, written
 from app.run.requests.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
@@ -153,98 +155,47 @@ def read_frames(written: str) -> tuple[int, ...]:
 class FigureAsked:
     """What Figure 6 shows, and how wide it is printed."""
 
-    panels: tuple[str, ...] = field(
-        default=FIGURE_PANELS,
-        metadata=flag(
-            "panels of Figure 6: a coordinates, b snapshots, c path in space, d tremble (default: "
-            "all)",
-            "a,b,...",
-            read_panels,
-        ),
+    panels: Annotated[tuple[str, ...], written(read_panels, "a,b,...", show=",".join)] = (
+        FIGURE_PANELS
     )
-    frames: tuple[int, ...] = field(
-        default=(),
-        metadata=flag(
-            "its snapshots (default: every 50 frames from --start)", "N,...", read_frames
-        ),
-    )
-    width: str = field(
-        default="174mm",
-        metadata=flag("its width in print (default: %(default)s)", choices=("85mm", "174mm")),
-    )
+    """Of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
+    frames: Annotated[tuple[int, ...], written(read_frames, "N,...", "every 50 from --start")] = ()
+    """Of its snapshots."""
+    width: Literal["85mm", "174mm"] = "174mm"
+    """Of Figure 6 in print."""
 
     @property
     def width_mm(self) -> float:
         return float(self.width.removesuffix("mm"))
 
 
-TRANSCRIPT = flag(
-    "what is said: a TextGrid, or a plain English text (.txt), which is looked for in the speech",
-    "FILE",
-    Path,
-)
-WORDS = flag(
-    "recognise English words where there is no transcript; a fifth of the speech's length on one "
-    "core (default: %(default)s)",
-    choices=WORDS_ASKED,
-)
-CHANNEL = flag(
-    "the one of several channels that is heard, such as a side of a dialogue (default: all, mixed)",
-    "left|right|N",
-    read_channel,
-)
-JOINT = flag(
-    "fingertip or joint to follow, such as left_index or right_wrist (default: %(default)s)", "NAME"
-)
-START = flag("first frame of Figure 6 (default: %(default)s)", "FRAME", int, "--start")
-STYLE = flag(
-    "how often, how large, how high, how fast: done to every plan (docs/plans.md)",
-    "FILE.toml",
-    Path,
-)
-REFERENCE = flag("recorded motion to compare with", "MOTION", Path)
-
-
-def read_assumptions(written: str) -> Told:
+def read_assumptions(told: str) -> Told:
     """What the user says of files. Raises `RunError` for what nobody can say."""
     try:
-        return read_told(written)
+        return read_told(told)
     except MotionError as error:
         raise RunError(str(error)) from error
 
 
-ASSUME = flag(
-    "how files are to be read where they say too little: up=z,units=cm,rate=25,hands=mean,"
-    "rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one of them",
-    "WHAT=VALUE,...",
-    read_assumptions,
-    "--assume",
-)
-BODY = flag(
-    "licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
-    "FILE",
-    Path,
-    usual=default_body,
-)
-LOOK = flag(
-    "of the open body: average, slender or broad, in light, medium, dark or clay "
-    "(default: %(default)s)",
-    "BUILD-TONE",
-    choices=LOOKS,
-)
-FRAMING = flag(
-    "the whole body, or from the knees up and larger (default: %(default)s)", choices=FRAMINGS
-)
-
-
-def close_up_flag(usual: str) -> Mapping[str, Any]:
-    """Which close-ups videos have beside the body, by default the ``usual`` ones."""
-    return flag(
-        f"of {', '.join(CLOSE_UPS)}: beside the body in the first view's video (default: {usual})",
-        "V,...|off",
-        read_close_ups,
-        "--close-up",
-    )
+Assumed = Annotated[
+    Told,
+    written(read_assumptions, "WHAT=VALUE,...", show=lambda told: "nothing"),
+    arg(
+        name="assume",
+        help="How motion files are to be read where they say too little: up=z,units=cm,rate=25,"
+        "hands=mean,rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one "
+        "of them.",
+    ),
+]
+Channel = Annotated[int | None, written(read_channel, "left|right|N", "all, mixed")]
+CloseUps = Annotated[
+    tuple[CloseUp, ...], written(read_close_ups, "V,...|off", "off", ",".join), arg(name="close-up")
+]
+Height = Annotated[int, written(read_size, "PX")]
+Look = Annotated[str, one_of(LOOKS)]
+PerSystem = Annotated[Steps, written(parse_steps, "N|A=N,...", "as each usually takes")]
+Views = Annotated[tuple[View, ...], written(read_views, "V,...", show=",".join)]
+Strength = Annotated[float | None, written(float, "N", "as suits each system")]
 
 
 @dataclass(frozen=True)
@@ -262,172 +213,161 @@ class Take:
 
 
 @dataclass(frozen=True)
-class GenerateRequest:
-    """One run: speech in, motion of several systems out, all with the same noise."""
+class Opened:
+    """What is known of the run that given motions are from."""
 
-    speech: Path = field(
-        metadata=flag(
-            "any sound file; or many: a folder of them, or a .txt with one path a line",
-            "SPEECH",
-            Path,
-            is_positional=True,
-        )
-    )
-    out: Path = field(metadata=OUT_FOLDER)
-    weights: Path = field(metadata=WEIGHTS)
-    systems: tuple[str, ...] = field(
-        default=(), metadata=flag("default: all", "A,B,...|all", names_of)
-    )
-    """Names of the systems; empty means all there are."""
-    speaker: str | None = field(default=None, metadata=SPEAKER)
-    """None is the first speaker that the systems know."""
-    seed: int = field(default=0, metadata=SEED)
-    samples: int = field(
-        default=1, metadata=flag("motions per system (default: %(default)s)", "N", int)
-    )
-    steps: Steps = field(
-        default=None,
-        metadata=flag(
-            "sampler steps, of all systems or by name (default: what each usually takes)",
-            "N|A=N,...",
-            parse_steps,
-        ),
-    )
-    """Sampler steps; the body's, where a system draws the face by steps of its own."""
-    face_steps: Steps = field(
-        default=None,
-        metadata=flag(
-            "of systems that draw the face by steps of its own (default: the usual share)",
-            "N|A=N,...",
-            parse_steps,
-        ),
-    )
-    """Of the systems that draw the face by steps of its own; the others have none."""
-    sampler: str | None = field(
-        default=None, metadata=flag("of systems that have it (default: each its usual one)", "NAME")
-    )
-    """Of the systems that have it; the others, and all for None, take their usual one."""
-    guidance: float | None = field(
-        default=None,
-        metadata=flag(
-            "strength of the speech, 0 to 10; 1 is as trained, and as the papers' own code draws "
-            "(default: as suits each system)",
-            "N",
-            float,
-        ),
-    )
-    """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance), of the systems whose it
-    can be chosen; 1 is as trained, None as suits each."""
-    post_filter: PostFilter = field(
-        default="none",
-        metadata=flag(
-            "smooth every system alike; the numbers give both in any case (default: %(default)s)",
-            choices=POST_FILTERS,
-        ),
-    )
-    channel: int | None = field(default=None, metadata=CHANNEL)
-    """Of the speech, from 0; None mixes all."""
-    transcript: Path | None = field(default=None, metadata=TRANSCRIPT)
-    """A TextGrid of the speech, or a plain text (.txt) of it, whose words are looked for in it; the
-    words go to the numbers."""
-    words: WordsAsked = field(default="none", metadata=WORDS)
-    """Whether words are recognised where there is no transcript: ``recognise`` or ``none``."""
-    plan: Path | None = field(
-        default=None,
-        metadata=flag(
-            "what systems that plan are to perform, as a run or `plan` leaves it, or as annotated "
-            "in Praat or ELAN: .json, .TextGrid, .eaf; of many pieces a folder of them (default: "
-            "drawn from the speech)",
-            "FILE",
-            Path,
-        ),
-    )
-    """What the systems that perform plans are to perform (`model.plan.files`); None lets
-    them draw plans from the speech. Of many pieces of speech, a folder with a plan for each."""
-    style: Path | None = field(default=None, metadata=STYLE)
-    """A style file (`model.plan.style`), done to every plan that is performed."""
-    joint: str = field(default="right_middle", metadata=JOINT)
-    """The fingertip or joint that figure and tip measures follow; see
-    `app.run.followed_point`."""
-    start_frame: int = field(default=0, metadata=START)
-    """First of the 300 frames of Figure 6."""
-    figure: FigureAsked = field(default_factory=FigureAsked, metadata=flags_of(FigureAsked))
-    reference: Path | None = field(default=None, metadata=REFERENCE)
-    """A motion file of the same speech, shown and measured beside the systems."""
-    told: Told = field(default=Told(), metadata=ASSUME)
-    """How that file is to be read."""
-    body: Path | None = field(default=None, metadata=BODY)
-    """A licensed SMPL-X npz; None is the open body."""
-    look: str = field(default=LOOKS[0], metadata=LOOK)
-    """One of `LOOKS`; a body of one's own has the first only."""
-    views: tuple[View, ...] = field(
-        default=("front",),
-        metadata=flag(
-            f"of {', '.join(VIEWS)}; the first is compared (default: front)", "V,...", read_views
-        ),
-    )
-    close_ups: tuple[CloseUp, ...] = field(default=("hands",), metadata=close_up_flag("hands"))
-    """What stands in the videos of the first view, and so in the comparison, beside the body."""
-    framing: Framing = field(default="knees", metadata=FRAMING)
-    """How much of the body videos show."""
-    size: int = field(
-        default=512, metadata=flag("height of a body (default: %(default)s)", "PX", read_size)
-    )
-    """Height of the body in one video in pixels; it is as wide where all of it is shown, and three
-    quarters as wide from the knees up. A close-up adds half the width."""
-    display: Display = field(default_factory=Display, metadata=flags_of(Display))
-    """What the videos show beyond the body as it moves."""
-    has_video: bool = field(default=True, metadata=flag("no videos", name="--no-video"))
-    has_poses: bool = True
-    """Whether Figure 6 shows poses where no videos are drawn, too."""
-    has_figures: bool = field(
-        default=True, metadata=flag("neither Figure 6 nor jitter", name="--no-figures")
-    )
-    max_speech_s: float = field(
-        default=600.0,
-        metadata=flag(
-            "longest speech accepted (default: 10)",
-            "N",
-            lambda minutes: 60 * float(minutes),
-            "--max-minutes",
-        ),
-    )
+    title: str
+    settings: Mapping[str, str]
+    speech_sha256: str
+    said: Transcript
+    plans: Mapping[str, Path]
+    """That motions performed, by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask:
+    """What one run is asked for: motion of several systems for some speech, all with the same
+    noise, or anyone's motions; either is measured, shown and drawn."""
+
+    out: Path
+    """Folder of results."""
+    speech: File = None
+    """Sound that all motions belong to, for BeatAlign and its chance level; a folder of it for
+    folders."""
+    motions: tuple[Path, ...] = ()
+    """Given; with any, none is generated: .npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations,
+    TalkSHOW) or .bvh; or folders or zips of them, paired by name, for numbers over many clips."""
+    names: tuple[str, ...] = ()
+    """What to call them; by default as their files."""
+    weights: Path = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    systems: Names = ()
+    """By name."""
+    speaker: Text = None
+    """In whose manner."""
+    seed: int = 0
+    """Of the noise."""
+    samples: int = 1
+    """Motions per system."""
+    steps: PerSystem = None
+    """Sampler steps, of all systems or by name; the body's, where a system draws the face by steps
+    of its own."""
+    face_steps: PerSystem = None
+    """Of systems that draw the face by steps of its own; the others have none."""
+    sampler: Annotated[str | None, written(str, "NAME", "each its usual one")] = None
+    """Of systems that have it; the others take their usual one."""
+    guidance: Strength = None
+    """Strength of the speech, 0 (deaf) to 10; 1 is as trained, and as the papers' own code draws.
+    Of the systems whose it can be chosen (classifier-free guidance)."""
+    post_filter: PostFilter = "none"
+    """Smooth every system alike; the numbers give both in any case."""
+    plan: File = None
+    """What systems that plan are to perform, as a run or `plan` leaves it, or as annotated in Praat
+    or ELAN: .json, .TextGrid, .eaf; of many pieces of speech a folder of them. Without one, plans
+    are drawn from the speech."""
+    style: File = None
+    """How often, how large, how high, how fast (.toml): done to every plan (docs/plans.md)."""
     take: Take | None = None
     """Motion of the one system that is named, instead of generating it."""
+    reference: File = None
+    """Recorded motion to compare with."""
+    told: Assumed = field(default_factory=Told)
+    channel: Channel = None
+    """Of the speech the one of several that is heard, such as a side of a dialogue."""
+    max_speech_s: Annotated[
+        float,
+        written(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
+        arg(name="max-minutes"),
+    ] = 600.0
+    """Longest speech accepted to move to."""
+    max_frames: int | None = None
+    """Of all given motions together, at 30 a second."""
+    transcript: File = None
+    """What is said: a TextGrid, or a plain English text (.txt), which is looked for in the speech;
+    for numbers and time line."""
+    words: WordsAsked = "none"
+    """Recognise English words where there is no transcript; a fifth of the speech's length on one
+    core."""
+    mean_speeds: File = None
+    """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its published
+    speeds of the joints, to be held against papers."""
+    emage_weights: File = None
+    """Of folders beside --reference: EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 tell
+    it (docs/many-clips.md)."""
+    window: Annotated[int | None, written(a_count, "N", "every period from 2 to 240 is tried")] = (
+        None
+    )
+    """Frames of the windows that all given motions but the reference were made of, if that is
+    known."""
+    overlap: int = 0
+    """Frames that two such windows share."""
+    joint: str = "right_middle"
+    """Fingertip or joint to follow, such as left_index or right_wrist."""
+    shown: Annotated[Names, arg(name="show")] = ()
+    """Which given motions figures and stage show, by the names of their files, where there are more
+    than six; by default the first six. All are measured."""
+    start_frame: Annotated[int, arg(name="start")] = 0
+    """First of the 300 frames of Figure 6."""
+    figure: FigureAsked = field(default_factory=FigureAsked)
+    body: File = None
+    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    look: Look = LOOKS[0]
+    """Build and tone of the open body; a body of one's own has the first only."""
+    views: Views = ("front",)
+    """Of videos; the first is compared."""
+    close_ups: CloseUps = ("hands",)
+    """Face or hands beside the body in the first view's videos, and so in the comparison."""
+    framing: Framing = "knees"
+    """How much of the body videos show: the whole, or from the knees up and larger."""
+    size: Height = 512
+    """Height of a body in one video; it is as wide where all of it is shown, and three quarters as
+    wide from the knees up. A close-up adds half the width."""
+    display: Display = field(default_factory=Display)
+    """What the videos show beyond the body as it moves."""
+    has_video: Annotated[bool, arg(name="video")] = False
+    """A video of each motion."""
+    has_poses: Annotated[bool, arg(name="pictures")] = True
+    """Poses in Figure 6, where no videos are drawn, too."""
+    has_figures: Annotated[bool, arg(name="figures")] = True
+    """Figure 6 and jitter."""
+    title: str = ""
+    """What the run is called; by default after what it is made of."""
     is_kept: bool = False
     """Whether each file is there as soon as it is whole, and stays where the run fails; by default
     all are there in the end, or none."""
+    opened: Opened | None = None
+    """The run that given motions are from, where they are measured anew to be shown."""
 
 
-def check_request(request: GenerateRequest) -> None:
+def check(ask: Ask) -> None:
     """Refuse what needs no file to be seen as wrong.
 
     Raises:
         RunError: with one sentence.
     """
     for value, allowed, what in (
-        (request.post_filter, POST_FILTERS, "post-filter"),
-        (request.words, WORDS_ASKED, "way to words"),
-        *((view, VIEWS, "view") for view in request.views),
-        (request.framing, FRAMINGS, "framing"),
-        *((close_up, CLOSE_UPS, "close-up") for close_up in request.close_ups),
+        (ask.post_filter, POST_FILTERS, "post-filter"),
+        (ask.words, WORDS_ASKED, "way to words"),
+        *((view, VIEWS, "view") for view in ask.views),
+        (ask.framing, FRAMINGS, "framing"),
+        *((close_up, CLOSE_UPS, "close-up") for close_up in ask.close_ups),
     ):
         if value not in allowed:
             names = ", ".join(str(name) for name in allowed if name)
             raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
-    if not request.views:
+    if not ask.views:
         raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
-    if not 1 <= request.samples <= MAX_SAMPLES:
-        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
-    _check_steps("Steps", request.steps)
-    _check_steps("Face steps", request.face_steps)
-    if request.guidance is not None and not 0 <= request.guidance <= MAX_GUIDANCE:
-        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
-    if request.seed < 0:
-        raise RunError(f"The seed must not be negative; got {request.seed}.")
-    check_display(request.display)
-    if request.has_video:
-        check_size(request.size)
+    if not 1 <= ask.samples <= MAX_SAMPLES:
+        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {ask.samples}.")
+    _check_steps("Steps", ask.steps)
+    _check_steps("Face steps", ask.face_steps)
+    if ask.guidance is not None and not 0 <= ask.guidance <= MAX_GUIDANCE:
+        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {ask.guidance:g}.")
+    if ask.seed < 0:
+        raise RunError(f"The seed must not be negative; got {ask.seed}.")
+    check_display(ask.display)
+    if ask.has_video:
+        check_size(ask.size)
 
 
 def _check_steps(what: str, asked: Steps) -> None:
@@ -472,17 +412,18 @@ ShouldCancel = Callable[[], bool]
 
 
 @dataclass(frozen=True)
-class GenerateResult:
+class Done:
     """What a run left in its folder."""
 
     out: Path
     files: tuple[Path, ...]
     """Every file written, in the order in which it was made."""
     names: tuple[str, ...]
-    """Rows of the comparison: systems with their samples, the reference last."""
+    """Its motions: systems with their samples or given files, the reference last."""
     num_frames: int
+    """Of the longest."""
     diagnostics: Diagnostics
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     """Sentences the person should read, such as what was done to the speech."""
     said: Transcript = NOTHING_SAID
     """What was said in the speech, where that was given or found."""

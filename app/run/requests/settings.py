@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from app.findings.comparison import point_title
 from app.findings.verdict import short_names
-from app.run.requests.request import GenerateRequest, Steps, WordsAsked
+from app.run.requests.request import Ask, Steps
+from conventions.names import printable
 from model.systems.registry import sampler_title
 
 Settings = Mapping[str, str]
@@ -17,32 +17,67 @@ MOTIONS = "motions"
 """Of files that somebody brought; no other run has it."""
 SEED = "seed"
 USUAL, NONE = "usual", "none"
+_MAX_NAMED = 3
+"""Files that a run's title names."""
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
 
 
-def settings_of_run(asked: GenerateRequest) -> Settings:
-    """Of generated motion."""
-    reference = asked.reference
+def settings_of(ask: Ask) -> Settings:
+    """All that can tell two runs apart."""
+    reference = ask.reference.name if ask.reference else NONE
+    words, point = _words(ask), point_title(ask.joint).lower()
+    if ask.motions:
+        return {
+            SPEECH: ask.speech.stem if ask.speech else NONE,
+            MOTIONS: ", ".join(names_of_motions(ask)),
+            "reference": reference,
+            "words": words,
+            "followed point": point,
+            "windows": f"{ask.window} frames, {ask.overlap} shared" if ask.window else NONE,
+        }
     return {
-        SPEECH: asked.speech.stem,
-        "systems": ", ".join(short_names(asked.systems).values()),
-        "speaker": asked.speaker or USUAL,
-        SEED: str(asked.seed),
-        "samples": str(asked.samples),
-        "steps": _steps(asked.steps),
-        "steps of the face": _steps(asked.face_steps),
-        "sampler": sampler_title(asked.sampler) if asked.sampler else USUAL,
-        "strength of the speech": USUAL if asked.guidance is None else f"{asked.guidance:g}",
-        "filter": _FILTERS[asked.post_filter],
-        "reference": reference.name if reference else NONE,
-        "words": words_asked(asked.transcript, asked.words),
-        "followed point": point_title(asked.joint).lower(),
+        SPEECH: ask.speech.stem if ask.speech else NONE,
+        "systems": ", ".join(short_names(ask.systems).values()),
+        "speaker": ask.speaker or USUAL,
+        SEED: str(ask.seed),
+        "samples": str(ask.samples),
+        "steps": _steps(ask.steps),
+        "steps of the face": _steps(ask.face_steps),
+        "sampler": sampler_title(ask.sampler) if ask.sampler else USUAL,
+        "strength of the speech": USUAL if ask.guidance is None else f"{ask.guidance:g}",
+        "filter": _FILTERS[ask.post_filter],
+        "reference": reference,
+        "words": words,
+        "followed point": point,
     }
 
 
-def title_of(asked: GenerateRequest, systems: Sequence[str]) -> str:
+def title_of(ask: Ask, systems: Sequence[str]) -> str:
     """What a run is made of, in a few words."""
-    return f"{asked.speech.stem}: {', '.join(short_names(systems).values())}; seed {asked.seed}"
+    if ask.title:
+        return ask.title
+    if not ask.motions:
+        stem = ask.speech.stem if ask.speech else NONE
+        return f"{stem}: {', '.join(short_names(systems).values())}; seed {ask.seed}"
+    names = names_of_motions(ask)
+    more = len(names) - _MAX_NAMED
+    others = f" and {more} more" if more > 0 else ""
+    beside = f" beside {ask.reference.stem}" if ask.reference else ""
+    return f"{', '.join(names[:_MAX_NAMED])}{others}{beside}"
+
+
+def names_of_motions(ask: Ask) -> Sequence[str]:
+    """What given motions are called: by default the stem of each file, as it can be printed, with
+    its folder where two have the same stem."""
+    if ask.names:
+        return ask.names
+    stems = [path.stem for path in ask.motions]
+    return [
+        printable(
+            f"{path.resolve().parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
+        )
+        for path in ask.motions
+    ]
 
 
 def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
@@ -52,11 +87,11 @@ def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def words_asked(transcript: Path | None, asked: WordsAsked) -> str:
-    """Where words come from."""
-    if transcript is not None:
-        return transcript.name
-    return "recognised" if asked == "recognise" else NONE
+def _words(ask: Ask) -> str:
+    """Where they come from."""
+    if ask.transcript is not None:
+        return ask.transcript.name
+    return "recognised" if ask.words == "recognise" else NONE
 
 
 def _steps(asked: Steps) -> str:

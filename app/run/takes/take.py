@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.run.made import options_of
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
     Row,
@@ -21,7 +22,7 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
-from app.run.requests.request import GenerateRequest, Grown, OnEvent, ShouldCancel, steps_of
+from app.run.requests.request import Ask, Grown, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked, edited
 from conventions.names import SampleName, file_stem
@@ -30,7 +31,6 @@ from model.speech.transcript import Word
 if TYPE_CHECKING:
     from model.generation.again import Performance
     from model.generation.base import System
-    from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from model.speech.audio import Speech
@@ -46,7 +46,7 @@ _BYTES_A_SECOND = 500_000
 class TakeRequest:
     """Which motion is to be changed, and how."""
 
-    run: GenerateRequest
+    run: Ask
     """That the motion is of."""
     folder: Path
     """The run's; the take comes into it."""
@@ -112,7 +112,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
     of = start.take.of if start.take else start.name
     system_name, sample = row_of(of, asked.systems, asked.samples)
     system = get_system(system_name, asked.weights)
-    speech = load_speech(asked.speech, SpeechLimits(max_s=asked.max_speech_s))
+    speech = load_speech(asked.speech or "", SpeechLimits(max_s=asked.max_speech_s))
     with ResultFolder(request.folder, is_kept=True) as folder:
         try:
             before = _ready(request, start, system, speech, sample, plan, words, should_cancel)
@@ -134,7 +134,9 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
                 if asked.post_filter != "savgol":
                     run.grow(name, motion, speech.num_frames, like=beside)
 
-            options = options_of(asked, system, sample, written)
+            options = options_of(
+                asked, system, samples=1, first_sample=sample - 1, conditions=(written,)
+            )
             made = perform_again(system, speech, options, before, should_cancel, on_piece)
             take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
             row.files["windows"] = shown_file(name, ENDING)
@@ -169,7 +171,8 @@ def _ready(
     if windows is not None:
         motion = load_motion(_there(request.folder, read_run(request.folder), row.name))
         return load_performance(windows, system, plan, motion)
-    made = perform(system, speech, options_of(request.run, system, sample, plan), should_cancel)
+    one = {"samples": 1, "first_sample": sample - 1, "conditions": (plan,)}
+    made = perform(system, speech, options_of(request.run, system, **one), should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
     save_performance(made, request.folder / row.files["windows"])
     _tell(request.folder, row, plan, words)
@@ -190,28 +193,6 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
     if path is None:
         raise RunError(text.EDITS_GONE)
     return path
-
-
-def options_of(
-    run: GenerateRequest, system: System, sample: int, plan: GesturePlan
-) -> GenerateOptions:
-    """What the run asked of the system for this one motion."""
-    from model.generation.windows import GenerateOptions
-
-    known = {sampler.name for sampler in system.samplers}
-    sampler = system.sampler(run.sampler if run.sampler in known else None)
-    asked = steps_of(run.steps, system.name), steps_of(run.face_steps, system.name)
-    steps, face_steps = sampler.counts(asked[0], asked[1] if sampler.face_steps else None)
-    return GenerateOptions(
-        speaker=run.speaker or next(iter(system.speakers)),
-        seed=run.seed,
-        steps=steps,
-        face_steps=face_steps,
-        sampler=sampler.name,
-        guidance=system.strength(None if system.guidance is None else run.guidance),
-        first_sample=sample - 1,
-        conditions=(plan,),
-    )
 
 
 def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
@@ -253,7 +234,7 @@ _SAMPLING = (
 )
 
 
-def asked_of(folder: Path, record: RunRecord, weights: Path) -> GenerateRequest | None:
+def asked_of(folder: Path, record: RunRecord, weights: Path) -> Ask | None:
     """As the motion of a run's folder was asked for, as far as takes are made by it; None where
     none can be."""
     own = [row.name for row in record.rows if "performed" in row.files and row.take is None]
@@ -262,7 +243,7 @@ def asked_of(folder: Path, record: RunRecord, weights: Path) -> GenerateRequest 
     if record.kind != "generated" or speech is None or not systems:
         return None
     told = {name: record.asked[name] for name in _SAMPLING if name in record.asked}
-    return GenerateRequest(speech=speech, out=folder, weights=weights, systems=systems, **told)
+    return Ask(speech=speech, out=folder, weights=weights, systems=systems, **told)
 
 
 def words_of(folder: Path, record: RunRecord) -> tuple[Word, ...]:

@@ -17,17 +17,16 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.requests.display import displayed, marks_of
-from app.run.requests.request import MAX_COMPARED, GenerateRequest
+from app.run.requests.request import Ask
+from app.run.rows import Rows
 from app.run.videos.export import render_settings
 from app.run.videos.own_videos import in_register
 from app.run.videos.videos import POSTER_SUFFIX, draw_videos, write_poster
-from conventions.names import REFERENCE_NAME, file_stem
+from conventions.names import file_stem
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from app.run.followed_point import TipSource
-    from app.run.inputs import Inputs
     from model.motion.motion import Motion
     from renderer.body.body import Body, BodyMotion
     from renderer.figures.figure6.spec import JointMarks
@@ -92,17 +91,6 @@ _POLL_S = 0.1
 
 
 @dataclass(frozen=True)
-class Row:
-    """One motion of the comparison, as generated or as recorded."""
-
-    name: str
-    raw: Motion
-    shown: Motion
-    """After the post-filter, if one was asked for: what files and pictures hold."""
-    is_first_sample: bool = True
-
-
-@dataclass(frozen=True)
 class Snapshots:
     """Poses for Figure 6: the frames, and by name the pictures (N, H, W, 3)."""
 
@@ -112,14 +100,7 @@ class Snapshots:
     """How much each joint jerks around each of the frames; None without pictures."""
 
 
-def draw_all(
-    request: GenerateRequest,
-    inputs: Inputs,
-    rows: Sequence[Row],
-    tip: TipSource,
-    folder: ResultFolder,
-    reporter: Reporter,
-) -> Snapshots:
+def draw_all(ask: Ask, rows: Rows, folder: ResultFolder, reporter: Reporter) -> Snapshots:
     """A video for each row and view, all bodies in register; the poses for Figure 6, from the first
     view, are taken on the way where videos show the same, and drawn apart where they do not.
 
@@ -131,48 +112,46 @@ def draw_all(
     from renderer.video.worker_process import RenderJob
 
     reporter.progress("video", 0.0)
-    placed = {row.name: in_register(row.shown) for row in rows}
+    placed = {name: in_register(motion) for name, motion in rows.staged.items()}
     motions = {name: body_motion(motion) for name, motion in placed.items()}
-    drawn = {
-        name: body_motion(displayed(motion, request.display)) for name, motion in placed.items()
-    }
+    drawn = {name: body_motion(displayed(motion, ask.display)) for name, motion in placed.items()}
     marks = {
-        name: marks_of(motion, request.display, tip, inputs.body) for name, motion in placed.items()
+        name: marks_of(motion, ask.display, rows.tip, rows.body) for name, motion in placed.items()
     }
     shortest = min(motion.num_frames for motion in motions.values())
-    frames = request.figure.frames or choose_snapshot_frames(shortest, request.start_frame)
-    has_poses = request.display.is_plain and request.framing == "whole"
+    frames = ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
+    has_poses = ask.display.is_plain and ask.framing == "whole"
     jobs: dict[str, RenderJob] = {}
     named: dict[str, str] = {}
-    for view in request.views:
-        is_main = view == request.views[0]
-        close_ups = request.close_ups if is_main else ()
-        settings = render_settings(view, request.size, close_ups=close_ups, framing=request.framing)
+    for view in ask.views:
+        is_main = view == ask.views[0]
+        close_ups = ask.close_ups if is_main else ()
+        settings = render_settings(view, ask.size, close_ups=close_ups, framing=ask.framing)
         # As for the motions themselves: exaggerated ones stand before the same camera.
-        stage = stage_for(inputs.body, list(motions.values()), settings)
+        stage = stage_for(rows.body, list(motions.values()), settings)
         for name, motion in drawn.items():
             file_name = file_stem(name) + ("" if is_main else f".{view}") + ".mp4"
             named[file_name] = name
             jobs[file_name] = RenderJob(
                 motion=motion,
                 out=folder.path(file_name),
-                speech_wav=inputs.wav,
+                speech_wav=rows.sound,
                 settings=settings,
-                body_path=request.body,
-                look=request.look,
+                body_path=ask.body,
+                look=ask.look,
                 stage=stage,
                 marks=marks[name],
                 still_frames=frames if is_main and has_poses else (),
             )
-    plain = render_settings(request.views[0], request.size)
-    plain_stage = stage_for(inputs.body, list(motions.values()), plain)
+    plain = render_settings(ask.views[0], ask.size)
+    plain_stage = stage_for(rows.body, list(motions.values()), plain)
     if not has_poses:
         jobs |= {
             f"poses of {name}": RenderJob(
                 motion=motion,
                 settings=plain,
-                body_path=request.body,
-                look=request.look,
+                body_path=ask.body,
+                look=ask.look,
                 stage=plain_stage,
                 still_frames=frames,
             )
@@ -186,12 +165,12 @@ def draw_all(
     )
     reporter.progress("video", 1.0)
     if has_poses:
-        main = render_settings(request.views[0], request.size, close_ups=request.close_ups)
+        main = render_settings(ask.views[0], ask.size, close_ups=ask.close_ups)
         box = main.panels[0].box
         pictures = {name: results[f"{file_stem(name)}.mp4"].stills[:, *box] for name in motions}
     else:
         pictures = {name: results[f"poses of {name}"].stills for name in motions}
-    of_joints = jerk_marks(inputs.body, motions, frames, plain, plain_stage)
+    of_joints = jerk_marks(rows.body, motions, frames, plain, plain_stage)
     return Snapshots(frames, pictures, of_joints)
 
 
@@ -286,17 +265,3 @@ def draw_poses(
         {name: result.stills for name, result in results.items()},
         jerk_marks(body, posed, frames, settings, stage),
     )
-
-
-def rows_that_fit(rows: Sequence[Row], reporter: Reporter) -> list[Row]:
-    """All rows, or where they are too many the first sample of each system and the reference."""
-    if len(rows) <= MAX_COMPARED:
-        return list(rows)
-    first = [row for row in rows if row.is_first_sample and row.name != REFERENCE_NAME]
-    reference = [row for row in rows if row.name == REFERENCE_NAME]
-    fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
-    reporter.note(
-        f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
-        f"{', '.join(row.name for row in fitting)}."
-    )
-    return fitting

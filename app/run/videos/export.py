@@ -6,27 +6,27 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
 
 from app.errors import RunError
-from app.flags import SOUND, flag, flags_of
+from app.flags import File, written
 from app.run.body_motion import body_motion
 from app.run.models import get_body
 from app.run.output.telling import share_teller
 from app.run.requests.display import Display, check_display, displayed, marks_of
 from app.run.requests.request import (
-    ASSUME,
-    BODY,
-    FRAMING,
-    LOOK,
+    Assumed,
+    CloseUps,
+    Height,
+    Look,
     OnEvent,
     ShouldCancel,
+    Views,
     check_size,
-    close_up_flag,
-    read_size,
-    read_views,
 )
-from conventions.views import LOOKS, VIEWS, CloseUp, Framing, View
+from conventions.views import LOOKS, CloseUp, Framing, View
 from model.formats.reading import Told, lengths_apart
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from renderer.video.settings import RenderSettings
 
 Background = Literal["studio", "transparent"]
-BACKGROUNDS: tuple[Background, ...] = get_args(Background)
 MAX_STILLS = 64
 MARKERS_ENDING = ".markers.csv"
 """Of the table beside a BVH file."""
@@ -51,72 +50,42 @@ ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz", ".obj", ".ply")
 class RenderRequest:
     """What is to be drawn of one motion file."""
 
-    motion: Path = field(metadata=flag(None, "MOTION", Path, is_positional=True))
-    out: Path = field(metadata=flag(None, f"FILE{'|'.join(ENDINGS)}", Path))
-    """Its ending, one of `ENDINGS`, says what is made."""
-    speech: Path | None = field(default=None, metadata=SOUND)
-    told: Told = field(default=Told(), metadata=ASSUME)
-    """How the file is to be read."""
-    body: Path | None = field(default=None, metadata=BODY)
-    look: str = field(default=LOOKS[0], metadata=LOOK)
-    views: tuple[View, ...] = field(
-        default=("front",),
-        metadata=flag(
-            f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
-            "(default: front)",
-            "V,...",
-            read_views,
-        ),
-    )
-    """The first one's files are called as ``out``; the others' have the view in their name."""
-    close_ups: tuple[CloseUp, ...] = field(default=(), metadata=close_up_flag("off"))
-    """Beside the body, in the videos and pictures of the first view."""
-    framing: Framing = field(default="whole", metadata=FRAMING)
-    display: Display = field(default_factory=Display, metadata=flags_of(Display))
+    motion: Positional[Path]
+    """In BEAT2's form, or any that is read."""
+    out: Path
+    """File whose ending says what is made: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply."""
+    speech: File = None
+    """Sound of the video."""
+    told: Assumed = field(default_factory=Told)
+    body: File = None
+    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    look: Look = LOOKS[0]
+    """Build and tone of the open body."""
+    views: Views = ("front",)
+    """The first one's files are called as --out; the others' have the view in their name."""
+    close_ups: CloseUps = ()
+    """Face or hands beside the body, in the videos and pictures of the first view."""
+    framing: Framing = "whole"
+    """The whole body, or from the knees up and larger."""
+    display: Display = field(default_factory=Display)
     """What pictures show beyond the body as it moves."""
-    joint: str = field(
-        default="right_middle",
-        metadata=flag("fingertip or joint that a trail follows (default: %(default)s)", "NAME"),
-    )
-    """The fingertip or joint that a trail follows."""
-    size: int = field(default=720, metadata=flag("height (default: %(default)s)", "PX", read_size))
+    joint: str = "right_middle"
+    """Fingertip or joint that a trail follows."""
+    size: Height = 720
     """Width and height of the body's picture."""
-    is_draft: bool = field(
-        default=False, metadata=flag("faster, with jagged edges", name="--draft")
-    )
-    num_stills: int | None = field(
-        default=None, metadata=flag("N single pictures as .png", "N", int, "--stills")
-    )
-    """So many pictures, evenly spread over the motion."""
-    sheet_every: int | None = field(
-        default=None,
-        metadata=flag(
-            "one picture with every N-th frame above its time, as .png", "N", int, "--sheet"
-        ),
-    )
-    """A contact sheet of each so-many-th frame."""
-    frame: int = field(
-        default=0,
-        metadata=flag("which frame a .obj or .ply holds (default: %(default)s)", "N", int),
-    )
-    """Counted from 0; of files that hold one pose."""
-    background: Background = field(
-        default="studio",
-        metadata=flag(
-            "transparent: the body alone, in a .png (default: %(default)s)", choices=BACKGROUNDS
-        ),
-    )
-    plan: Path | None = field(
-        default=None,
-        metadata=flag(
-            "whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as "
-            "markers (default: the .plan.json beside the motion, if there is one)",
-            "FILE",
-            Path,
-        ),
-    )
-    """Whose events files for 3D software carry as markers; None takes the ``.plan.json`` that a
-    run has left beside the motion, if there is one."""
+    is_draft: Annotated[bool, arg(name="draft")] = False
+    """Faster, with jagged edges."""
+    num_stills: Annotated[int | None, written(int, "N", "none"), arg(name="stills")] = None
+    """So many single pictures as .png, evenly spread over the motion."""
+    sheet_every: Annotated[int | None, written(int, "N", "none"), arg(name="sheet")] = None
+    """One picture with every so-many-th frame above its time, as .png."""
+    frame: int = 0
+    """Which a .obj or .ply holds, counted from 0."""
+    background: Background = "studio"
+    """transparent: the body alone, in a .png."""
+    plan: File = None
+    """Whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as markers; by
+    default the .plan.json that a run has left beside the motion, if there is one."""
 
     @property
     def ending(self) -> str:

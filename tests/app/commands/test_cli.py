@@ -13,11 +13,8 @@ import pytest
 from PIL import Image
 
 from app.commands import doctor
-from app.commands.cli import main, make_parser
-from app.flags import read_flags
+from app.commands.cli import main, parse
 from app.run.requests.display import Display
-from app.run.requests.request import GenerateRequest
-from app.run.videos.export import RenderRequest
 from model.motion.motion import save_motion
 from model.plan.textgrid import NamedTier, Row, textgrid_of
 from renderer.video.compose import band_height
@@ -39,39 +36,57 @@ def generate(speech: Path, out: Path, weights: Path, *flags: str) -> list[str]:
     return ["generate", str(speech), *common, "--no-figures", *flags]
 
 
-def test_wrong_arguments_exit_with_2():
-    for command in [
-        "",
-        "nonsense",
-        "generate",
-        "generate a.wav --out o --post-filter blur",
-        "generate a.wav --out o --views top",
-        "generate a.wav --out o --seed x",
-        "generate a.wav --out o --size 64",
-        "generate a.wav --out o --look clay",
-        "render a.npz",
-        *(f"render a.npz --out a.mp4 --size {size}" for size in (254, 1082, 333, -512, "big")),
-        "render a.npz --out a.png --background green",
-        "render a.npz --out a.mp4 --close-up feet",
-        "render a.npz --out a.mp4 --exaggerate 7",
+def test_wrong_arguments_exit_with_2_and_one_sentence(capsys):
+    for command, words in [
+        ("", "A command is missing; there are generate, diagnose, "),
+        ("nonsense", "There is no 'nonsense'; there are generate, "),
+        ("study nonsense", "There is no 'study nonsense'; there are study export, "),
+        ("generate --out o", "Missing: SPEECH"),
+        ("generate a.wav", "Missing: --out"),
+        ("generate a.wav --out o --post-filter blur", "'blur'"),
+        ("generate a.wav --out o --views top", "--views: no view 'top'; views are front, "),
+        ("generate a.wav --out o --seed 1.5", "--seed: '1.5' is no whole number."),
+        ("generate a.wav --out o --guidance x", "--guidance: 'x' is no number."),
+        ("generate a.wav --out o --look clay", "'clay' is none of average-light, "),
+        ("generate a.wav --out o --systems ,", "--systems: name at least one"),
+        ("generate a.wav --out o --seeed 1", "There is no --seeed, 1; perhaps --seed is meant."),
+        ("render a.npz", "--out"),
+        ("render a.npz --out a.mp4 --size 254", "254 pixels; pictures have 256 to 1080"),
+        ("render a.npz --out a.mp4 --size big", "'big' is no number of pixels"),
+        ("render a.npz --out a.png --background green", "'green'"),
+        ("render a.npz --out a.mp4 --close-up feet", "no close-up 'feet'"),
+        ("render a.npz --out a.mp4 --exaggerate 7", "'7' is none of 1, 5, 20"),
     ]:
         with pytest.raises(SystemExit) as left:
             main(command.split())
-        assert left.value.code == 2
+        told = capsys.readouterr()
+        assert left.value.code == 2 and told.out == ""
+        assert words in told.err and told.err.count("\n") == 1, told.err
+
+
+def asked(words: str):
+    """What the command of these words would be asked for."""
+    return next(iter(parse(words.split()).keywords.values()))
 
 
 def test_what_videos_show_is_asked_for_by_flags():
-    parse = make_parser().parse_args
-    usual = parse(["generate", "a.wav", "--out", "x"])
-    assert (usual.close_ups, usual.framing) == (("hands",), "knees")
-    assert read_flags(GenerateRequest, usual).display == Display()
-    asked = parse(
+    usual = asked("generate a.wav --out x")
+    assert (usual.close_ups, usual.framing, usual.display) == (("hands",), "knees", Display())
+    assert usual.has_video and not asked("generate a.wav --out x --no-video").has_video
+    drawn = asked(
         "render a.npz --out x.mp4 --close-up hands,face --framing knees "
-        "--exaggerate 20 --trail --color jerk".split()
+        "--exaggerate 20 --trail --color jerk"
     )
-    assert (asked.close_ups, asked.framing) == (("hands", "face"), "knees")
-    assert read_flags(RenderRequest, asked).display == Display(20, True, "jerk")
-    assert parse(["generate", "a.wav", "--out", "x", "--close-up", "off"]).close_ups == ()
+    assert (drawn.close_ups, drawn.framing) == (("hands", "face"), "knees")
+    assert drawn.display == Display(20, True, "jerk")
+    assert asked("generate a.wav --out x --close-up off").close_ups == ()
+    given = asked("diagnose a.npz b.npz --out x --videos --start 5 --panels a,d --show a,b")
+    assert given.motions == (Path("a.npz"), Path("b.npz")) and given.has_video
+    assert (given.start_frame, given.figure.panels, given.shown) == (5, ("a", "d"), ("a", "b"))
+    many = asked(
+        "generate a.wav --systems all --steps x/a=2 --max-minutes 2 --channel left --out x"
+    )
+    assert (many.systems, many.steps, many.max_speech_s, many.channel) == ((), {"x/a": 2}, 120, 0)
 
 
 def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(

@@ -11,8 +11,9 @@ import pytest
 from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
 from app.findings.verdict import short_names, verdict_of
-from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.examples import STORED
+from app.run.pipeline import do
+from app.run.requests.request import Ask
 from model.diagnostics import Versions
 from model.measures import beats
 from model.measures.point import JerkAttribution
@@ -322,8 +323,8 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
 ) -> None:
     (look,) = STORED.iterdir()
     motions = (look / "shown" / "A.npz", look / "shown" / "B.npz")
-    request = DiagnoseRequest(motions, tmp_path / "out", names=("A", "B"), has_pictures=False)
-    diagnostics = diagnose_files(request, lambda share: None).diagnostics
+    request = Ask(motions=motions, out=tmp_path / "out", names=("A", "B"), has_poses=False)
+    diagnostics = do(request, lambda share: None).diagnostics
     verdict = verdict_of(diagnostics)
     assert verdict is not None and verdict.numbers.endswith("A 190, B 1318.")
     first, *_, last = told_findings(diagnostics.findings)

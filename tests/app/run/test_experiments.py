@@ -12,11 +12,12 @@ from PIL import Image
 
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
-from app.run.experiments.hearing import HearingRequest, measure_hearing
-from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
-from app.run.experiments.step_curve import MAX_S, StepCurveRequest, measure_step_curve
+from app.run.experiments.hearing import HearingAsk, measure_hearing
+from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
+from app.run.experiments.step_curve import MAX_S, StepsAsk, measure_step_curve
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
+from app.run.requests.request import Ask
 from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
@@ -46,9 +47,8 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
 ) -> None:
     heard = Heard()
     out = tmp_path / "out"
-    request = HearingRequest(
-        out, speeches, (WORLD,), weights=weights, guidance=4.0, speakers=("bob", "ann")
-    )
+    ask = Ask(out=out, systems=(WORLD,), weights=weights, guidance=4.0)
+    request = HearingAsk(ask=ask, speeches=speeches, speakers=("bob", "ann"))
     hearing = measure_hearing(request, heard.take)
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     assert sorted(path.name for path in hearing.files) == [
@@ -77,8 +77,8 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     (tmp_path / "motions").mkdir()
     for path in out.glob("*.npz"):
         path.rename(tmp_path / "motions" / path.name)
-    folder = HearingRequest(tmp_path / "again", motions=tmp_path / "motions")
-    (again,) = measure_hearing(folder).systems
+    folder = Ask(out=tmp_path / "again", motions=(tmp_path / "motions",))
+    (again,) = measure_hearing(HearingAsk(ask=folder)).systems
     assert again.parts == heard.parts and again.guidance is None
 
 
@@ -112,8 +112,8 @@ def test_a_planted_ear_is_found_in_anyones_motion(
 def test_bodies_are_drawn_under_either_speech(
     speeches: tuple[Path, ...], weights: Path, tmp_path: Path
 ) -> None:
-    request = HearingRequest(tmp_path, speeches, (WORLD,), weights=weights, has_videos=True)
-    measure_hearing(request)
+    ask = Ask(out=tmp_path, systems=(WORLD,), weights=weights, has_video=True)
+    measure_hearing(HearingAsk(ask=ask, speeches=speeches))
     for stem in ("one", "two"):
         facts = read_facts(tmp_path / f"globaldiff-global__{stem}.mp4")
         assert facts.num_frames == 90
@@ -126,16 +126,16 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
         ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
-        ({"motions": Path("folder")}, "not both"),
+        ({"motions": (Path("folder"),)}, "not both"),
         (
-            {"motions": Path("folder"), "speeches": (), "systems": (), "has_videos": True},
+            {"motions": (Path("folder"),), "speeches": (), "systems": (), "has_video": True},
             "tells no speakers and no sound",
         ),
     ]:
         asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
-        asked["speeches"] = tuple(map(Path, asked["speeches"]))
+        speeches, seeds = tuple(map(Path, asked.pop("speeches"))), asked.pop("seeds", 2)
         with pytest.raises(RunError, match=sentence):
-            HearingRequest(tmp_path, **asked)
+            HearingAsk(ask=Ask(out=tmp_path, **asked), speeches=speeches, seeds=seeds)
 
 
 @pytest.mark.parametrize(
@@ -153,20 +153,22 @@ def test_a_folder_that_says_too_little_is_told(
     for number, name in enumerate(names):
         save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
     with pytest.raises(RunError, match=sentence):
-        measure_hearing(HearingRequest(tmp_path / "out", motions=tmp_path / "motions"))
+        ask = Ask(out=tmp_path / "out", motions=(tmp_path / "motions",))
+        measure_hearing(HearingAsk(ask=ask))
 
 
 @pytest.fixture
-def asked(tmp_path: Path) -> MechanismRequest:
+def asked(tmp_path: Path) -> MechanismAsk:
     save_motion(smooth_motion_example(12), tmp_path / "motion.npz")
-    return MechanismRequest(tmp_path / "motion.npz", tmp_path / "two.mp4", size=256)
+    motions, out = (tmp_path / "motion.npz",), tmp_path / "two.mp4"
+    return MechanismAsk(ask=Ask(motions=motions, out=out, size=256, has_video=True))
 
 
 @pytest.mark.gl
-def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismRequest) -> None:
+def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismAsk) -> None:
     heard = Heard()
     path, sentences = show_mechanism(replace(asked, noise_rad=0.05), heard.take)
-    assert path == asked.out
+    assert path == asked.ask.out
     with av.open(str(path)) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     assert len(frames) == 12 and frames[0].shape[1] == 2 * 192
@@ -180,13 +182,14 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
     assert moved[:, :, :192].mean() > moved[:, :, 192:].mean(), "the left one trembles more"
 
 
-def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequest) -> None:
-    out = asked.out.with_name("played")
-    path, sentences = show_mechanism(replace(asked, played=out, has_video=False, noise_rad=0.05))
-    assert path is None and not asked.out.exists() and "0.05 rad" in " ".join(sentences)
+def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismAsk) -> None:
+    ask = replace(asked.ask, has_video=False)
+    out = ask.out.with_name("played")
+    path, sentences = show_mechanism(MechanismAsk(ask=ask, played=out, noise_rad=0.05))
+    assert path is None and not ask.out.exists() and "0.05 rad" in " ".join(sentences)
     told = read_run(out)
     assert [row.name for row in told.rows] == list(NAMES) and told.sound and told.timeline
-    clean = load_motion(asked.motion)
+    clean = load_motion(ask.motions[0])
     on_local, on_global = (load_motion(out / row.files["motion"]) for row in told.rows)
     pelvis = slice(0, 3)
     for motion in (on_local, on_global):
@@ -194,7 +197,7 @@ def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequ
     assert abs(on_local.poses - on_global.poses)[:, pelvis.stop :].max() > 0.02
 
 
-def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismRequest) -> None:
+def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismAsk) -> None:
     for changes, words in [
         ({"noise_rad": 0.2}, "0.005 to 0.1 rad; got 0.2"),
         ({"noise_rad": 0.0}, "got 0"),
@@ -203,8 +206,9 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismRequest) -> None:
         ({"out": Path("/nowhere/two.mp4")}, "does not exist"),
         ({"joint": "pelvis"}, "No rotation moves the pelvis"),
     ]:
+        own = {name: changes.pop(name) for name in ("noise_rad",) if name in changes}
         with pytest.raises(RunError, match=words):
-            show_mechanism(replace(asked, **changes))
+            show_mechanism(replace(asked, ask=replace(asked.ask, **changes), **own))
 
 
 def write_noise(folder: Path, seconds: float) -> None:
@@ -222,11 +226,9 @@ def test_points_are_what_generation_and_measures_say(
     noise: Path, weights: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    request = StepCurveRequest(
-        noise, out, (WORLD,), counts=(1, 3), speaker="ann", seed=5, weights=weights
-    )
+    ask = Ask(speech=noise, out=out, systems=(WORLD,), speaker="ann", seed=5, weights=weights)
     heard = Heard()
-    curve = measure_step_curve(request, heard.take)
+    curve = measure_step_curve(StepsAsk(ask=ask, counts=(1, 3)), heard.take)
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
     one, three = (
         generate_motion(system, speech, GenerateOptions("ann", seed=5, steps=steps))[0]
@@ -261,11 +263,10 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
         raise CancelledRun
 
     monkeypatch.setattr("model.generation.windows.generate_motion", watched)
-    request = StepCurveRequest(
-        tmp_path / "speech.wav", tmp_path / "out", (WORLD,), (1,), weights=weights
-    )
+    speech, out = tmp_path / "speech.wav", tmp_path / "out"
+    ask = Ask(speech=speech, out=out, systems=(WORLD,), weights=weights)
     with pytest.raises(CancelledRun):
-        measure_step_curve(request)
+        measure_step_curve(StepsAsk(ask=ask, counts=(1,)))
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
 
 
@@ -278,4 +279,4 @@ def test_what_cannot_be_measured_is_refused() -> None:
         (tuple("abcdefg"), (1,), "got 7"),
     ]:
         with pytest.raises(RunError, match=says):
-            StepCurveRequest(Path("s.wav"), Path("out"), systems, counts)
+            StepsAsk(ask=Ask(out=Path("out"), systems=systems), counts=counts)

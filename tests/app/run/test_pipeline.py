@@ -16,12 +16,12 @@ from app.errors import CancelledRun, RunError, sentence_of
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
-from app.run.pipeline import generate_all
+from app.run.pipeline import do
 from app.run.requests.request import (
+    Ask,
+    Done,
     Event,
     FigureAsked,
-    GenerateRequest,
-    GenerateResult,
     Grown,
     Progress,
     Take,
@@ -36,7 +36,7 @@ from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
-Ask = Callable[..., GenerateRequest]
+Asks = Callable[..., Ask]
 LOCAL, WORLD = "globaldiff/local", "globaldiff/global"
 SHORT, LONG = 16, 113
 """Frames: half a second and a little, and two windows with a rest."""
@@ -56,11 +56,11 @@ def names_in(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if path.is_file()}
 
 
-def poses(result: GenerateResult, name: str) -> np.ndarray:
+def poses(result: Done, name: str) -> np.ndarray:
     return load_motion(result.out / f"{name.replace('/', '-')}.npz").poses
 
 
-def options_of(result: GenerateResult) -> dict:
+def options_of(result: Done) -> dict:
     return json.loads((result.out / "provenance.json").read_text())["options"]
 
 
@@ -72,19 +72,19 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "speech.wav"
 
 
-Whole = tuple[GenerateResult, Told]
+Whole = tuple[Done, Told]
 
 
 @pytest.fixture(scope="module")
 def whole(short: Path, weights: Path) -> Whole:
     """One run with everything, and all that it told."""
     events: Told = []
-    request = GenerateRequest(
-        short, short.with_name("out"), weights, (WORLD,), steps=1, seed=5, post_filter="savgol",
-        joint="left_elbow", start_frame=5, reference=short.with_name("reference.npz"),
-        size=256, views=("front", "side"),
+    request = Ask(
+        speech=short, out=short.with_name("out"), weights=weights, systems=(WORLD,), steps=1,
+        seed=5, post_filter="savgol", joint="left_elbow", start_frame=5, has_video=True,
+        reference=short.with_name("reference.npz"), size=256, views=("front", "side"),
     )  # fmt: skip
-    return generate_all(request, noted(events)), events
+    return do(request, noted(events)), events
 
 
 @pytest.mark.gl
@@ -168,11 +168,11 @@ def without_gl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.gl
 def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_number(
-    ask: Ask, whole: Whole, short: Path, without_gl: None
+    ask: Asks, whole: Whole, short: Path, without_gl: None
 ) -> None:
     smooth, _ = whole
     asked = {"seed": 5, "joint": "left_elbow", "reference": short.with_name("reference.npz")}
-    raw = generate_all(ask(speech=short, systems=(WORLD,), **asked))
+    raw = do(ask(speech=short, systems=(WORLD,), **asked))
     assert names_in(raw.out) == WITHOUT_VIDEO
     assert raw.diagnostics.as_json() == smooth.diagnostics.as_json()
     jagged, filtered = (np.diff(poses(run, WORLD), 3, axis=0) for run in (raw, smooth))
@@ -180,9 +180,9 @@ def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_nu
 
 
 def test_without_gl_a_run_with_video_leaves_all_but_pictures_and_says_so(
-    ask: Ask, without_gl: None
+    ask: Asks, without_gl: None
 ) -> None:
-    run = generate_all(ask(systems=(WORLD,), has_video=True, has_figures=True))
+    run = do(ask(systems=(WORLD,), has_video=True, has_figures=True))
     figures = {
         f"{name}.{end}" for name in ("figure6", "jitter") for end in ("png", "svg", "pdf", "txt")
     }
@@ -193,11 +193,13 @@ def test_without_gl_a_run_with_video_leaves_all_but_pictures_and_says_so(
     assert told.startswith("Videos and snapshots are left out.") and "apt-get install" in told
 
 
-def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(ask: Ask, short: Path) -> None:
+def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(
+    ask: Asks, short: Path
+) -> None:
     """The first of several samples is the one that there is alone."""
 
-    def run(name: str, **asked) -> GenerateResult:
-        return generate_all(ask(speech=short, out=ask().out / name, **asked))
+    def run(name: str, **asked) -> Done:
+        return do(ask(speech=short, out=ask().out / name, **asked))
 
     both = run("both", steps=2)
     assert options_of(both)["steps"] == {LOCAL: 2, WORLD: 2}
@@ -213,7 +215,7 @@ def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(ask: Ask, s
 
 
 def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
-    ask: Ask, short: Path
+    ask: Asks, short: Path
 ) -> None:
     for changes, words in [
         ({"systems": ("globaldiff/none",)}, "no system 'globaldiff/none'; available: globaldiff"),
@@ -244,7 +246,7 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
     ]:
         request = ask(**{"speech": short, **changes})
         with pytest.raises(Exception, match=words) as caught:
-            generate_all(request)
+            do(request)
         assert sentence_of(caught.value) == str(caught.value)
         assert not request.out.exists()
 
@@ -264,10 +266,10 @@ def parts(message: bytes) -> tuple[bytes, ...]:
     return tuple(message[a:b] for a, b in pairwise(edges))
 
 
-def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Ask, long: Path) -> None:
+def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, long: Path) -> None:
     """All systems begin before any goes on, and files come when they are whole."""
     events: Told = []
-    result = generate_all(ask(speech=long, samples=2), noted(events))
+    result = do(ask(speech=long, samples=2), noted(events))
     grown = [event for event in events if isinstance(event, RunRecord)]
     each = [
         (row.name, end)
@@ -313,12 +315,12 @@ def _frames(record: RunRecord, name: str) -> int:
     ids=["at once", "amid the windows", "amid the numbers"],
 )
 def test_a_run_that_is_cancelled_leaves_nothing(
-    ask: Ask, long: Path, is_time: Callable[[Told], bool], request: pytest.FixtureRequest
+    ask: Asks, long: Path, is_time: Callable[[Told], bool], request: pytest.FixtureRequest
 ) -> None:
     events: Told = []
     asked = ask(speech=long)
     with pytest.raises(CancelledRun):
-        generate_all(asked, noted(events), lambda: is_time(events))
+        do(asked, noted(events), lambda: is_time(events))
     assert not asked.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
@@ -328,7 +330,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
 
 @pytest.mark.gl
 def test_cancelling_ends_the_children_that_draw(
-    ask: Ask, drawing_children: Callable[[], list[str]]
+    ask: Asks, drawing_children: Callable[[], list[str]]
 ) -> None:
     request, told, seen = ask(has_video=True, size=256), [], []
 
@@ -338,7 +340,7 @@ def test_cancelling_ends_the_children_that_draw(
         return bool(seen)
 
     with pytest.raises(CancelledRun):
-        generate_all(request, told.append, should_cancel)
+        do(request, told.append, should_cancel)
     assert seen and not request.out.exists()
     end = time.monotonic() + 60
     while drawing_children() and time.monotonic() < end:
@@ -346,14 +348,14 @@ def test_cancelling_ends_the_children_that_draw(
     assert not drawing_children()
 
 
-def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_path: Path) -> None:
+def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_path: Path) -> None:
     seen = smooth_motion_example(37, seed=4)
     save_motion(seen, tmp_path / "live.npz")
     plan = GesturePlan(37 / 30, right=(phase(0.0, 1.0, "stroke", kind="you"),))
     plan.write(tmp_path / "live.plan.json")
     facts = {"frames_heard_ahead": 10, "speech_level": "running"}
     take = Take(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
-    result = generate_all(ask(systems=(WORLD,), take=take))
+    result = do(ask(systems=(WORLD,), take=take))
     (row,) = read_run(result.out).rows
     shown = json.loads((result.out / row.files["plan"]).read_text())
     assert shown["origin"] == "planned", "no other is sought"
@@ -365,23 +367,23 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     assert any("made while the speech was spoken" in note for note in result.notes)
     left = read_plan(result.out / "globaldiff-global.plan.json")
     assert left.right[0].kind == "you"
-    bare = generate_all(ask(systems=(WORLD,), take=replace(take, plan=None), out=tmp_path / "bare"))
+    bare = do(ask(systems=(WORLD,), take=replace(take, plan=None), out=tmp_path / "bare"))
     assert not [path for path in bare.files if path.name.endswith(".plan.json")]
 
 
 @pytest.mark.slow
 @pytest.mark.gl
-def test_figure_6_has_poses_where_no_video_is_drawn(ask: Ask, short: Path) -> None:
+def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> None:
     shown = FigureAsked(panels=("b",), frames=(3, 9), width="85mm")
     asked = ask(speech=short, systems=(WORLD,), has_figures=True, figure=shown)
-    result = generate_all(asked)
+    result = do(asked)
     assert not [path for path in result.files if path.suffix in (".mp4", ".jpg")]
     drawn = (asked.out / "figure6.svg").read_text()
     assert drawn.count("<image") == 1 and "frame 9" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
     late = replace(asked, figure=FigureAsked(frames=(3, SHORT)), out=asked.out / "late")
     with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
-        generate_all(late)
+        do(late)
 
 
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:

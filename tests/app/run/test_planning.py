@@ -9,9 +9,9 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.pipeline import generate_all
-from app.run.planning import PlanRequest, make_plan
-from app.run.requests.request import GenerateRequest
+from app.run.pipeline import do
+from app.run.planning import make_plan
+from app.run.requests.request import Ask
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
@@ -27,24 +27,24 @@ WORLD = "globaldiff/global"
 
 
 @pytest.fixture
-def asked(all_weights: Path, tmp_path: Path) -> GenerateRequest:
+def asked(all_weights: Path, tmp_path: Path) -> Ask:
     speech = tmp_path / "speech.wav"
     write_wav(speech, made_waveform(16_000 * 4))
-    return GenerateRequest(
+    return Ask(
         speech=speech, out=tmp_path / "out", weights=all_weights, systems=(PLANNED,), steps=1,
-        has_video=False, has_figures=False,
+        has_figures=False,
     )  # fmt: skip
 
 
 def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_same(
-    asked: GenerateRequest, tmp_path: Path
+    asked: Ask, tmp_path: Path
 ) -> None:
-    result = generate_all(replace(asked, samples=2))
+    result = do(replace(asked, samples=2))
     plans = [path for path in result.files if path.name.endswith(".plan.json")]
     assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
     assert read_plan(plans[0]).duration_s == 4.0
     other = replace(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
-    given = generate_all(other)
+    given = do(other)
     assert f"{WORLD} performs no plans." in given.notes
     first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.out, given.out))
     np.testing.assert_allclose(first, again, atol=2e-3)  # a file of plans has four decimals
@@ -53,7 +53,7 @@ def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_s
 
 
 def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
-    asked: GenerateRequest, tmp_path: Path
+    asked: Ask, tmp_path: Path
 ) -> None:
     plan, style = tmp_path / "plan.json", tmp_path / "style.toml"
     GesturePlan(4.0).write(plan)
@@ -61,54 +61,50 @@ def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
     for changes in ({"plan": plan}, {"style": style}):
         words = f"None of these systems performs plans; leave the {next(iter(changes))} out"
         with pytest.raises(RunError, match=words):
-            generate_all(replace(asked, systems=(WORLD,), **changes))
+            do(replace(asked, systems=(WORLD,), **changes))
     plan.write_text("[]")
     with pytest.raises(PlanError, match="is no plan of format 1"):
-        generate_all(replace(asked, plan=plan))
+        do(replace(asked, plan=plan))
     assert not asked.out.exists()
 
 
 def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
-    asked: GenerateRequest, tmp_path: Path
+    asked: Ask, tmp_path: Path
 ) -> None:
     empty = tmp_path / "plan.eaf"
-    of_nothing = PlanRequest(asked.speech, empty, tmp_path / "no weights", is_empty=True)
-    made = make_plan(of_nothing).plan
+    of_nothing = replace(asked, out=empty, weights=tmp_path / "no weights")
+    made = make_plan(of_nothing, is_empty=True).plan
     assert made == GesturePlan(4.0) == read_plan_file(empty).plan
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
     grid_ = tmp_path / "plan.TextGrid"
     grid_.write_text(grid(tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
-    given = generate_all(replace(asked, plan=grid_))
+    given = do(replace(asked, plan=grid_))
     assert any(note.startswith("No places are told for the right hand") for note in given.notes)
     performed = read_plan(given.out / f"{STEM}.plan.json")
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 
 
-def test_a_style_file_is_done_to_drawn_and_to_given_plans(
-    asked: GenerateRequest, tmp_path: Path
-) -> None:
+def test_a_style_file_is_done_to_drawn_and_to_given_plans(asked: Ask, tmp_path: Path) -> None:
     style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
     more.write_text("gestures_per_min = 90")
     added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan.write(given)
     for plan in (None, given):
-        made = generate_all(
-            replace(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style)
-        )
+        made = do(replace(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style))
         performed = read_plan(made.out / f"{STEM}.plan.json")
         assert not [one for side in SIDES for one in gestures(performed, side)]
         record = json.loads((made.out / "provenance.json").read_text())
         assert record["options"]["style"] == "style.toml"
-    made = generate_all(replace(asked, out=tmp_path / "more", plan=given, style=more))
+    made = do(replace(asked, out=tmp_path / "more", plan=given, style=more))
     assert f"{PLANNED}: There is room for 15 gestures a minute." in made.notes
 
 
-def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: Path) -> None:
+def test_words_of_a_transcript_reach_the_plan(asked: Ask, tmp_path: Path) -> None:
     said, plan = tmp_path / "said.TextGrid", tmp_path / "plan.json"
     said.write_text(grid(tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
     words: set[str] = set()
     for seed in range(6):
-        one = PlanRequest(asked.speech, plan, asked.weights, seed=seed, transcript=said)
+        one = replace(asked, out=plan, seed=seed, transcript=said)
         words |= {p.word for side in SIDES for p in make_plan(one).plan.hand(side)}
         if words > {""}:
             break
@@ -148,7 +144,7 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
 
 
 def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
-    asked: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    asked: Ask, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     motion, out, style = (tmp_path / name for name in ("still.npz", "found.eaf", "style.toml"))
     save_motion(made_motion(60), motion)

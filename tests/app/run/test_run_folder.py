@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
-from app.run.diagnose import DiagnoseRequest, diagnose_files, record_of
 from app.run.many.opened import copied_run, opened
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
@@ -26,7 +25,8 @@ from app.run.output.run_folder import (
     zip_run,
 )
 from app.run.pieces import HEADER
-from app.run.requests.request import Event, Grown
+from app.run.pipeline import do, record_of
+from app.run.requests.request import Ask, Event, Grown
 from app.run.run_writer import RunWriter, findings_told, picture_layout
 from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import load_motion, save_motion
@@ -201,11 +201,11 @@ def results(speech: Path, tmp_path: Path) -> Path:
     out = tmp_path / "made"
     for number, name in enumerate(("a", "recorded")):
         save_motion(smooth_motion_example(60, number), tmp_path / f"{name}.npz")
-    asked = DiagnoseRequest(
-        (tmp_path / "a.npz",), out, names=("gan/5",), reference=tmp_path / "recorded.npz",
-        speech=speech, title="made elsewhere", has_pictures=False,
+    asked = Ask(
+        motions=(tmp_path / "a.npz",), out=out, names=("gan/5",), speech=speech,
+        reference=tmp_path / "recorded.npz", title="made elsewhere", has_poses=False,
     )  # fmt: skip
-    diagnose_files(asked)
+    do(asked)
     with ResultFolder(out, is_kept=True) as folder:
         run = RunWriter(folder, read_run(out))
         run.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
@@ -219,7 +219,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
 ):
     packed = zip_run(results, tmp_path / "x.zip")
     assert is_run_zip(packed)
-    asked = DiagnoseRequest((packed,), tmp_path / "again", is_run=True, has_pictures=False)
+    asked = Ask(motions=(packed,), out=tmp_path / "again", has_poses=False)
     anew = opened(asked, tmp_path / "opened")
     assert anew.names == ("gan/5",) and anew.opened is not None and anew.opened.said == SAID
     assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
@@ -228,7 +228,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     old = read_run(results)
     assert (told.title, told.settings) == ("made elsewhere", old.settings)
     assert told.speech_sha256 == old.speech_sha256 != ""
-    result = diagnose_files(anew)
+    result = do(anew)
     shown = read_run(tmp_path / "again")
     assert [each.name for each in shown.rows] == ["gan/5", "reference"]
     assert "performed" in shown.rows[0].files and "measured anew" in shown.sentence
@@ -261,7 +261,7 @@ def test_only_a_zip_of_one_run_is_taken_for_one_and_a_run_of_ones_own_is_shown_a
     }
     assert found == {"flat": True, "folder": True, "many": False, "deep": False, "other": False}
     assert not is_run_zip(tmp_path / "none.zip") and not is_run_zip(results / RUN)
-    hollow = DiagnoseRequest((packed("hollow.zip", RUN),), tmp_path / "out", is_run=True)
+    hollow = Ask(motions=(packed("hollow.zip", RUN),), out=tmp_path / "out")
     with pytest.raises(RunError, match="it has no motion"):
         opened(hollow, tmp_path / "hollow")
     for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):

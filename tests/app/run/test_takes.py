@@ -11,8 +11,8 @@ import pytest
 from app.errors import CancelledRun, RunError
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
-from app.run.pipeline import generate_all
-from app.run.requests.request import Event, GenerateRequest, Grown
+from app.run.pipeline import do
+from app.run.requests.request import Ask, Event, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
 from app.run.takes.take import Take, TakeRequest, asked_of, make_take, row_of
 from model.motion.motion import load_motion
@@ -186,18 +186,18 @@ def test_there_is_an_end_to_how_much_comes_at_once():
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> GenerateRequest:
+def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> Ask:
     """Of a run that is there."""
     folder = tmp_path_factory.mktemp("take")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
     still = (phase(0.0, SPOKEN, "rest"),)
     plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
     plan.write(folder / "plan.json")
-    run = GenerateRequest(
-        folder / "talk.wav", folder / "run", planned_weights, (PLANNED,), seed=4,
-        plan=folder / "plan.json", steps=2, has_video=False, has_figures=False,
+    run = Ask(
+        speech=folder / "talk.wav", out=folder / "run", weights=planned_weights,
+        systems=(PLANNED,), seed=4, plan=folder / "plan.json", steps=2, has_figures=False,
     )  # fmt: skip
-    generate_all(run)
+    do(run)
     return run
 
 
@@ -206,7 +206,7 @@ def never() -> bool:
 
 
 def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_goes(
-    run: GenerateRequest, tmp_path: Path
+    run: Ask, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
@@ -257,7 +257,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
 
 
-def test_what_cannot_be_leaves_nothing(run: GenerateRequest, tmp_path: Path) -> None:
+def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})

@@ -17,12 +17,11 @@ from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.requests.display import Display
-from app.run.requests.request import GenerateRequest, Progress
+from app.run.requests.request import Ask, Progress
 from app.run.videos import comparison, own_videos, seen_video
 from app.run.videos.comparison import (
     AROUND_FRAMES,
     LEAST_FULL_SCALE,
-    Row,
     draw_all,
     jerk_marks,
 )
@@ -125,12 +124,12 @@ def test_all_bodies_of_a_run_are_in_register(
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    rows = [Row("a", motion, motion), Row(REFERENCE_NAME, elsewhere, elsewhere)]
-    request = GenerateRequest(tmp_path / "s.wav", tmp_path / "out", tmp_path)
-    inputs: Any = SimpleNamespace(body=body, wav=tmp_path / "s.wav")
+    ask, tip = Ask(out=tmp_path / "out"), choose_tip_source(body, None)
+    staged = {"a": motion, REFERENCE_NAME: elsewhere}
+    rows: Any = SimpleNamespace(staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip)
     reporter = Reporter(lambda event: None, lambda: False)
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-        draw_all(request, inputs, rows, choose_tip_source(body, None), folder, reporter)
+        draw_all(ask, rows, folder, reporter)
     mine, theirs = (
         body.joint_positions(jobs[f"{name}.mp4"].motion) for name in ("a", REFERENCE_NAME)
     )

@@ -9,7 +9,7 @@ import pytest
 from app.config import EXAMPLES
 from app.errors import CancelledRun
 from app.run.examples import CLEAN
-from app.run.pipeline import generate_all
+from app.run.pipeline import do
 from app.run.words import SpokenWords, given_words
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
@@ -63,7 +63,7 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
 def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path) -> None:
     write_wav(tmp_path / "begin.wav", load_speech(SAID).waveform[: 16_000 * 3])
     asked = ask(speech=tmp_path / "begin.wav", systems=("globaldiff/local",), words="recognise")
-    result = generate_all(asked)
+    result = do(asked)
     assert result.said.origin == "recognised" and len(result.said.words) > 5
     told = json.loads((asked.out / "diagnostics.json").read_text())
     assert told["words_origin"] == "recognised"

@@ -16,7 +16,7 @@ from app.page.parts.asked import form_of
 from app.page.parts.catalogue import USUAL, strength_choices, strength_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
-from app.run.experiments.hearing import Hearing, HearingRequest, measure_hearing
+from app.run.experiments.hearing import Hearing, HearingAsk, measure_hearing
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import usual_systems
 
@@ -78,14 +78,14 @@ class HearingForm:
     has_speakers: bool
 
 
-class HearingRunner(FigureRunner[HearingRequest, Hearing]):
+class HearingRunner(FigureRunner[HearingAsk, Hearing]):
     """Compares two speeches by two seeds."""
 
     tab = "hearing"
     form = HearingForm
     optional = ("first", "second")
 
-    def request(self, values: tuple[Any, ...], out: Path) -> HearingRequest:
+    def request(self, values: tuple[Any, ...], out: Path) -> HearingAsk:
         """See `FigureRunner.request`."""
         form = form_of(HearingForm, values)
         if not form.systems:
@@ -95,14 +95,10 @@ class HearingRunner(FigureRunner[HearingRequest, Hearing]):
         spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
         if len(spare) < missing:
             raise RunError(NO_SPEECH)
-        return HearingRequest(
-            out=out,
+        return HearingAsk(
+            ask=self.ask(form.systems, out, guidance=strength_of(form.strength)),
             speeches=(*given, *spare[:missing]),
-            systems=tuple(form.systems),
-            guidance=strength_of(form.strength),
             speakers=CALM_AND_LIVELY if form.has_speakers else None,
-            weights=self.config.weights,
-            max_speech_s=self.config.max_speech_s,
         )
 
     def told(self, found: Hearing) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,7 @@ from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.queue.worker import Task
 from app.page.results.result_parts import figures_html
 from app.page.tabs.services import Services
-from app.run.requests.request import Event, OnEvent, ShouldCancel
+from app.run.requests.request import Ask, Event, OnEvent, ShouldCancel
 
 MEASURING = "Measuring: {share:.0%}"
 
@@ -123,6 +123,12 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
         self.measure: Task[Asked, Found] = partial(services.worker.do, measure)
         self.parts = parts
         self._addresses = services.addresses
+
+    def ask(self, systems: Sequence[str], out: Path, **others: Any) -> Ask:
+        """A run of these systems, as this page allows it."""
+        config = self.config
+        limits: dict[str, Any] = {"weights": config.weights, "max_speech_s": config.max_speech_s}
+        return Ask(out=out, systems=tuple(systems), **limits, **others)
 
     @abstractmethod
     def request(self, values: tuple[Any, ...], out: Path) -> Asked:

@@ -22,8 +22,8 @@ from app.page.routes.media import MediaAddresses
 from app.page.tabs.motion_run import showing_of
 from app.page.tabs.services import Services
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NOISE_RAD, MechanismRequest, show_mechanism
-from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
+from app.run.experiments.mechanism import NOISE_RAD, MechanismAsk, show_mechanism
+from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
@@ -48,7 +48,7 @@ _ON_OPENING = (
 
 Shown = tuple[Path | None, tuple[str, ...]]
 """A video, where one was drawn, and what the bodies show in sentences."""
-Show = Callable[[MechanismRequest, OnEvent, ShouldCancel], Shown]
+Show = Callable[[MechanismAsk, OnEvent, ShouldCancel], Shown]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def build_mechanism(tab: gr.Tab, services: Services) -> None:
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             noise = gr.Slider(
-                *(least, most), value=MechanismRequest.noise_rad, step=0.005, label=NOISE_LABEL,
+                *(least, most), value=MechanismAsk.noise_rad, step=0.005, label=NOISE_LABEL,
                 buttons=[], elem_id="mechanism-noise",
             )  # fmt: skip
             motion = gr.File(
@@ -123,14 +123,16 @@ class MechanismRunner(TabRunner[Shown]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         noise, motion, needs_video = values
-        asked = MechanismRequest(
-            motion=Path(motion) if motion else CLEAN,
-            out=job.folder / "mechanism.mp4",
+        asked = MechanismAsk(
+            ask=Ask(
+                motions=(Path(motion) if motion else CLEAN,),
+                out=job.folder / "mechanism.mp4",
+                body=self._services.config.body,
+                size=SIZE_PX,
+                has_video=needs_video is True,
+            ),
             noise_rad=float(noise),
-            body=self._services.config.body,
-            size=SIZE_PX,
             played=job.folder / "results",
-            has_video=needs_video is True,
         )
         showing = showing_of(job, self._services.addresses, cookie, is_drawn=False)
         show = partial(self._services.worker.do, show_mechanism)
@@ -153,7 +155,7 @@ class _Work:
     """One run."""
 
     show: Show
-    asked: MechanismRequest
+    asked: MechanismAsk
     addresses: MediaAddresses
     cookie: str
     parts: MechanismParts
@@ -167,7 +169,7 @@ class _Work:
         if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
             updates[self.parts.player] = self._played()
         share = last_share(events)
-        if share is not None and self.asked.has_video:
+        if share is not None and self.asked.ask.has_video:
             line = DRAWING.format(share=share)
             updates[self.parts.status] = markup.sentence_status(line)
         return updates

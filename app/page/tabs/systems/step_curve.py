@@ -13,7 +13,7 @@ from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
-from app.run.experiments.step_curve import StepCurve, StepCurveRequest, measure_step_curve
+from app.run.experiments.step_curve import StepCurve, StepsAsk, measure_step_curve
 from model.systems.registry import usual_systems
 
 TITLE = "What steps buy, measured here"
@@ -54,14 +54,14 @@ class StepCurveForm:
     speech: str | None
 
 
-class StepCurveRunner(FigureRunner[StepCurveRequest, StepCurve]):
+class StepCurveRunner(FigureRunner[StepsAsk, StepCurve]):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
     form = StepCurveForm
     optional = ("speech",)
 
-    def request(self, values: tuple[Any, ...], out: Path) -> StepCurveRequest:
+    def request(self, values: tuple[Any, ...], out: Path) -> StepsAsk:
         """See `FigureRunner.request`."""
         form = form_of(StepCurveForm, values)
         path = Path(form.speech) if form.speech else next(iter(self.examples), None)
@@ -69,13 +69,7 @@ class StepCurveRunner(FigureRunner[StepCurveRequest, StepCurve]):
             raise RunError(NO_SYSTEM)
         if path is None:
             raise RunError(NO_SPEECH)
-        return StepCurveRequest(
-            speech=path,
-            out=out,
-            systems=tuple(form.systems),
-            weights=self.config.weights,
-            max_speech_s=self.config.max_speech_s,
-        )
+        return StepsAsk(ask=self.ask(form.systems, out, speech=path))
 
     def told(self, found: StepCurve) -> str:
         """See `FigureRunner.told`."""

@@ -13,7 +13,7 @@ from app.page.parts.catalogue import Catalogue, Example
 from app.page.player.first_look_shown import EXAMPLE, FirstLooks, question
 from app.page.routes.media import MediaAddresses
 from app.run.examples import FACTS, STEADY, TREMBLING, first_look
-from app.run.requests.request import Event, GenerateRequest, Grown
+from app.run.requests.request import Ask, Event, Grown
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
 from model.systems.globaldiff.config import BEST
@@ -28,7 +28,7 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     save_motion(made_motion(60), reference)
     (tmp_path / "job").mkdir()
     out = tmp_path / "job/results"
-    asked = GenerateRequest(speech, out, tmp_path, NAMES[:2], reference=reference, is_kept=True)
+    asked = Ask(speech=speech, out=out, systems=NAMES[:2], reference=reference, is_kept=True)
     showing = showing_in(tmp_path / "job", addresses, "mine")
     values: list[dict] = []
 

@@ -19,8 +19,8 @@ from app.page.queue.runner import TabRunner, Updates, follow
 from app.page.visitors.files import sweep
 from app.run.requests.request import (
     Artefact,
+    Ask,
     Event,
-    GenerateRequest,
     Grown,
     OnEvent,
     Progress,
@@ -133,8 +133,8 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
     jobs, speech
 ):
     with jobs.opened("one", "generate") as job:
-        asked = GenerateRequest(
-            speech, job.folder / "out", Path("/weights"), fakes.CATALOGUE.systems
+        asked = Ask(
+            speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
         )
         file = job.folder / "a.mp4"
 

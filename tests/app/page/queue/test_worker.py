@@ -10,8 +10,8 @@ import pytest
 
 from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.queue.worker import Limits, Worker
-from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.requests.request import Artefact, Event, Grown, Progress
+from app.run.pipeline import do
+from app.run.requests.request import Artefact, Ask, Event, Grown, Progress
 from model.motion.motion import save_motion
 from processes import ended
 from tests.app.page.queue import ends
@@ -26,10 +26,10 @@ def worker() -> Iterator[Worker]:
     worker.close()
 
 
-def small(tmp_path: Path) -> DiagnoseRequest:
+def small(tmp_path: Path) -> Ask:
     path = tmp_path / "small.npz"
     save_motion(smooth_motion_example(60), path)
-    return DiagnoseRequest((path,), tmp_path / "results", has_pictures=False)
+    return Ask(motions=(path,), out=tmp_path / "results", has_poses=False)
 
 
 def pid_of(worker: Worker) -> int:
@@ -49,7 +49,7 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
             assert not process.child.has_message(0.3), "it waits until the file has been looked at"
             assert event.path.is_file()
 
-    diagnosis = worker.do(diagnose_files, small(tmp_path), on_event)
+    diagnosis = worker.do(do, small(tmp_path), on_event)
     assert diagnosis.files and all(path.is_file() for path in diagnosis.files)
     worker.do(ends.leave, tmp_path / "left", on_event)
     assert {type(event) for event in events} == {Progress, Grown, Artefact}
@@ -167,6 +167,6 @@ def test_a_successor_is_warm_and_work_that_is_there_is_done_before_models_are_re
     worker = Worker(limits=Limits(seconds=100.0), warm=(never, None))
     worker.start()
     try:
-        assert worker.do(diagnose_files, small(tmp_path)).files
+        assert worker.do(do, small(tmp_path)).files
     finally:
         worker.close()

@@ -30,11 +30,10 @@ from app.page.results.run_pair import (
     told_settings,
     told_speech,
 )
-from app.run.diagnose import DiagnoseRequest, settings_of_own
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.requests.request import GenerateRequest
-from app.run.requests.settings import NONE, differing, settings_of_run
+from app.run.requests.request import Ask
+from app.run.requests.settings import NONE, differing, settings_of
 from app.run.run_writer import RunWriter
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
@@ -169,26 +168,26 @@ def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
     assert runs.html("of a stranger") == ""
 
 
-def asked(**changes) -> GenerateRequest:
+def asked(**changes) -> Ask:
     values = {"systems": ("globaldiff/local", "gan/5"), **changes}
-    return GenerateRequest(Path("/up/talk.wav"), Path("out"), Path("weights"), **values)
+    return Ask(speech=Path("/up/talk.wav"), out=Path("out"), **values)
 
 
 def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     by_name = {"globaldiff/local": 10}
-    told = settings_of_run(asked(seed=3, steps=by_name, sampler="heun", guidance=1.5))
+    told = settings_of(asked(seed=3, steps=by_name, sampler="heun", guidance=1.5))
     assert told["strength of the speech"] == "1.5"
     assert (told["speech"], told["systems"], told["seed"]) == ("talk", "local, gan/5", "3")
     assert (told["steps"], told["filter"]) == ("local 10", "none")
     assert told["sampler"].startswith("Heun")
     assert told["followed point"] == "right middle fingertip"
     assert told["words"] == "none"
-    assert settings_of_run(asked(words="recognise"))["words"] == "recognised"
+    assert settings_of(asked(words="recognise"))["words"] == "recognised"
     given = asked(words="recognise", transcript=Path("/up/said.txt"))
-    assert settings_of_run(given)["words"] == "said.txt"
-    first, second = settings_of_run(asked(seed=3)), settings_of_run(asked(seed=7, steps=25))
+    assert settings_of(given)["words"] == "said.txt"
+    first, second = settings_of(asked(seed=3)), settings_of(asked(seed=7, steps=25))
     assert differing(first, second) == {"seed": ("3", "7"), "steps": ("usual", "25")}
-    own = settings_of_own(DiagnoseRequest((Path("a.npz"),), Path("out"), names=("a",)))
+    own = settings_of(Ask(motions=(Path("a.npz"),), out=Path("out"), names=("a",)))
     assert differing(first, own)["seed"] == ("3", "none") and "speech" not in differing(first, own)
 
 

@@ -11,13 +11,13 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.catalogue import default_systems
-from app.page.tabs.motion import Form, fresh_copy, kept_values, request_from_form
+from app.page.tabs.motion import Form, ask_from_form, fresh_copy, kept_values
 from app.page.tabs.motion_run import StageLine
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, display_names
 from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, StudyForm, collect_files, plan_text
-from app.run.pipeline import row_names
+from app.run.made import row_names
 from app.run.requests.display import Display
-from app.run.requests.request import GenerateRequest, Progress
+from app.run.requests.request import Ask, Progress
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
 from model.systems.globaldiff.config import BEST, SYSTEMS
@@ -43,13 +43,13 @@ FORM = Form(
 CONFIG = AppConfig(weights=Path("/weights"))
 
 
-def read(**changes: Any) -> GenerateRequest:
-    return request_from_form(replace(FORM, **changes), Path("/job"), fakes.CATALOGUE, CONFIG)
+def read(**changes: Any) -> Ask:
+    return ask_from_form(replace(FORM, **changes), Path("/job"), fakes.CATALOGUE, CONFIG)
 
 
 def test_every_field_of_the_form_reaches_the_run():
     request = read()
-    assert request == GenerateRequest(
+    assert request == Ask(
         speech=Path("/speech.wav"),
         out=Path("/job/results"),
         weights=Path("/weights"),
@@ -69,7 +69,6 @@ def test_every_field_of_the_form_reaches_the_run():
         size=640,
         display=Display(has_trail=True),
         has_video=False,
-        has_poses=True,
     )
     assert tuple(row_names(request, request.systems)) == (
         *("globaldiff/local", "globaldiff/local.s2"),
@@ -110,7 +109,7 @@ def test_steps_of_face_and_body_go_to_the_systems_that_have_them():
 
     def asked(**fields: object) -> tuple[object, object]:
         form = replace(FORM, **fields)
-        request = request_from_form(form, Path("/job"), catalogue, CONFIG)
+        request = ask_from_form(form, Path("/job"), catalogue, CONFIG)
         return request.steps, request.face_steps
 
     both = {"globaldiff/local": 7, "globaldiff/global": 9}
@@ -160,21 +159,21 @@ def own(*motions: str, **changes: Any) -> OwnMotionForm:
 
 def test_the_form_of_own_motion_becomes_the_request(tmp_path):
     files = own("/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0)
-    asked = files.to_request(tmp_path, CONFIG)
+    asked = files.to_ask(tmp_path, CONFIG)
     assert asked.names == ("a", "a (2)")
     assert asked.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
     assert (asked.reference, asked.speech) == (Path("/up/r.npz"), None)
     assert (asked.start_frame, asked.joint, asked.out) == (30, "right_middle", tmp_path)
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
-    chosen = own(*"abcdefgh", shown=["b", "h"]).to_request(Path("out"), CONFIG)
+    chosen = own(*"abcdefgh", shown=["b", "h"]).to_ask(Path("out"), CONFIG)
     assert chosen.shown == ("b", "h")
-    assert own(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == (), "all of them fit"
+    assert own(*"abc", shown=["b"]).to_ask(Path("out"), CONFIG).shown == (), "all of them fit"
 
 
 def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone():
     said = {"assume": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
-    asked = own("/up/a.npz", speech="/up/s.wav", **said).to_request(Path("out"), CONFIG)
+    asked = own("/up/a.npz", speech="/up/s.wav", **said).to_ask(Path("out"), CONFIG)
     assert [each[0] for each in asked.told.says] == ["a", ""] and asked.channel == 1
     sets = own("/up/a.tar.gz", **said).to_sets(Path("out"))
     assert sets.names == ("a",) and len(sets.told.says) == 4 and sets.channel == 1
@@ -200,7 +199,7 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
 def test_own_motion_that_cannot_be_measured_gives_a_sentence(asked, words):
     assert asked.has_sets == any(str(path).lower().endswith(".zip") for path in asked.motions or ())
     with pytest.raises(RunError, match=words):
-        asked.to_sets(Path("out")) if asked.has_sets else asked.to_request(Path("out"), CONFIG)
+        asked.to_sets(Path("out")) if asked.has_sets else asked.to_ask(Path("out"), CONFIG)
 
 
 STUDY = StudyForm(

@@ -31,9 +31,8 @@ from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind, Wanted
-from app.run.diagnose import DiagnoseRequest
-from app.run.many.sets import Sets, SetsRequest
-from app.run.requests.request import OnEvent, Progress, ShouldCancel
+from app.run.many.sets import Sets
+from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
 from app.run.videos.behind import VideosRequest, names_that_fit
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
@@ -54,7 +53,7 @@ class Own:
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
         with gr.Blocks():
             self.parts, sets = build_results(), build_sets()
-        does = {"diagnose_opened": diagnose, "draw_behind": fakes.make_draw()}
+        does = {"do_in_folder": diagnose, "draw_behind": fakes.make_draw()}
         services = fakes.made_services(folder, does, config=AppConfig())
         tools = SetsTools(measure_sets, sets, KeptSets())
         self.sets_shown = sets.shown
@@ -83,7 +82,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     with gr.Blocks():
         form, parts = FormParts((), gr.Button(), gr.Button()), build_results()
     failing = make_generate(late_error=RunError("The disk is full."))
-    services = made_services(tmp_path, {"generate_run": failing})
+    services = made_services(tmp_path, {"do_in_folder": failing})
     runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
     values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
     *_, last = updates_of(runner, parts, *values, None)
@@ -92,7 +91,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     assert row["there"]["end"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in {Path(file).name for file in last["files"]}
     early = make_generate(error=RunError("No such system."))
-    services = made_services(tmp_path / "early", {"generate_run": early})
+    services = made_services(tmp_path / "early", {"do_in_folder": early})
     runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
@@ -101,12 +100,10 @@ class Measured:
     """Sets that somebody has brought."""
 
     def __init__(self, folder: Path) -> None:
-        self.asked: list[SetsRequest] = []
+        self.asked: list[Ask] = []
         self._folder = folder
 
-    def __call__(
-        self, request: SetsRequest, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> Sets:
+    def __call__(self, request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
         self.asked.append(request)
         on_event(Progress("numbers", 0.5))
         request.out.mkdir()
@@ -128,9 +125,9 @@ class Measured:
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
-    opened: list[DiagnoseRequest] = []
+    opened: list[Ask] = []
 
-    def noted(request: DiagnoseRequest, *how: Any) -> None:
+    def noted(request: Ask, *how: Any) -> None:
         opened.append(request)
         fakes.diagnose(request, *how)
 
@@ -206,7 +203,7 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts((), gr.Button(), gr.Button())
         results = build_results("live-")
-    does = {"generate_run": make_generate(), "draw_behind": make_draw()}
+    does = {"do_in_folder": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))

@@ -17,7 +17,7 @@ from app.page.tabs.videos_run import DrawSeen, SeenRunner
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.requests.request import (
-    GenerateRequest,
+    Ask,
     Grown,
     OnEvent,
     Progress,
@@ -201,7 +201,7 @@ class Editor:
         with ResultFolder(self.showing.folder, is_kept=True) as results:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
-        request = GenerateRequest(folder / "talk.wav", self.showing.folder, folder, (ROW,))
+        request = Ask(speech=folder / "talk.wav", out=self.showing.folder, systems=(ROW,))
         job = Job("me", "generate", folder / "run")
         services.kept.keep(job, COOKIE, self.showing, None, request)
 

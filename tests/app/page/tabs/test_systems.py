@@ -12,9 +12,9 @@ from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
 from app.page.tabs.systems.step_curve import StepCurveRunner
 from app.page.tabs.systems.systems import NOT_HERE, ladder
 from app.run.examples import CLEAN
-from app.run.experiments.hearing import Heard, Hearing, HearingRequest
-from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
-from app.run.experiments.step_curve import StepCurve, StepCurveRequest, StepPoint
+from app.run.experiments.hearing import Heard, Hearing, HearingAsk
+from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
+from app.run.experiments.step_curve import StepCurve, StepPoint, StepsAsk
 from app.run.requests.request import Grown, OnEvent, Progress, ShouldCancel
 from model.measures.hearing import Decided
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
@@ -41,14 +41,15 @@ class Measured:
     ) -> StepCurve | Hearing:
         self.asked.append(request)
         on_event(Progress("numbers", 0.5))
-        request.out.mkdir()
-        is_hearing = isinstance(request, HearingRequest)
-        figure = request.out / ("hearing.png" if is_hearing else "steps.png")
+        out = request.ask.out
+        out.mkdir()
+        is_hearing = isinstance(request, HearingAsk)
+        figure = out / ("hearing.png" if is_hearing else "steps.png")
         figure.write_bytes(b"0")
         if is_hearing:
             parts = {"arms": Decided(same_speech=0.5, same_noise=0.3, neither=0.1)}
             return Hearing((Heard("gan/5", 3.0, parts, 0.8),), (figure,))
-        assert isinstance(request, StepCurveRequest)
+        assert isinstance(request, StepsAsk)
         return StepCurve((StepPoint("gan/5", 1, None, 0.5, 100.0, 0.0),), (figure,))
 
     def click(self, *values: Any) -> list[dict[str, Any]]:
@@ -62,8 +63,8 @@ def test_the_plot_of_what_steps_buy_is_shown(tmp_path):
     assert "Measured 1 motions." in updates[-1]["status"]
     assert updates[-1]["figure"]["visible"] and "<img" in updates[-1]["figure"]["value"]
     part.click(["gan/5"], None)
-    assert [each.systems for each in part.asked] == [("gan/5",)] * 2
-    assert [each.speech for each in part.asked] == [Path("/up/s.wav"), EXAMPLES[0]]
+    assert [each.ask.systems for each in part.asked] == [("gan/5",)] * 2
+    assert [each.ask.speech for each in part.asked] == [Path("/up/s.wav"), EXAMPLES[0]]
 
 
 def test_what_speech_decides_is_told_of_two_speeches_examples_where_one_is_missing(tmp_path):
@@ -76,9 +77,9 @@ def test_what_speech_decides_is_told_of_two_speeches_examples_where_one_is_missi
     part.click(["gan/5"], None, "/up/a.wav", 1.0, True)
     first, second = part.asked
     assert first.speeches == EXAMPLES[:2] and first.seeds == 2
-    assert (first.guidance, first.speakers) == (None, None)
+    assert (first.ask.guidance, first.speakers) == (None, None)
     assert second.speeches == (Path("/up/a.wav"), EXAMPLES[1]), "another than the one of its name"
-    assert (second.guidance, second.speakers) == (1.0, ("hana", "june"))
+    assert (second.ask.guidance, second.speakers) == (1.0, ("hana", "june"))
 
 
 @pytest.mark.parametrize(
@@ -106,23 +107,23 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("needs_video", [False, True])
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path, needs_video):
-    asked: list[MechanismRequest] = []
+    asked: list[MechanismAsk] = []
 
     def show(
-        request: MechanismRequest, on_event: OnEvent, should_cancel: ShouldCancel
+        request: MechanismAsk, on_event: OnEvent, should_cancel: ShouldCancel
     ) -> tuple[Path | None, tuple[str, ...]]:
         asked.append(request)
-        made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
-        on_event(Grown(request.out.parent / "results"))
+        out = request.ask.out
+        made_run(out.parent, jerk=dict.fromkeys(NAMES, 1.0))
+        on_event(Grown(out.parent / "results"))
         on_event(Progress("numbers", 0.5))
-        request.out.write_bytes(b"0")
-        return request.out if request.has_video else None, ("Moved by <1> cm.",)
+        out.write_bytes(b"0")
+        return out if request.ask.has_video else None, ("Moved by <1> cm.",)
 
     *_, last = shown(show, tmp_path, 0.05, None, needs_video)
-    assert (asked[0].motion, asked[0].noise_rad) == (CLEAN, 0.05) and CLEAN.is_file()
-    assert (
-        asked[0].played == asked[0].out.with_name("results") and asked[0].has_video == needs_video
-    )
+    (one,) = asked
+    assert (one.ask.motions, one.noise_rad) == ((CLEAN,), 0.05) and CLEAN.is_file()
+    assert one.played == one.ask.out.with_name("results") and one.ask.has_video == needs_video
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]

@@ -11,11 +11,11 @@ from scipy.linalg import sqrtm
 
 from app.errors import RunError
 from app.run.many.distances import EMAGE_TITLE, LEAST_CODES, emage_distances, keep_codes
-from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.motions import diagnose_folders
+from app.run.requests.request import Ask
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
-from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 from tests.model.systems.made_emage import emage_tensors
 
@@ -83,10 +83,10 @@ def _save_sets(top: Path) -> None:
             save_motion(motion, top / name / f"{clip}.npz")
 
 
-def _asked(top: Path, weights: Path) -> ManyRequest:
+def _asked(top: Path, weights: Path) -> Ask:
     folders = (top / "lively", top / "calm")
     reference = top / "reference"
-    return ManyRequest(folders, top / "out", reference, emage_weights=weights, pool=JobPool(1))
+    return Ask(motions=folders, out=top / "out", reference=reference, emage_weights=weights)
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -104,7 +104,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     kept = request.out / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
     (request.out / "clips" / "a.emage.npz").unlink()
-    again = diagnose_folders(replace(request, folders=request.folders[::-1]))
+    again = diagnose_folders(replace(request, motions=request.motions[::-1]))
     assert any("1 clips had been measured before" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
     swapped = {row["system"]: row["mean"] for row in _rows(request.out) if row["mean"]}

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.config import BUNDLED_WEIGHTS
 from app.run.many.speeches import RECORD, generate_many
-from app.run.requests.request import GenerateRequest
+from app.run.requests.request import Ask
 from model.speech.audio import write_wav
 from processes.pool import JobPool
 from tests.model.made import made_waveform
@@ -36,10 +35,8 @@ def test_a_labs_day(tmp_path: Path) -> None:
     for number in range(CLIPS):
         write_wav(speech / f"clip{number:03}.wav", made_waveform(16_000 * SECONDS, number))
 
-    def asked(out: Path) -> GenerateRequest:
-        return GenerateRequest(
-            *(speech, out, BUNDLED_WEIGHTS), SYSTEMS, has_video=False, has_figures=False
-        )
+    def asked(out: Path) -> Ask:
+        return Ask(speech=speech, out=out, systems=SYSTEMS, has_figures=False)
 
     apart, here = tmp_path / "cluster", tmp_path / "here"
     told: list[str] = []

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.motions import diagnose_folders
 from app.run.many.table import interval
+from app.run.pipeline import do
+from app.run.requests.request import Ask
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
 from model.formats.read import read_any_motion
@@ -20,7 +21,6 @@ from model.motion.motion import save_motion
 from model.networks.autoencoder import load_encoder
 from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
-from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 
 CLIPS = ("a", "b", "c")
@@ -42,8 +42,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return top
 
 
-def asked(folders: Path, out: Path) -> ManyRequest:
-    return ManyRequest((folders / "lively", folders / "same"), out, folders / "gt", pool=JobPool(1))
+def asked(folders: Path, out: Path) -> Ask:
+    motions = (folders / "lively", folders / "same")
+    return Ask(motions=motions, out=out, reference=folders / "gt")
 
 
 @pytest.fixture(scope="module")
@@ -127,21 +128,24 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         for seed, clip in enumerate(CLIPS):
             motion = smooth_motion_example(180, seed + (50 if name == "gt" else 0))
             save_motion(motion, folder / f"{clip}.npz")
-    request = ManyRequest(
-        (long["lively"],), tmp_path / "out", long["gt"], tmp_path / "sound", pool=JobPool(1)
+    request = Ask(
+        motions=(long["lively"],),
+        out=tmp_path / "out",
+        reference=long["gt"],
+        speech=tmp_path / "sound",
     )
     result = diagnose_folders(request)
     assert "1 of 3 clips have no sound of their name." in result.notes
     with (tmp_path / "out" / "clips.csv").open() as file:
         rows = {(row["clip"], row["system"]): row for row in csv.DictReader(file)}
     for clip in CLIPS[:1]:
-        alone = diagnose_files(
-            DiagnoseRequest(
+        alone = do(
+            Ask(
                 motions=(long["lively"] / f"{clip}.npz",),
                 out=tmp_path / f"alone-{clip}",
                 reference=long["gt"] / f"{clip}.npz",
                 speech=tmp_path / "sound" / f"{clip}.wav",
-                has_pictures=False,
+                has_poses=False,
             )
         ).diagnostics
         for name, versions in (("lively", alone.systems[clip]), ("reference", alone.reference)):
@@ -171,9 +175,9 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
     assert "FGD" not in (tmp_path / "out" / "sheet.md").read_text()
     (tmp_path / "other").mkdir()
     with pytest.raises(RunError, match="paired by name"):
-        diagnose_folders(ManyRequest((folders / "gt", tmp_path / "other"), tmp_path / "x"))
+        diagnose_folders(Ask(motions=(folders / "gt", tmp_path / "other"), out=tmp_path / "x"))
     with pytest.raises(RunError, match="is no folder"):
-        diagnose_folders(ManyRequest((folders / "gt", tmp_path / "none"), tmp_path / "x"))
+        diagnose_folders(Ask(motions=(folders / "gt", tmp_path / "none"), out=tmp_path / "x"))
 
 
 def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, tmp_path):
@@ -186,7 +190,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
         (theirs / f"gt_{clip}.npz").write_bytes((folders / "gt" / f"{clip}.npz").read_bytes())
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
-    result = diagnose_folders(ManyRequest((top,), out, top, pool=JobPool(1)))
+    result = diagnose_folders(Ask(motions=(top,), out=out, reference=top))
     assert result.clips == CLIPS[:2]
     told = json.loads((out / "many.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
@@ -198,7 +202,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
         assert (deep["emage"], deep["reference"]) == (flat["lively"], flat["reference"])
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
-    result = diagnose_folders(ManyRequest((top,), tmp_path / "two", top, pool=JobPool(1)))
+    result = diagnose_folders(Ask(motions=(top,), out=tmp_path / "two", reference=top))
     assert result.clips == ("epoch_400/a", "epoch_400/b")
 
 

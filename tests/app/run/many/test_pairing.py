@@ -14,12 +14,12 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.run.many.check import check_sets, told
-from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
 from app.run.many.unpacked import Limits, unpacked
+from app.run.requests.request import Ask
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion
-from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 
 NPZ = (".npz",)
@@ -91,8 +91,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return top
 
 
-def asked(top: Path, out: Path, *systems: Path) -> ManyRequest:
-    return ManyRequest(systems or (top / "mine",), out, top / "gt", pool=JobPool(1))
+def asked(top: Path, out: Path, *systems: Path) -> Ask:
+    return Ask(motions=systems or (top / "mine",), out=out, reference=top / "gt")
 
 
 def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:

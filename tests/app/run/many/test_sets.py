@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.many.motions import ManyRequest, diagnose_folders
-from app.run.many.sets import SetsRequest, measure_sets
+from app.run.many.motions import diagnose_folders
+from app.run.many.sets import measure_sets
+from app.run.requests.request import Ask
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
-from processes.pool import JobPool
 from tests.app.heard import Heard
 from tests.helpers import smooth_motion_example
 
@@ -51,12 +51,12 @@ def zipped(folder: Path, out: Path, **more: bytes) -> Path:
 def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     heard = Heard()
     found = measure_sets(
-        SetsRequest(
-            (zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
-            ("My system",),
-            tmp_path / "out",
-            zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
-            zipped(folders / "sound", tmp_path / "sound.zip"),
+        Ask(
+            motions=(zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
+            names=("My system",),
+            out=tmp_path / "out",
+            reference=zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
+            speech=zipped(folders / "sound", tmp_path / "sound.zip"),
         ),
         heard.take,
     )
@@ -76,9 +76,11 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             (source,) = folders.rglob(f"{kind}{clip}.npz")
             assert path.read_bytes() == source.read_bytes()
 
-    asked = ManyRequest(
-        *((folders / "mine",), tmp_path / "plain", folders / "gt", folders / "sound"),
-        pool=JobPool(1),
+    asked = Ask(
+        motions=(folders / "mine",),
+        out=tmp_path / "plain",
+        reference=folders / "gt",
+        speech=folders / "sound",
     )
     diagnose_folders(asked)
     plain = json.loads((tmp_path / "plain" / "many.json").read_text())
@@ -93,7 +95,7 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.many.sets.MAX_BYTES", round(1.5 * held))
-    asked = SetsRequest((mine,), ("mine",), tmp_path / "one")
+    asked = Ask(motions=(mine,), names=("mine",), out=tmp_path / "one")
     assert measure_sets(asked).told["clips"] == list(CLIPS)
     with pytest.raises(RunError, match="would unpack to"):
         measure_sets(replace(asked, out=tmp_path / "two", reference=mine))
@@ -110,12 +112,12 @@ def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(fold
             for name in ("a", "a_output"):
                 archive.write(next(folders.rglob("res_a.npz")), f"{folder}/{name}.npz")
     with pytest.raises(RunError, match="would both be called"):
-        measure_sets(SetsRequest((twice,), ("twice",), tmp_path / "first"))
+        measure_sets(Ask(motions=(twice,), names=("twice",), out=tmp_path / "first"))
     other = tmp_path / "other.zip"
     with zipfile.ZipFile(other, "w") as archive:
         archive.write(next(folders.rglob("res_a.npz")), "x.npz")
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
     with pytest.raises(RunError, match="No file name is in all of mine, other"):
-        measure_sets(SetsRequest((mine, other), ("mine", "other"), tmp_path / "second"))
+        measure_sets(Ask(motions=(mine, other), names=("mine", "other"), out=tmp_path / "second"))
     with pytest.raises(RunError, match="same name"):
-        measure_sets(SetsRequest((mine, mine), ("mine", "mine"), tmp_path / "third"))
+        measure_sets(Ask(motions=(mine, mine), names=("mine", "mine"), out=tmp_path / "third"))

@@ -12,7 +12,7 @@ from app.commands.cli import main
 from app.commands.said import ProgressBar
 from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
-from app.run.requests.request import GenerateRequest
+from app.run.requests.request import Ask
 from model.generation.clip_noise import clip_seed
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
@@ -35,8 +35,8 @@ def speeches(tmp_path: Path) -> Path:
     return folder
 
 
-def request_of(source: Path, out: Path, weights: Path, **changes) -> GenerateRequest:
-    return GenerateRequest(source, out, weights, steps=1, has_video=False, **changes)
+def request_of(source: Path, out: Path, weights: Path, **changes) -> Ask:
+    return Ask(speech=source, out=out, weights=weights, steps=1, **changes)
 
 
 def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, tmp_path):
@@ -145,8 +145,8 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     style, plans = tmp_path / "style.toml", tmp_path / "plans"
     style.write_text("[times]\ngestures_per_min = 0\nsmile = 0\n")
     plans.mkdir()
-    asked = GenerateRequest(
-        speeches, tmp_path / "out", planned_weights, systems=(PLANNED,), steps=1, has_video=False,
+    asked = Ask(
+        speech=speeches, out=tmp_path / "out", weights=planned_weights, systems=(PLANNED,), steps=1,
         has_figures=False, style=style, plan=plans,
     )  # fmt: skip
     with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from app.errors import RunError
-from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.motions import diagnose_folders
 from app.run.many.unpacked import Limits, unpacked
+from app.run.requests.request import Ask
 from model.motion.motion import save_motion
-from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 
 NPZ = (".npz",)
@@ -173,8 +173,8 @@ def test_sets_in_zips_are_measured_as_folders_are_and_kept(tmp_path: Path):
         for name in ("lively", "gt")
     )
     out, zipped = tmp_path / "out", tmp_path / "zipped"
-    diagnose_folders(ManyRequest((tmp_path / "lively",), out, tmp_path / "gt", pool=JobPool(1)))
-    zips = ManyRequest((lively,), zipped, gt, pool=JobPool(1))
+    diagnose_folders(Ask(motions=(tmp_path / "lively",), out=out, reference=tmp_path / "gt"))
+    zips = Ask(motions=(lively,), out=zipped, reference=gt)
     assert diagnose_folders(zips).clips == ("a", "b")
     for table in ("many.csv", "clips.csv"):
         assert (zipped / table).read_bytes() == (out / table).read_bytes()

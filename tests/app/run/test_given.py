@@ -14,13 +14,15 @@ from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import CancelledRun, RunError
 from app.findings.sentences import told_findings
-from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
-from app.run.videos.own_videos import VideoOptions
+from app.run.pipeline import do
+from app.run.requests.display import Display
+from app.run.requests.request import Ask, Stage
+from app.run.requests.settings import names_of_motions
 from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
 from model.measures.point import Spectrum
@@ -36,8 +38,6 @@ from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
 FIGURES = ("figure6", "jitter", "error_growth")
-STAGES = (0.1, 0.5, 0.55, 0.6, 0.7, 0.9)
-"""Shares after reading, measuring, the experiment, its figure, the jitter sheet and the poses."""
 
 
 def test_everything_is_measured_beside_a_reference_with_speech_and_words(
@@ -51,28 +51,24 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     np.savez(reference, poses=poses, trans=100 * theirs.trans, mocap_framerate=np.array(30))
     write_wav(speech, load_speech(EXAMPLES / "three_reasons.wav").waveform[: 16_000 * 3])
     text.write_text("There are three reasons.")
-    request = DiagnoseRequest(
+    request = Ask(
         motions=(motion, motion), out=tmp_path / "out", names=("clip", "again"), speech=speech,
         reference=reference, transcript=text, words="recognise", joint="left_wrist",
-        start_frame=20, has_pictures=False,
+        start_frame=20, has_poses=False,
     )  # fmt: skip
     heard = Heard()
-    found = diagnose_files(request, heard.take)
-    shares = heard.shares
+    found = do(request, heard.take)
     assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
     }
     # There is a point to stop at between all files, measures and figures.
-    assert shares == sorted(shares) and shares[-1] == 1.0
-    reading, measuring, growing, *_ = (
-        [share for share in shares if low <= share < high]
-        for low, high in zip((0, *STAGES), STAGES, strict=False)
-    )
-    assert len(reading) == 2
-    assert len(set(measuring)) == 6  # each motion as it is and filtered
-    assert len(set(growing)) == 3 and {0.55, 0.6, 0.7, 0.9} <= set(shares)
+    shares = {stage: heard.shares_of(stage) for stage in ("speech", "numbers", "figure")}
+    assert all(each == sorted(each) and each[-1] == 1.0 for each in shares.values())
+    assert len(set(shares["speech"])) == 4  # each file, and all
+    assert len(set(shares["numbers"])) == 7  # each motion as it is and filtered, and all
+    assert len(set(shares["figure"])) == 3
 
     told = json.loads((request.out / "diagnostics.json").read_text())
     raw = told["systems"]["clip"]["raw"]
@@ -111,10 +107,11 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
         one = smooth_motion_example(1)
         poses, trans = (np.repeat(each, frames, axis=0) for each in (one.poses, one.trans))
         np.savez(path, poses=poses, trans=trans, mocap_frame_rate=np.array(30))
-    request = DiagnoseRequest(
-        tuple(paths), tmp_path / "out", ("one frame", "still"), joint="pelvis", has_pictures=False
-    )
-    diagnosis = diagnose_files(request)
+    request = Ask(
+        motions=tuple(paths), out=tmp_path / "out", names=("one frame", "still"), joint="pelvis",
+        has_poses=False,
+    )  # fmt: skip
+    diagnosis = do(request)
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
     kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
@@ -147,20 +144,21 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
 
 def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path: Path) -> None:
     paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
-    assert unique_names(paths) == ["ours/a", "theirs/a", "b"]
-    with pytest.raises(RunError, match="ours/a"):
-        unique_names([paths[0], paths[0]])
+    asked = Ask(motions=tuple(paths), out=tmp_path / "o", has_poses=False)
+    assert names_of_motions(asked) == ["ours/a", "theirs/a", "b"]
     with pytest.raises(RunError, match="'theirs'"):
-        diagnose_files(DiagnoseRequest((CLEAN, CLEAN), tmp_path / "o", names=("theirs", "theirs")))
+        do(replace(asked, motions=(CLEAN, CLEAN), names=("theirs", "theirs")))
+    with pytest.raises(RunError, match="procedural_speaker/a_"):
+        do(replace(asked, motions=(CLEAN, CLEAN)))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, pytest.param(0.9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stage", ["speech", "numbers", "figure"])
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
-    motion: Path, tmp_path: Path, share: float
+    motion: Path, tmp_path: Path, stage: Stage
 ) -> None:
-    request = DiagnoseRequest((motion, motion), tmp_path / "out", ("a", "b"), has_pictures=False)
+    request = Ask(motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False)
     with pytest.raises(CancelledRun):
-        diagnose_files(request, (heard := Heard(share)).take, heard.should_stop)
+        do(request, (heard := Heard(0.3, stage=stage)).take, heard.should_stop)
     assert not request.out.exists()
 
 
@@ -169,10 +167,10 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
 def test_poses_that_are_being_drawn_can_be_ended(
     motion: Path, tmp_path: Path, drawing_children: Callable[[], list[str]]
 ) -> None:
-    heard = Heard(0.7, count=4)
+    heard = Heard(0.1, count=4, stage="figure")
     with pytest.raises(CancelledRun):
-        asked = DiagnoseRequest((motion,), tmp_path / "out")
-        diagnose_files(asked, heard.take, heard.should_stop)
+        asked = Ask(motions=(motion,), out=tmp_path / "out")
+        do(asked, heard.take, heard.should_stop)
     assert not (tmp_path / "out").exists() and not drawing_children()
 
 
@@ -182,8 +180,8 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     paths = tuple(tmp_path / f"m{seed}.npz" for seed in range(7))
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(12, seed), path)
-    asked = DiagnoseRequest(paths, tmp_path / "out", shown=("m6",), has_pictures=False)
-    found = diagnose_files(asked)
+    asked = Ask(motions=paths, out=tmp_path / "out", shown=("m6",), has_poses=False)
+    found = do(asked)
     assert len(found.diagnostics.systems) == 7
     drawn = (asked.out / "figure6.svg").read_text()
     assert "m6" in drawn and "m0" not in drawn
@@ -193,7 +191,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
         (tuple(path.stem for path in paths), "at most 6"),
     ):
         with pytest.raises(RunError, match=words):
-            diagnose_files(replace(asked, shown=shown))
+            do(replace(asked, shown=shown))
 
 
 def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
@@ -271,17 +269,19 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         wav.setparams((2, 2, 16_000, 0, "NONE", ""))
         wav.writeframes((32_000 * np.stack([left, right], axis=1)).astype("<i2").tobytes())
     heard = Heard()
-    request = DiagnoseRequest(
+    request = Ask(
         motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
         reference=tmp_path / "clean.npz",
         speech=tmp_path / "dialogue.wav",
         channel=0,
-        has_pictures=False,
-        videos=VideoOptions(size=256, close_ups=("hands",)),
+        has_poses=False,
+        has_video=True,
+        display=Display(has_trail=True),
+        size=256,
     )
-    found = diagnose_files(request, heard.take)
-    shares = heard.shares
+    found = do(request, heard.take)
+    shares = heard.shares_of("video")
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     names, told = (name, "reference"), read_run(request.out)
     kinds = {"motion", "frames", "plan", "poster", "video"}
@@ -299,15 +299,15 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
     (path,), reference, speech, transcript = planted_files(tmp_path)
-    request = DiagnoseRequest(
-        (Path(path),),
-        tmp_path / "out",
+    request = Ask(
+        motions=(Path(path),),
+        out=tmp_path / "out",
         reference=Path(reference),
         speech=Path(speech),
         transcript=Path(transcript),
-        has_pictures=False,
+        has_poses=False,
     )
-    result = diagnose_files(request)
+    result = do(request)
     assert result.notes == ()
     findings = result.diagnostics.findings
     found = {finding.kind: finding for finding in findings[FAULTY]}

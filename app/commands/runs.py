@@ -1,0 +1,389 @@
+"""Commands that make motion or measure it: generate, diagnose, steps, hearing, mechanism, plan,
+render."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional, arg
+
+from app.commands.said import ProgressBar, ProgressBars, name_file, say
+from app.config import default_body
+from app.errors import RunError
+from app.flags import Count, File, Names, family_files, part_of, use_family_files, whole, written
+from app.run.experiments.hearing import HearingAsk, TwoSpeakers, measure_hearing
+from app.run.experiments.mechanism import MechanismAsk, show_mechanism
+from app.run.experiments.step_curve import COUNTS, Counts, StepsAsk, measure_step_curve
+from app.run.planning import find_plan, is_motion, make_plan
+from app.run.requests.display import Display
+from app.run.requests.request import Ask
+from app.run.videos.export import RenderRequest, render_motion
+from conventions.views import CLOSE_UPS
+from model.formats.reading import MOTIONS, ROTATIONS, told_as
+from model.systems.registry import usual_systems
+from processes.pool import JobPool
+
+_FIGURE = ("joint", "start_frame", "figure")
+_WORDS = ("channel", "transcript", "words")
+_SYSTEMS = ("weights", "speaker")
+
+
+def _speech(about: str) -> tuple[Any]:
+    return (Annotated[Positional[Path], arg(metavar="SPEECH", help=about)],)
+
+
+def _motion(about: str) -> tuple[Any]:
+    return (Annotated[Positional[tuple[Path, ...]], arg(metavar="MOTION", help=about)],)
+
+
+if TYPE_CHECKING:
+    Generate = Ask
+    Diagnose = Ask
+    Steps = Ask
+    Hearing = Ask
+    Mechanism = Ask
+    Plan = Ask
+    Files = Any
+else:
+    Files = family_files()
+    _BODY = (File, default_body())
+    Generate = part_of(
+        Ask,
+        *("out", "systems", *_SYSTEMS, "seed", "samples", "steps", "face_steps", "sampler"),
+        *("guidance", "post_filter", "plan", "style", "reference", "told", *_WORDS),
+        *("max_speech_s", *_FIGURE, "look", "views", "close_ups", "framing", "size", "display"),
+        "has_figures",
+        speech=_speech(
+            "Any sound file; or many: a folder of them, or a .txt with one path a line."
+        ),
+        body=_BODY,
+        has_video=(Annotated[bool, arg(name="video", help="No videos.")], True),
+    )
+    Diagnose = part_of(
+        Ask,
+        *("out", "speech", "reference", "told", *_WORDS, "mean_speeds", "window", "overlap"),
+        "emage_weights",
+        *(*_FIGURE, "shown", "has_poses"),
+        motions=_motion(
+            ".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
+            "folders or zips of them, paired by name, for numbers over many clips."
+        ),
+        body=_BODY,
+        has_video=(
+            Annotated[
+                bool,
+                arg(
+                    name="videos",
+                    help="A video of each motion that figures show, with close-ups and trail, in "
+                    "register.",
+                ),
+            ],
+            False,
+        ),
+    )
+    Steps = part_of(
+        Ask,
+        *("out", *_SYSTEMS, "seed"),
+        systems=(Annotated[Names, arg(help="At most six.")],),
+        speech=_speech("Of which ten seconds are used."),
+    )
+    Hearing = part_of(
+        Ask,
+        *("out", *_SYSTEMS, "guidance"),
+        systems=(Names, usual_systems("hearing")),
+        has_video=(
+            Annotated[
+                bool,
+                arg(
+                    name="videos",
+                    help="The bodies of the first two speeches and seeds, under either's sound.",
+                ),
+            ],
+            False,
+        ),
+    )
+    Mechanism = part_of(
+        Ask, "out", "seed", "joint", "speech", "told", "size", motions=_motion("One."), body=_BODY
+    )
+    Plan = part_of(
+        Ask,
+        *("out", *_SYSTEMS, "seed", "guidance", *_WORDS, "style", "told"),
+        speech=_speech("Any sound file; or a motion, whose plan is found."),
+    )
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Who works on many clips."""
+
+    processes: Count = None
+    """Of many clips: on this machine, one thread each."""
+    scheduler: Annotated[str | None, written(str, "ADDRESS", "none")] = None
+    """Of many clips: of Dask, such as tcp://head:8786, whose workers see the same files
+    (docs/many-clips.md)."""
+
+    def jobs(self) -> JobPool:
+        """
+        Raises:
+            RunError: if both are named.
+        """
+        if self.processes is not None and self.scheduler is not None:
+            raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
+        return JobPool(self.processes, self.scheduler)
+
+
+def generate(ask: Generate, files: Files, pool: Pool) -> None:
+    """Speech to motion, videos, numbers and Figure 6.
+
+    Several systems move to one piece of speech, with the same noise, and are compared: npz, mp4,
+    comparison.mp4, figure6, diagnostics, provenance. Of many pieces each gets a folder of its own;
+    started again, it goes on with what is not done.
+    """
+    from app.findings.verdict import verdict_of
+    from app.run.many.speeches import is_many
+    from app.run.pipeline import do
+
+    use_family_files(vars(files))
+    asked = whole(Ask, ask)
+    if asked.speech is not None and is_many(asked.speech):
+        _generate_many(asked, pool.jobs())
+        return
+    with ProgressBars() as bars:
+        result = do(asked, bars.take)
+    verdict = verdict_of(result.diagnostics)
+    _finish(result.files, [*result.notes, *([] if verdict is None else [verdict.text])])
+
+
+def _generate_many(ask: Ask, pool: JobPool) -> None:
+    """Each folder is named on standard output as it is there; what failed is said.
+
+    Raises:
+        RunError: at the end, if any failed.
+    """
+    from app.run.many.speeches import generate_many
+
+    with ProgressBar("generate clips") as bar, _told_if_stopped():
+
+        def on_done(folder: Path, share: float) -> None:
+            bar.show(share)
+            name_file(folder)
+
+        done = generate_many(ask, pool, on_done)
+    for path in done.files:
+        name_file(path)
+    for clip, sentence in done.failed.items():
+        say(f"{clip}: {sentence}")
+    if done.kept:
+        say(f"{done.kept} clips had been made before and were kept.")
+    if done.failed:
+        raise RunError(
+            f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
+            "the same command tries these again."
+        )
+
+
+def diagnose(
+    ask: Diagnose,
+    pool: Pool,
+    check: Annotated[Literal["genea"] | None, written(str, "genea", "nothing")] = None,
+    fps: Annotated[float | None, written(float, "N", "as the file says")] = None,
+    rotations: Annotated[str | None, written(str, "|".join(ROTATIONS), "as seen")] = None,
+) -> None:
+    """Numbers, Figure 6 and jitter of anyone's motion files.
+
+    Measure motion files, whoever made them, raw and filtered; name their faults; draw Figure 6 and
+    where the jitter sits; show how rotation errors grow along the chain.
+
+    Args:
+        check: measure nothing: hold sets against the rules of the GENEA leaderboard, beside
+            --reference, the recorded test clips (docs/many-clips.md).
+        fps: frame rate of files that do not tell theirs, or lie.
+        rotations: of the joints, where their number says too little.
+    """
+    from app.findings.sentences import sentences_of, told_findings
+    from app.run.many.unpacked import is_packed
+    from app.run.pipeline import do
+
+    if check not in (None, "genea") or rotations not in (None, *ROTATIONS):
+        raise RunError(f"--check takes genea, and --rotations {', '.join(ROTATIONS)}.")
+    told = told_as(fps, rotations, MOTIONS) + ask.told
+    asked = whole(
+        Ask, ask, told=told, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS
+    )
+    if not asked.motions:
+        raise RunError("There is no motion to measure; name at least one file.")
+    if check is not None:
+        _check_sets(asked)
+        return
+    if any(path.is_dir() or is_packed(path) for path in asked.motions):
+        _diagnose_folders(asked, pool.jobs())
+        return
+    if asked.emage_weights is not None:
+        raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
+    with ProgressBars() as bars:
+        result = do(asked, bars.take)
+    sentences = sentences_of(result.diagnostics)
+    heard = filter(None, (sentences["step"], sentences["beats"]))
+    found = told_findings(result.diagnostics.findings)
+    _finish(result.files, [*result.notes, *heard, *found])
+
+
+def _check_sets(ask: Ask) -> None:
+    from app.run.many.check import check_sets, told
+
+    found = check_sets(ask.motions, ask.reference, ask.out)
+    for name, checked in found.items():
+        for sentence in told(name, checked):
+            say(sentence)
+    name_file(ask.out / "check.md")
+    wrong = [name for name, checked in found.items() if not checked.is_right]
+    if wrong:
+        raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
+
+
+def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
+    from app.run.many.motions import diagnose_folders
+
+    with ProgressBar("measure clips") as bar, _told_if_stopped():
+        result = diagnose_folders(ask, bar.show, pool)
+    _finish(result.files, result.notes)
+    if result.left_out:
+        raise RunError(
+            f"{len(result.left_out)} of {len(result.left_out) + len(result.clips)} clips could not"
+            " be measured; the tables are of the others."
+        )
+
+
+def steps(ask: Steps, files: Files, counts: Counts = COUNTS) -> None:
+    """Quality against time: what steps of a sampler buy on this machine.
+
+    Generate the same motion with few and with many steps, and plot jerk, and the distance to the
+    result of most steps, over milliseconds a frame.
+
+    Args:
+        counts: numbers of steps.
+    """
+    use_family_files(vars(files))
+    asked = StepsAsk(ask=whole(Ask, ask), counts=counts)
+    with ProgressBar("measure") as bar:
+        curve = measure_step_curve(asked, bar.take)
+    for point in curve.points:
+        say(
+            f"{point.system}, {point.steps} steps: {point.ms_per_frame:.2f} ms a frame, jerk "
+            f"{point.tip_jerk_m_s3:.0f} m/s3, {point.distance_cm:.1f} cm from most steps"
+        )
+    _finish(curve.files, ())
+
+
+def hearing(
+    given: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],
+    ask: Hearing,
+    files: Files,
+    seeds: int = 2,
+    speakers: TwoSpeakers = None,
+) -> None:
+    """Does it hear? What speech decides of the motion, and what chance.
+
+    Generate each speech with each noise seed and compare: motions that share the speech, the noise,
+    or neither. Or compare a folder of anyone's motion, whose files are called
+    SYSTEM__SPEECH__SEED.npz.
+
+    Args:
+        given: two sound files or more, or one folder of motions.
+        seeds: of the noise, from 0 on.
+        speakers: two whose manner is compared on the first speech, such as hana,june.
+    """
+    use_family_files(vars(files))
+    is_folder = len(given) == 1 and given[0].is_dir()
+    asked = whole(Ask, ask, **({"motions": given, "systems": ()} if is_folder else {}))
+    speeches = () if is_folder else given
+    request = HearingAsk(ask=asked, speeches=speeches, seeds=seeds, speakers=speakers)
+    with ProgressBar("compare") as bar:
+        found = measure_hearing(request, bar.take)
+    _finish(found.files, found.sentences())
+
+
+def mechanism(
+    ask: Mechanism, noise: Annotated[float, arg(metavar="RAD")] = MechanismAsk.noise_rad
+) -> None:
+    """The paper's argument on a body: equal noise on local and on global rotations.
+
+    Put the same random turns on the local and on the global rotations of a motion, draw both bodies
+    beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
+    network takes part.
+
+    Args:
+        noise: deviation about each axis, .005 to .1 rad.
+    """
+    asked = MechanismAsk(ask=whole(Ask, ask, has_video=True), noise_rad=noise)
+    with ProgressBar(f"draw {ask.out.name}") as bar:
+        _, sentences = show_mechanism(asked, bar.take)
+    _finish([ask.out], sentences)
+
+
+def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
+    """Speech to a plan of gestures, which `generate --plan` performs.
+
+    Draw a plan from speech without moving anything: what each hand does when, where to and on which
+    word; looks, nods, brows, blinks and steps. It is made to be changed, by hand or in Praat or
+    ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. Of a motion (.npz, .npy, .bvh) the
+    plan is found instead, as annotators do.
+
+    Args:
+        is_empty: draw nothing: leave the tiers to be annotated by hand.
+    """
+    asked = whole(Ask, ask)
+    source = asked.speech or Path()
+    if is_motion(source):
+        of_speech = {
+            "--speaker": asked.speaker,
+            "--guidance": asked.guidance,
+            "--transcript": asked.transcript,
+            "--empty": is_empty,
+            "--style": asked.style,
+        }
+        given = [name for name, value in of_speech.items() if value]
+        if given:
+            raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
+        _finish([asked.out], find_plan(source, asked.out, asked.told))
+        return
+    _finish([asked.out], make_plan(asked, is_empty=is_empty).notes)
+
+
+def render(asked: RenderRequest) -> None:
+    """A motion file to a video, pictures, or a file for 3D software.
+
+    The ending of --out chooses what is made. A .png is a contact sheet of eight poses, or what
+    --stills and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is
+    for the SMPL-X add-on of Blender.
+    """
+    if asked.body is None:
+        asked = replace(asked, body=default_body())
+    with ProgressBar(f"draw {asked.out.name}") as bar:
+        files, notes = render_motion(asked, bar.take)
+    _finish(files, notes)
+
+
+@contextmanager
+def _told_if_stopped() -> Iterator[None]:
+    """Say that work on many clips that a person stops goes on later.
+
+    Raises:
+        RunError: in place of KeyboardInterrupt.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise RunError("stopped; what is done is kept, and the same command goes on.") from None
+
+
+def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
+    """Notes for a person on standard error, files for a script on standard output."""
+    for note in notes:
+        say(note)
+    for path in files:
+        name_file(path)

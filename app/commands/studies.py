@@ -1,0 +1,168 @@
+"""A blind user study: from a plan (TOML) to a study that any web host can serve, and from its
+answers to a report."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from app.commands.runs import Pool
+from app.commands.said import ProgressBar, name_file, say
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import RunError
+from app.flags import Count, File, written
+
+Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
+
+
+def export(
+    plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")],
+    out: Path,
+    pool: Pool,
+    body: File = None,
+    weights: Path = BUNDLED_WEIGHTS,
+    workers: int = 2,
+) -> None:
+    """Make the bundle for participants and the researcher's folder.
+
+    Draw all videos under random names and make the page. Started again after an interruption, it
+    keeps its key and goes on.
+
+    Args:
+        out: folder of the study.
+        body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
+        workers: videos drawn at once.
+    """
+    from app.study.design.plan import read_plan
+    from app.study.export import export_study
+    from app.study.make.workspace import ExportOptions
+
+    if workers < 1:
+        raise RunError(f"--workers must be at least 1; got {workers}.")
+    body = body or default_body()
+    read = read_plan(plan.absolute())
+    is_shared = pool.processes is not None or pool.scheduler is not None
+    options = ExportOptions(
+        *(weights.absolute(), body and body.absolute(), workers), pool.jobs() if is_shared else None
+    )
+    try:
+        with ProgressBar("draw the videos") as bar:
+            workspace = export_study(read, out, options, on_progress=bar.show)
+    except KeyboardInterrupt:
+        raise RunError(
+            "stopped; the key and the finished videos are kept, so the same command goes on."
+        ) from None
+    say(
+        f"{len(read.clips)} clips, {len(read.systems)} systems, {read.participants} lists; no leak "
+        "was found. Host the first folder; keep the second one to yourself."
+    )
+    name_file(workspace.bundle)
+    name_file(workspace.private)
+
+
+def check(study: Study) -> None:
+    """Test an export for anything that tells the method.
+
+    Names, addresses, JSON, metadata, times, order, sizes, bit rates, lengths and sound against the
+    method. Exit status 1 when something leaks.
+    """
+    from app.study.leaks import check_study
+
+    leaks = check_study(study)
+    for leak in leaks:
+        say(f"LEAK {leak}")
+    if leaks:
+        found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
+        raise RunError(f"{found}; do not host this bundle.")
+    sys.stdout.write("No leak was found.\n")
+
+
+def links(study: Study, address: str, participants: Count = None) -> None:
+    """Signed links for participants, each good for once.
+
+    Write participant, list and link of each as CSV. From then on the analysis sets answers aside
+    that came by no link, a forged one, or one that was used twice. Called again, it gives the same
+    links.
+
+    Args:
+        address: where participant_bundle is hosted.
+        participants: by default as many as are planned.
+    """
+    from dataclasses import replace
+
+    from app.study.design.key import read_key, write_key
+    from app.study.design.links import MAX_LINKS, link_of, list_of, new_secret
+    from model.storage.harmless import csv_text
+
+    path = study / "researcher_only" / "key.json"
+    key = read_key(path)
+    count = key.participants if participants is None else participants
+    if not 1 <= count <= MAX_LINKS:
+        raise RunError(f"--participants must be 1 to {MAX_LINKS}; got {count}.")
+    is_new = key.link_secret is None
+    key = replace(key, link_secret=key.link_secret or new_secret())
+    rows = [(n, list_of(key, n), link_of(key, n, address)) for n in range(count)]
+    if is_new:
+        write_key(key, path)
+    sys.stdout.write(csv_text([("participant", "list", "link"), *rows]))
+
+
+def analyse(
+    answers: Annotated[Positional[tuple[Path, ...]], arg(metavar="ANSWERS")],
+    key: Path,
+    out: Path,
+    diagnostics: File = None,
+) -> None:
+    """Answers to a report (HTML, CSV, LaTeX).
+
+    Read answers, leave out who failed the attention checks, and report shares, tests, strengths and
+    the power of the design.
+
+    Args:
+        answers: files, or folders of them.
+        key: researcher_only/key.json.
+        out: folder of results.
+        diagnostics: folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is
+            held against the reasons people gave.
+    """
+    from app.study.analyse import AnalysisRequest
+    from app.study.analyse import analyse as analysed
+
+    analysed(AnalysisRequest(list(answers), key, out, diagnostics))
+
+
+def _strengths(told: str) -> dict[str, float]:
+    strengths = {}
+    for part in told.split(","):
+        name, separator, number = part.rpartition("=")
+        try:
+            strengths[name.strip()] = float(number)
+        except ValueError:
+            separator = ""
+        if not separator or not name.strip():
+            raise RunError(f"{part!r} is not NAME=NUMBER")
+    return strengths
+
+
+def simulate(
+    study: Study,
+    raters: int,
+    strengths: Annotated[dict[str, float], written(_strengths, "NAME=V,...")],
+    out: Path,
+    seed: int = 0,
+) -> None:
+    """Answers of made-up raters with known preferences.
+
+    Try the analysis before anyone has answered: raters who follow a Bradley-Terry model with the
+    strengths given (natural logarithm).
+
+    Args:
+        strengths: by system.
+        out: folder of answers.
+    """
+    from app.study.simulate import simulate as simulated
+
+    simulated(study, raters, strengths, seed, out)

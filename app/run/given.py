@@ -1,0 +1,285 @@
+"""Rows of a run from anyone's motion files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.errors import RunError
+from app.run.diagnostics import check_start, onsets_of
+from app.run.followed_point import choose_tip_source
+from app.run.models import get_body
+from app.run.output.run_folder import SPEECH as HEARD
+from app.run.output.run_folder import ending_of
+from app.run.requests.request import MAX_COMPARED, Ask
+from app.run.requests.settings import names_of_motions
+from app.run.rows import Rows
+from app.run.run_writer import RunWriter
+from app.run.videos.own_videos import SOLE_M, picture_motions
+from app.run.words import SpokenWords
+from conventions.names import REFERENCE_NAME, printable
+from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart
+
+if TYPE_CHECKING:
+    from model.diagnostics import Diagnostics
+    from model.faults.evidence import Finding
+    from model.measures.error_growth import ErrorGrowth
+    from model.measures.seams import Windows
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+
+NO_SPEECH = (
+    "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
+    "their times as a TextGrid."
+)
+
+
+@dataclass(frozen=True)
+class _Read:
+    """The motions as they are, and the notes of reading them."""
+
+    motions: dict[str, Motion]
+    reference: Motion | None
+    notes: list[str]
+    readings: dict[str, Reading]
+
+    @property
+    def all(self) -> dict[str, Motion]:
+        """The reference comes last."""
+        reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
+        return self.motions | reference
+
+
+def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
+    """Read the files, and have them on the stage.
+
+    Raises:
+        RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
+    """
+    from model.measures.beats import read_mean_speeds
+    from model.measures.lag import heard_of
+
+    if ask.mean_speeds is not None and ask.speech is None:
+        raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
+    body = get_body(ask.body)
+    tip = choose_tip_source(body, ask.body, ask.joint)
+    read = _read_motions(ask, run)
+    windows = _windows(ask, read)
+    shown = _shown(ask, read)
+    check_start(ask.start_frame, min(motion.num_frames for motion in read.all.values()), ask.figure)
+    speech = _read_speech(ask)
+    notes = list(read.notes)
+    if speech is not None:
+        words.begin(speech.waveform)
+        durations = {name: motion.duration_s for name, motion in read.all.items()}
+        notes += [*speech.notes, *lengths_apart(speech.duration_s, durations)]
+    run.progress("speech", 1.0)
+    pictured = picture_motions(shown)
+    plans = {} if ask.opened is None else ask.opened.plans
+    timeline = run.show(pictured.motions, speech, tip, ask.weights, plans)
+    run.note(*pictured.notes)
+    files = dict(zip(names_of_motions(ask), ask.motions, strict=True))
+    files |= {REFERENCE_NAME: ask.reference} if ask.reference else {}
+    for row in run.record.rows:
+        row.ending = ending_of(files[row.name])
+    if len(shown) < len(read.all) and not ask.shown:
+        run.note(
+            f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
+            " (--show)."
+        )
+    return Rows(
+        measured=read.all,
+        staged=pictured.motions,
+        drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
+        timeline=timeline,
+        body=body,
+        tip=tip,
+        sound=ask.speech if ask.channel is None else run.folder.at(HEARD),
+        onsets_s=None if speech is None else onsets_of(speech),
+        heard=None if speech is None else heard_of(speech.waveform),
+        mean_speeds=None if ask.mean_speeds is None else read_mean_speeds(ask.mean_speeds),
+        windows=windows,
+        notes=tuple(notes),
+        readings=read.readings,
+    )
+
+
+def sha256_of(path: Path | None) -> str:
+    """Of a file that somebody gave; empty of none, or of one that is not there."""
+    if path is None or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read_speech(ask: Ask) -> Speech | None:
+    from model.speech.audio import SpeechLimits, load_speech
+
+    if ask.speech is None:
+        return None
+    return load_speech(ask.speech, SpeechLimits(channel=ask.channel))
+
+
+def _shown(ask: Ask, read: _Read) -> dict[str, Motion]:
+    """As many motions as a figure holds, the reference among them.
+
+    Raises:
+        RunError: if there is no motion of a name that was asked for, or too many were.
+    """
+    limit = MAX_COMPARED - (read.reference is not None)
+    asked = dict.fromkeys(map(printable, ask.shown))
+    names = [name for name in asked if name != REFERENCE_NAME]
+    unknown = [name for name in names if name not in read.motions]
+    if unknown:
+        raise RunError(
+            f"There is no motion {unknown[0]!r} to show; there are {', '.join(read.motions)}."
+        )
+    if len(names) > limit:
+        raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
+    systems = {name: read.motions[name] for name in names or list(read.motions)[:limit]}
+    reference = {} if read.reference is None else {REFERENCE_NAME: read.reference}
+    return systems | reference
+
+
+def _on_the_floor(motion: Motion) -> Motion:
+    """For the pictures only: a body whose translation never changes would stand sunk to the chest,
+    or in the air, beside one that has a floor."""
+    import numpy as np
+
+    from model.measures.posture import FEET
+    from model.motion.kinematics import open_body_skeleton
+    from model.motion.tracks import track_points
+
+    if np.ptp(motion.trans, axis=0).any():
+        return motion
+    feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
+    trans = motion.trans.copy()
+    trans[:, 1] += SOLE_M - float(np.median(feet.min(axis=1)))
+    return replace(motion, trans=trans)
+
+
+def _check_names(names: Sequence[str]) -> None:
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
+    if REFERENCE_NAME in names:
+        raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
+
+
+def _read_motions(ask: Ask, run: RunWriter) -> _Read:
+    from model.formats.read import read_any_motion
+
+    names = names_of_motions(ask)
+    _check_names(names)
+    files = dict(zip(names, ask.motions, strict=True))
+    files |= {REFERENCE_NAME: ask.reference} if ask.reference else {}
+    ask.told.check(list(files.values()), *names)
+    notes: list[str] = []
+    motions: dict[str, Motion] = {}
+    readings: dict[str, Reading] = {}
+    for done, (name, path) in enumerate(files.items()):
+        run.stop_if_asked()
+        run.progress("speech", done / len(files), name)
+        kind = REFERENCE_NAME if name == REFERENCE_NAME else MOTIONS
+        readings[name] = found = read_any_motion(path, ask.told, ask.body, kind, name)
+        motions[name] = found.motion
+        notes += found.notes
+        _check_frames(ask, motions.values())
+    reference = motions.pop(REFERENCE_NAME, None)
+    return _Read(motions, reference, [*apart(readings), *notes], readings)
+
+
+def _check_frames(ask: Ask, motions: Iterable[Motion]) -> None:
+    count = sum(motion.num_frames for motion in motions)
+    if ask.max_frames is not None and count > ask.max_frames:
+        raise RunError(
+            f"The files have over {ask.max_frames} frames together "
+            f"({ask.max_frames / 1800:.0f} minutes), the most that is measured at once here."
+        )
+
+
+def as_read(measured: Diagnostics, rows: Rows) -> Diagnostics:
+    """With what was assumed of files, and without faults of what they lack."""
+    from model.faults.table import without
+
+    readings = rows.readings
+    return replace(
+        measured,
+        notes=[*rows.notes, *measured.notes],
+        findings={
+            name: without(found, readings[name].lacks) for name, found in measured.findings.items()
+        },
+        assumed={
+            name: [
+                each.as_json()
+                for each in (*reading.assumptions, *_in_step(measured.findings.get(name, ())))
+            ]
+            for name, reading in readings.items()
+        },
+        lacks={name: sorted(reading.lacks) for name, reading in readings.items()},
+    )
+
+
+def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
+    """That a motion is in step with the speech, where it does not seem so."""
+    for finding in findings:
+        numbers = finding.numbers
+        if finding.kind == "time_shift" and numbers.get("lag_drift_s") == 0.0:
+            late = f"{numbers['lag_s']:.2f}"
+            yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
+
+
+def _windows(ask: Ask, read: _Read) -> dict[str, Windows]:
+    """What the user says of how the motions were cut.
+
+    Raises:
+        RunError: for windows that cannot be.
+    """
+    from model.measures.seams import Windows
+
+    if ask.window is None:
+        if ask.overlap:
+            raise RunError("An overlap says nothing without a window; give both (--window).")
+        return {}
+    try:
+        windows = Windows(ask.window - ask.overlap, ask.overlap)
+    except ValueError as error:
+        raise RunError(str(error)) from error
+    return dict.fromkeys(read.all, windows)
+
+
+def grown_errors(
+    motions: Mapping[str, Motion], joint: str, run: RunWriter
+) -> dict[str, ErrorGrowth]:
+    """By name; empty where nothing moves the followed joint."""
+    from model.measures.error_growth import measure_error_growth
+    from model.motion.kinematics import open_body_skeleton
+    from model.motion.tracks import moving_chain
+
+    found = {}
+    for name, motion in motions.items() if moving_chain(joint) else ():
+        run.stop_if_asked()
+        found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
+    return found
+
+
+def growth_told(errors: Mapping[str, ErrorGrowth], joint: str) -> dict[str, object]:
+    """The content of error_growth.json."""
+    from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence
+    from model.measures.results import as_json
+
+    return {
+        "noise_rad": NOISE_RAD,
+        "draws": DRAWS,
+        "seed": 0,
+        "joint": joint,
+        "motions": {
+            name: as_json(vars(growth))
+            | {"ratio": growth.ratio, "predicted_ratio": growth.predicted_ratio}
+            | {"sentence": growth_sentence(growth, NOISE_RAD)}
+            for name, growth in errors.items()
+        },
+    }

@@ -1,0 +1,403 @@
+"""Rows of a run that systems make from speech."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from app.errors import RunError
+from app.run.diagnostics import check_start, onsets_of
+from app.run.followed_point import choose_tip_source
+from app.run.models import get_body, get_system
+from app.run.output.result_folder import require_free_space
+from app.run.output.run_folder import cut
+from app.run.output.telling import Reporter
+from app.run.requests.request import Ask, steps_of
+from app.run.requests.settings import title_of
+from app.run.rows import Inputs, Rows, names_that_fit
+from app.run.run_writer import RunWriter
+from app.run.timeline import heard_accents, make_timeline
+from app.run.words import SpokenWords
+from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
+
+if TYPE_CHECKING:
+    from app.run.followed_point import TipSource
+    from model.generation.base import System
+    from model.generation.windows import GenerateOptions, MotionPiece
+    from model.measures.seams import Windows
+    from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
+    from model.plan.style import StyleWish
+    from model.speech.audio import Speech
+    from model.speech.transcript import Transcript
+
+LIVE_NOTE = (
+    "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
+    "after each other: measures of window joins, which look every 52 frames, do not see its own."
+)
+
+
+def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
+    """Have the systems move to the speech, window by window.
+
+    Raises:
+        RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
+        PlanError, WriteError: each with one sentence.
+    """
+    from model.motion.filtering import smooth_motion
+
+    inputs, speech = _read_inputs(ask, run)
+    run.progress("speech", 1.0)
+    is_smoothed = ask.post_filter == "savgol"
+    systems = [system.name for system in inputs.systems]
+    run.record.title = cut(title_of(ask, systems))
+    run.record.speech_sha256 = inputs.speech_sha256
+    run.rows(row_names(ask, systems))
+    recorded = {} if inputs.reference is None else {REFERENCE_NAME: inputs.reference}
+    shown = {name: smooth_motion(raw) if is_smoothed else raw for name, raw in recorded.items()}
+    for name, motion in shown.items():
+        run.motion(name, motion)
+    tip = choose_tip_source(inputs.body, ask.body, ask.joint)
+    shortest = min([inputs.num_frames, *(motion.num_frames for motion in recorded.values())])
+    check_start(ask.start_frame, shortest, ask.figure)
+    follow = any(system.condition_type is not None for system in inputs.systems)
+    if follow and (ask.plan is None or ask.style):  # from words: these come first
+        words.begin(speech.waveform)
+        words.found(run.stop_if_asked)
+    made = _made(ask, inputs, speech, words, run)
+    words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
+    staged = {name: motion for name, (_, motion) in made.items()} | shown
+    has_pictures = ask.has_video or ask.has_figures
+    return Rows(
+        measured={name: raw for name, (raw, _) in made.items()} | recorded,
+        staged=staged,
+        drawn={name: staged[name] for name in names_that_fit(list(staged), run)}
+        if has_pictures
+        else {},
+        timeline=_timeline(ask, staged, recorded, speech, tip),
+        body=inputs.body,
+        tip=tip,
+        sound=inputs.sound,
+        onsets_s=onsets_of(speech),
+        windows=_windows(list(staged), inputs),
+        inputs=inputs,
+    )
+
+
+def row_names(ask: Ask, systems: Sequence[str]) -> list[str]:
+    """The rows of a run, in the order in which they stand."""
+    samples = range(1, ask.samples + 1)
+    names = [str(SampleName(system, sample)) for system in systems for sample in samples]
+    return [*names, REFERENCE_NAME] if ask.reference is not None else names
+
+
+def _timeline(
+    ask: Ask,
+    staged: Mapping[str, Motion],
+    recorded: Mapping[str, Motion],
+    speech: Speech,
+    tip: TipSource,
+) -> dict[str, Any]:
+    """What is seen under the bodies; of the recorded motion also as it is."""
+    shown: Version = "savgol" if ask.post_filter == "savgol" else "raw"
+    systems = {name: motion for name, motion in staged.items() if name not in recorded}
+    timeline = make_timeline(speech, systems, shown, tip)
+    timeline["heard_accents"] = heard_accents(speech, ask.weights)
+    timeline["curves"] |= make_timeline(None, recorded, "raw", tip)["curves"]
+    return timeline
+
+
+Made = dict[str, tuple["Motion", "Motion"]]
+"""By row, as it was made and behind the filter."""
+
+
+def _made(ask: Ask, inputs: Inputs, speech: Speech, words: SpokenWords, run: RunWriter) -> Made:
+    """Motion of all systems from the same noise."""
+    from model.motion.filtering import smooth_motion
+    from model.motion.motion import load_motion
+    from model.plan.plan import read_plan
+
+    is_smoothed = ask.post_filter == "savgol"
+
+    def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
+        shown = smooth_motion(raw) if is_smoothed else raw
+        run.motion(name, shown, f"{file_stem(name)}.npz")
+        return raw, shown
+
+    if ask.take is None:
+        return _made_in_turns(inputs, speech, words, run, told, not is_smoothed)
+    name = inputs.systems[0].name
+    if ask.take.plan is not None:  # before the motion, for which one would be found
+        run.performed(name, read_plan(ask.take.plan))
+    run.note(LIVE_NOTE)
+    run.progress("motion", 1.0)
+    return {name: told(name, load_motion(ask.take.motion))}
+
+
+def _made_in_turns(
+    inputs: Inputs,
+    speech: Speech,
+    words: SpokenWords,
+    run: RunWriter,
+    told: Callable[[str, Motion], tuple[Motion, Motion]],
+    is_seen: bool,
+) -> Made:
+    """A window of each system, then the next of each: all bodies of a comparison begin to move
+    early, and go on together.
+
+    Args:
+        told: tells of a whole motion.
+        is_seen: whether windows are told of as they are made.
+    """
+    from model.generation.one_thread import one_thread
+    from model.motion.motion import put_together
+
+    making = {
+        system.name: _pieces_of(system, inputs, speech, words, run) for system in inputs.systems
+    }
+    parts: dict[tuple[str, int], list[Motion]] = {}
+    shares = dict.fromkeys(making, 0.0)
+    made: dict[tuple[str, int], tuple[Motion, Motion]] = {}
+    with one_thread():
+        while making:
+            for name in list(making):
+                piece = next(making[name])
+                for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
+                    parts.setdefault((name, sample), []).append(motion)
+                    if is_seen:
+                        run.grow(str(SampleName(name, sample)), motion, inputs.num_frames)
+                shares[name] = piece.share
+                run.progress("motion", sum(shares.values()) / len(shares), name)
+                if piece.share == 1.0:
+                    del making[name]
+                    for key in [key for key in parts if key[0] == name]:
+                        made[key] = told(str(SampleName(*key)), put_together(parts.pop(key)))
+    names = list(shares)
+    keys = sorted(made, key=lambda key: (names.index(key[0]), key[1]))
+    return {str(SampleName(*key)): made[key] for key in keys}
+
+
+def _pieces_of(
+    system: System, inputs: Inputs, speech: Speech, words: SpokenWords, run: RunWriter
+) -> Iterator[MotionPiece]:
+    from model.generation.windows import motion_pieces
+    from model.plan.plan import GesturePlan
+
+    options = inputs.options[system.name]
+    if system.condition_type is GesturePlan:
+        said, _ = words.found(run.stop_if_asked)
+        options = _with_plans(system, speech, options, said, inputs.wish, run)
+    yield from motion_pieces(system, speech, options, run.should_cancel)
+
+
+def _with_plans(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    said: Transcript,
+    wish: StyleWish | None,
+    run: RunWriter,
+) -> GenerateOptions:
+    """The options with the plans that the system performs, each left beside its motion."""
+    from model.generation.windows import draw_conditions
+
+    plans = options.conditions
+    if not plans:
+        plans = draw_conditions(system, speech, replace(options, words=said.words))
+    written: list[GesturePlan] = []
+    for sample, plan in enumerate(plans, start=1):
+        name = str(SampleName(system.name, sample))
+        if wish is not None:
+            styled = wish.done(plan, said.words)
+            run.note(*(f"{name}: {note}" for note in styled.notes))
+            plan = styled.plan
+        written.append(run.performed(name, plan))
+    return replace(options, conditions=tuple(written))
+
+
+def _windows(names: Sequence[str], inputs: Inputs) -> dict[str, Windows]:
+    """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
+    from model.measures.seams import Windows
+
+    found = {}
+    for system in inputs.systems:
+        own = Windows(system.windowing.advance, system.windowing.overlap)
+        named = {str(SampleName(system.name, sample)) for sample in range(1, len(names) + 1)}
+        found |= {name: own for name in names if name in named}
+    if len(set(found.values())) == 1:
+        found[REFERENCE_NAME] = next(iter(found.values()))
+    return found
+
+
+def _read_inputs(ask: Ask, run: RunWriter) -> tuple[Inputs, Speech]:
+    """Read speech, systems, body and reference, and see that there is room for the results.
+
+    Returns:
+        What the whole run needs, and the speech, which is large and can be let go of once the
+        motion is there.
+    """
+    from model.plan.style import read_wish
+    from model.speech.audio import SpeechLimits, load_speech
+
+    if ask.speech is None:
+        raise RunError("There is neither speech to move to nor motion to measure; give one.")
+    speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
+    run.note(*speech.notes)
+    body = get_body(ask.body, ask.look)
+    systems = _load_systems(ask)
+    speaker = ask.speaker or _first_speaker(systems)
+    for system in systems:
+        system.speaker_index(speaker)  # raises for a name that it does not know
+    reference = _read_reference(ask, speech, run)
+    backend = _choose_backend() if ask.has_video else None
+    require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
+    inputs = Inputs(
+        sound=run.sound(speech.waveform),
+        speech_sha256=speech.sha256,
+        speech_s=speech.duration_s,
+        num_frames=speech.num_frames,
+        systems=systems,
+        speaker=speaker,
+        options=_options(ask, systems, speaker, run),
+        body=body,
+        reference=reference,
+        backend=backend,
+        wish=None if ask.style is None else read_wish(ask.style),
+    )
+    return inputs, speech
+
+
+def _first_speaker(systems: tuple[System, ...]) -> str:
+    """The first that all of them know, or that the first of them knows."""
+    first = systems[0].speakers
+    shared = (name for name in first if all(name in each.speakers for each in systems))
+    return next(shared, next(iter(first)))
+
+
+def _load_systems(ask: Ask) -> tuple[System, ...]:
+    from model.systems.registry import list_systems
+
+    names = ask.systems or list_systems(ask.weights)
+    if not names:
+        raise RunError(
+            f"No trained systems were found in {ask.weights}; "
+            "name a folder of weights with --weights DIR."
+        )
+    asked = ask.steps, ask.face_steps
+    unused = [
+        name for steps in asked if isinstance(steps, Mapping) for name in steps if name not in names
+    ]
+    if unused:
+        raise RunError(
+            f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
+            f"are {', '.join(names)}."
+        )
+    return tuple(get_system(name, ask.weights) for name in dict.fromkeys(names))
+
+
+def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
+    """What an ask comes to for one system, which takes its usual of what it does not know.
+
+    Args:
+        more: fields of the options that do not stand in the ask, or another way.
+    """
+    from model.generation.windows import GenerateOptions
+
+    known = {sampler.name for sampler in system.samplers}
+    sampler = system.sampler(ask.sampler if ask.sampler in known else None)
+    of_face = None if sampler.face_steps is None else steps_of(ask.face_steps, system.name)
+    steps, face_steps = sampler.counts(steps_of(ask.steps, system.name), of_face)
+    usual: dict[str, Any] = {
+        "speaker": ask.speaker or next(iter(system.speakers)),
+        "seed": ask.seed,
+        "samples": ask.samples,
+        "steps": steps,
+        "face_steps": face_steps,
+        "sampler": sampler.name,
+        "guidance": system.strength(None if system.guidance is None else ask.guidance),
+    }
+    return GenerateOptions(**{**usual, **more})
+
+
+def _options(
+    ask: Ask, systems: tuple[System, ...], speaker: str, reporter: Reporter
+) -> dict[str, GenerateOptions]:
+    """A wish goes to the systems that know it; of the others the person is told.
+
+    Raises:
+        RunError: if no system has the sampler, or none takes guidance, steps of the face or a plan.
+        PlanError: if the plan cannot be used.
+    """
+    from model.plan.files import read_plan_file
+    from model.plan.plan import GesturePlan
+
+    read = None if ask.plan is None else read_plan_file(ask.plan)
+    plans = () if read is None else (read.plan,)
+    for what, given in (("plan", ask.plan), ("style", ask.style)):
+        if given is not None and not any(s.condition_type is GesturePlan for s in systems):
+            raise RunError(f"None of these systems performs plans; leave the {what} out.")
+    reporter.note(*(() if read is None else read.notes))
+    samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
+    if ask.sampler not in (None, *samplers):
+        raise RunError(f"There is no sampler {ask.sampler!r}; choose one of {', '.join(samplers)}.")
+    if ask.guidance not in (None, 1) and all(each.guidance is None for each in systems):
+        raise RunError("None of these systems takes guidance; leave it out.")
+    options: dict[str, GenerateOptions] = {}
+    for system in systems:
+        performs = system.condition_type is GesturePlan
+        conditions = plans if performs else ()
+        own = options_of(ask, system, speaker=speaker, conditions=conditions)
+        if ask.sampler not in (None, own.sampler):
+            reporter.note(f"{system.name} has no sampler {ask.sampler}; it took {own.sampler}.")
+        if ask.guidance not in (None, own.guidance):
+            reporter.note(f"{system.name} takes no guidance.")
+        if (plans or ask.style) and not performs:
+            reporter.note(f"{system.name} performs no plans.")
+        if steps_of(ask.face_steps, system.name) is not None and own.face_steps is None:
+            reporter.note(f"{system.name} takes no steps for the face alone.")
+        options[system.name] = own
+    if ask.face_steps is not None and all(each.face_steps is None for each in options.values()):
+        raise RunError("None of these systems takes steps for the face alone; leave them out.")
+    return options
+
+
+def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> Motion | None:
+    """The recorded motion, no longer than the speech."""
+    if ask.reference is None:
+        return None
+    from model.formats.read import read_any_motion
+    from model.motion.motion import first_frames
+
+    ask.told.check([ask.reference])
+    read = read_any_motion(ask.reference, ask.told, ask.body, REFERENCE_NAME)
+    for note in read.notes:
+        reporter.note(note)
+    motion = read.motion
+    if motion.num_frames != speech.num_frames:
+        is_longer = motion.num_frames > speech.num_frames
+        reporter.note(
+            f"The reference has {motion.num_frames} frames and the speech {speech.num_frames}; "
+            + (
+                f"the reference was cut to {speech.num_frames}."
+                if is_longer
+                else "where it has ended, the comparison holds its last frame."
+            )
+        )
+    return first_frames(motion, speech.num_frames)
+
+
+def _choose_backend() -> str:
+    from renderer.draw.probe import choose_backend
+
+    return choose_backend()
+
+
+def _needed_bytes(ask: Ask, num_frames: int, num_systems: int) -> int:
+    """What such runs have taken, and half as much again."""
+    count = num_systems * ask.samples + 1
+    motion_bytes = (4 * 268 + 504) * num_frames  # as a file, and as a browser plays it
+    # Each picture is in the comparison too, and so is each close-up, of half a body's height.
+    pixels = ask.size**2 * (len(ask.views) + len(ask.close_ups) / 2) * 2
+    video_bytes = 0.012 * pixels * num_frames if ask.has_video else 0.0
+    return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)
