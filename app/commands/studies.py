@@ -91,10 +91,10 @@ def links(study: Study, address: str, participants: Count = None) -> None:
         address: where participant_bundle is hosted.
         participants: by default as many as are planned.
     """
+    import secrets
     from dataclasses import replace
 
-    from app.study.design.key import read_key, write_key
-    from app.study.design.links import MAX_LINKS, link_of, list_of, new_secret
+    from app.study.design.key import MAX_LINKS, read_key, write_key
     from model.storage.harmless import csv_text
 
     path = study / "researcher_only" / "key.json"
@@ -103,8 +103,8 @@ def links(study: Study, address: str, participants: Count = None) -> None:
     if not 1 <= count <= MAX_LINKS:
         raise RunError(f"--participants must be 1 to {MAX_LINKS}; got {count}.")
     is_new = key.link_secret is None
-    key = replace(key, link_secret=key.link_secret or new_secret())
-    rows = [(n, list_of(key, n), link_of(key, n, address)) for n in range(count)]
+    key = replace(key, link_secret=key.link_secret or secrets.token_hex(32))
+    rows = [(n, key.list_of(n), key.link(n, address)) for n in range(count)]
     if is_new:
         write_key(key, path)
     sys.stdout.write(csv_text([("participant", "list", "link"), *rows]))
@@ -112,8 +112,8 @@ def links(study: Study, address: str, participants: Count = None) -> None:
 
 def analyse(
     answers: Annotated[Positional[tuple[Path, ...]], arg(metavar="ANSWERS")],
-    key: Path,
     out: Path,
+    key: File = None,
     diagnostics: File = None,
 ) -> None:
     """Answers to a report (HTML, CSV, LaTeX).
@@ -123,7 +123,8 @@ def analyse(
 
     Args:
         answers: files, or folders of them.
-        key: researcher_only/key.json.
+        key: researcher_only/key.json; without it the answers are one table of battles (CSV) in the
+            form of the GENEA leaderboard's analysis.
         out: folder of results.
         diagnostics: folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is
             held against the reasons people gave.

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.output.result_folder import held_folder
+from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import OnEvent, ShouldCancel
 from app.study.design.key import read_key
-from model.storage.files import written_atomically
 
 MAX_REASONS_SHOWN = 3
+NO_KEY = (
+    "Without a key only a table of battles in the GENEA leaderboard's form can be analysed: name "
+    "one .csv, or give the key.json of `researcher_only`."
+)
 
 
 @dataclass(frozen=True)
@@ -20,11 +23,12 @@ class AnalysisRequest:
     """What is to be analysed."""
 
     answers: Sequence[Path]
-    """Files, and folders of them."""
-    key: Path
+    """Files, and folders of them; or one table of battles."""
+    key: Path | None
+    """None for battles."""
     out: Path
     diagnostics: Path | None = None
-    """Folder of measured clips (see `app.study.statistics.jitter_join.read_jitter`)."""
+    """Folder of measured clips (see `app.study.statistics.results.read_jitter`)."""
 
 
 def analyse(
@@ -32,25 +36,31 @@ def analyse(
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
 ) -> tuple[Path, ...]:
-    """Write ``report.html``, ``results.csv``, ``table.tex`` and ``preference.pdf``, the report
-    first of those returned.
+    """Write ``report.html``, ``results.csv``, ``table.tex``, ``preference.pdf`` and, of choices,
+    ``battles.csv``, the report first of those returned.
 
     Raises:
         RunError: if the key cannot be used, or nobody is left to analyse.
     """
     from app.study.report.figures import preference_bars, write_pdf
-    from app.study.report.html import Findings, page_of
-    from app.study.report.tables import latex_table, write_csv
-    from app.study.statistics.answers import collect
-    from app.study.statistics.jitter_join import read_jitter
-    from app.study.statistics.results import analyse_participants, balance_reached
-    from app.study.statistics.screening import screen
-    from app.study.statistics.votes import clips_of
+    from app.study.report.report import Findings, csv_of, latex_table, page_of
+    from app.study.statistics.answers import Collected, collect
+    from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
+    from app.study.statistics.screening import Screened, screen
+    from app.study.statistics.votes import battles_of, read_battles
+    from model.storage.harmless import csv_text
 
-    key, out, diagnostics = read_key(request.key), request.out, request.diagnostics
-    jitter = read_jitter(diagnostics, clips_of(key), key.systems) if diagnostics else None
-    collected = collect(list(request.answers), key)
-    screened = screen(collected.participants, key)
+    if request.key is not None:
+        key = read_key(request.key)
+        collected = collect(request.answers, key)
+        screened = screen(collected.participants, key)
+    elif [path.suffix for path in request.answers] == [".csv"]:
+        key, people = read_battles(request.answers[0])
+        told = f"{key.title} is a table of battles: checks, times and files are not in it."
+        collected, screened = Collected(tuple(people), (told,)), Screened(tuple(people))
+    else:
+        raise RunError(NO_KEY)
+    jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None
     results = analyse_participants(screened.kept, key, jitter)
     if not results:
         left = (*screened.dropped, *screened.set_aside)
@@ -60,14 +70,14 @@ def analyse(
     balance = balance_reached(screened.kept, key)
     everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]
     with_all = analyse_participants(everyone, key) if screened.set_aside else []
-    findings = Findings(key, collected, screened, balance, results, with_all)
-    with held_folder(out):
-        with written_atomically(out / "results.csv") as part:
-            write_csv(results, key, part)
-        with written_atomically(out / "table.tex") as part:
-            part.write_text(latex_table(results, key), "utf-8")
-        with written_atomically(out / "preference.pdf") as part:
-            write_pdf(preference_bars(results, key), part)
-        with written_atomically(out / "report.html") as part:
-            part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files
-    return (out / "report.html", *sorted(p for p in out.iterdir() if p.suffix != ".html"))
+    page = page_of(Findings(key, collected, screened, balance, results, with_all))
+    battles = battles_of(screened.kept, key)
+    with ResultFolder(request.out) as folder:
+        folder.path("report.html").write_text(page, "utf-8", errors="replace")  # names of files
+        if len(battles):
+            rows = [list(battles), *battles.to_numpy().tolist()]
+            folder.path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")
+        write_pdf(preference_bars(results, key), folder.path("preference.pdf"))
+        folder.path("results.csv").write_text(csv_of(results), "utf-8", newline="")
+        folder.path("table.tex").write_text(latex_table(results, key), "utf-8")
+        return folder.publish()

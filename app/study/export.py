@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from app.errors import RunError
@@ -14,17 +15,18 @@ from app.run.output.result_folder import held_folder
 from app.run.output.telling import share_teller
 from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
-from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
-from app.study.design.key import read_key, write_key
+from app.study.design.blinding import Blinding, draw_blinding, make_key, stimuli_of
+from app.study.design.key import Key, read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
-from app.study.make.adapters import write_adapters
+from app.study.make import media
+from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources
-from app.study.make.participant_page import write_page
-from app.study.make.records import write_records
-from app.study.make.scenes import Draw, Maker
+from app.study.make.scenes import Draw, Maker, never
 from app.study.make.workspace import ExportOptions, Workspace, sha256
+from conventions.views import View
+from processes.job import Job
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,9 @@ def export_study(
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
 
-    The key is written before anything else. A run that is stopped and started again with the same
-    plan keeps the key and the finished videos, and ends with the same bytes as one that was not.
+    The key is written before anything else, and knows which videos are finished. A run that is
+    stopped and started again with the same plan keeps both, and ends with the same bytes as one
+    that was not.
 
     Args:
         on_progress: called with the share done, 0 to 1.
@@ -76,65 +79,135 @@ def export_study(
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out.absolute() if options.pool else out)
-    fingerprint = _fingerprint(plan, sources, options)
+    made_of = _fingerprint(plan, sources, options)
     with held_folder(out):
-        workspace.open(fingerprint)
-        _make(plan, design, sources, options, workspace, on_progress, should_cancel, draw)
+        workspace.open()
+        key = _key(plan, design, workspace, made_of)
+        maker = Maker(
+            *(plan, workspace, stimuli_of(key), {}, options.weights, options.body),
+            *(draw, options.parallel, should_cancel),
+        )
+        key = _make_videos(maker, key, sources, options, on_progress)
+        blinding = Blinding(key.study, stimuli_of(key), tuple(key.trials))
+        write_bundle(plan, design, blinding, workspace)
+        write_records(plan, design, blinding, sources, options, workspace)
+        workspace.clean()
         leaks = check_study(out)
     if leaks:
         raise RunError(f"The export is not blind: {leaks[0]}")
     return workspace
 
 
-def _make(
-    plan: Plan,
-    design: Design,
+def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
+    """That of an earlier run, or a new one, which is kept before anything uses it."""
+    if workspace.key.is_file():
+        key = read_key(workspace.key)
+        if key.made_of != made_of:
+            raise RunError(
+                f"{workspace.private.parent} holds the export of another plan, or the plan or a "
+                "file that it names has changed; export to a new folder."
+            )
+        return key
+    key = replace(make_key(plan, design, draw_blinding(design)), made_of=made_of)
+    write_key(key, workspace.key)
+    return key
+
+
+def _make_videos(
+    maker: Maker,
+    key: Key,
     sources: tuple[Source, ...],
     options: ExportOptions,
-    workspace: Workspace,
     on_progress: Callable[[float], None],
-    should_cancel: Callable[[], bool],
-    draw: Draw,
-) -> None:
-    blinding = _blinding(plan, design, workspace)
-    maker = Maker(
-        *(plan, workspace, blinding.videos, options.weights, options.body, should_cancel),
-        *(draw, options.parallel),
-    )
+) -> Key:
+    """Make every video that is not there yet, clip after clip or shared out among those who work;
+    the key that knows them."""
+    plan, workspace = maker.plan, maker.workspace
+
+    def take(note: Path) -> None:
+        nonlocal key
+        videos = dict(key.videos)
+        for blind in json.loads(note.read_text()):
+            if workspace.video(blind).is_file():
+                videos[blind] = replace(videos[blind], sha256=sha256(workspace.video(blind)))
+        key = replace(key, videos=videos)
+        write_key(key, workspace.key)
+        note.unlink()
+
+    for note in workspace.notes.glob("*.json"):  # of an export that was killed before it heard
+        take(note)
+    undone = {
+        (stimulus.clip, stimulus.view)
+        for stimulus, blind in maker.names.items()
+        if not (path := workspace.video(blind)).is_file()
+        or sha256(path) != key.videos[blind].sha256
+    }
+    missing: dict[Source, tuple[View, ...]] = {
+        source: tuple(view for view in plan.views if (source.clip.name, view) in undone)
+        for source in sources
+        if source.clip.name in {clip for clip, _ in undone}
+    }
+    if missing:
+        maker = replace(maker, tracks=_tracks(maker, sources))
+    notes = {source.clip.name: workspace.notes / f"{n}.json" for n, source in enumerate(sources)}
+    frames = {source.clip.name: source.num_frames for source in missing}
+    done = 0.0
+
+    def tell(clip: str, share: float) -> None:
+        on_progress((done + share * frames[clip]) / sum(frames.values()))
+
+    def on_done(clip: str) -> None:
+        nonlocal done
+        take(notes[clip])
+        tell(clip, 1.0)
+        done += frames[clip]
+
     if options.pool is None:
-        maker.make_all(sources, on_progress)
+        for source, views in missing.items():
+            clip = source.clip
+            maker.make(clip, views, notes[clip.name], partial(tell, clip.name))
+            on_done(clip.name)
     else:
-        maker.make_shared(sources, options.pool, on_progress)
-    secret = read_key(workspace.key).link_secret
-    key = replace(make_key(plan, design, blinding, workspace.digests), link_secret=secret)
-    write_page(plan, design, blinding, workspace)
-    write_adapters(plan, design, blinding, workspace)
-    write_records(plan, design, blinding, sources, options, workspace)
-    workspace.clean()
-    write_key(key, workspace.key)
+        alone = replace(maker, parallel=1, should_cancel=never)
+        jobs = [
+            Job(
+                source.clip.name,
+                notes[source.clip.name].is_file,
+                partial(alone.make, source.clip, views, notes[source.clip.name]),
+            )
+            for source, views in missing.items()
+        ]
+        for error in options.pool.do_all(jobs, on_done).values():
+            raise error
+    if not missing:
+        on_progress(1.0)
+    return key
 
 
-def _blinding(plan: Plan, design: Design, workspace: Workspace) -> Blinding:
-    """The ids of an earlier run, or new ones, which are kept before anything uses them."""
-    if workspace.key.is_file():
-        return blinding_of(read_key(workspace.key), plan, design)
-    blinding = draw_blinding(design)
-    write_key(make_key(plan, design, blinding, {}), workspace.key)
-    return blinding
+def _tracks(maker: Maker, sources: tuple[Source, ...]) -> dict[str, Path]:
+    """One track for each speech that is heard."""
+    heard = {stimulus.speech for stimulus in maker.names}
+    tracks = {}
+    for number, source in enumerate(sources):
+        if source.clip.name in heard and source.speech is not None:
+            track = maker.workspace.work / f"speech-{number}.m4a"
+            media.encode_speech(source.speech.waveform, track, source.clip.name)
+            tracks[source.clip.name] = track
+    return tracks
 
 
 def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions) -> str:
-    """Of everything that decides what the videos show.
+    """Of everything that decides what the study is.
 
     Raises:
         UnknownNameError: if a system or its speaker does not exist.
     """
     weights = {}
     for planned in plan.systems:
-        if planned.generator is not None:
-            system = get_system(planned.generator.system, options.weights)
-            if planned.generator.speaker is not None:
-                system.speaker_index(planned.generator.speaker)
+        if planned.system is not None:
+            system = get_system(planned.system, options.weights)
+            if planned.speaker is not None:
+                system.speaker_index(planned.speaker)
             weights[system.name] = list(system.sha256s.values())
     facts = {
         "plan": asdict(plan),

@@ -2,7 +2,7 @@
 
 It reads the bundle as a participant could (files, bytes, boxes, times) and holds it against the
 researcher's key. What can be equal must be equal; what must differ, such as names, is tested for an
-order that follows the method (`app.study.design.tells`).
+order that follows the method (`app.study.design.blinding`).
 """
 
 from __future__ import annotations
@@ -10,107 +10,38 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.study.design.blinding import NOT_MADE
-from app.study.design.key import TRIAL_KINDS, Key, read_key
-from app.study.design.plan import CHOICE_VALUES, wording
-from app.study.design.tells import order_tells, value_tells
+from app.study.design.blinding import NOT_MADE, order_tells, stimuli_of, value_tells
+from app.study.design.key import KIND_OF_PROTOCOL, Key, read_key
+from app.study.design.plan import CHOICES, wording
 from app.study.design.trials import Stimulus
 from app.study.make import media
-from app.study.make.mp4 import Mp4, num_picture_bytes, read_mp4
-from app.study.make.participant_page import (
+from app.study.make.bundle import (
     DATA,
     DATA_START,
+    FIXED,
+    FREE_TEXTS,
     INDEX,
-    SCRIPT,
     SITE,
-    STYLE,
     fixed_words,
     index_html,
 )
+from app.study.make.mp4 import Mp4, num_picture_bytes, read_mp4
 from app.study.make.workspace import Workspace, sha256
 
-_FREE_TEXTS = ("title", "consent", "postTo", "returnTo")
 _KNOWN_KEYS = {
     *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
-    "reasons",
-    *_FREE_TEXTS,
+    *("reasons", *FREE_TEXTS),
 }
-_VOCABULARY = {"kind", "press", *TRIAL_KINDS, *CHOICE_VALUES}
+_VOCABULARY = {"kind", "press", "attention", *KIND_OF_PROTOCOL.values(), *CHOICES}
 """What a trial may say of itself."""
 _LEAST_PART = 4
-
-
-def text_leaks(
-    bundle: Path,
-    data: dict[str, Any],
-    protocol: str,
-    systems: Sequence[str],
-    clips: Sequence[str],
-) -> Iterator[str]:
-    """Names of systems and clips, addresses and unknown fields in what the page consists of.
-
-    The page's own files hold no word of a study; they must be as this program has them. Sentences
-    from `questions.toml` may hold any word. Everything else is searched: ids and structure for
-    names and parts of names, what the researcher wrote for whole names.
-    """
-    for name in (SCRIPT, STYLE):
-        if (bundle / name).read_bytes() != (SITE / name).read_bytes():
-            yield f"page: {name} is not the file of this program."
-    if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
-        yield f"page: {INDEX} is not the file of this program."
-    for key in sorted(set(data) - _KNOWN_KEYS):
-        yield f"JSON: the field `{key}` is unknown."
-    parts = [data.get(key) for key in ("study", "trials", "lists")]
-    standard = {**fixed_words(protocol), "reasons": wording()["reasons"]}
-    parts += [
-        data.get(key) for key, value in standard.items() if data.get(key) not in (None, value)
-    ]
-    structure = "\n".join(sorted(set(_strings(parts)) - _VOCABULARY))
-    for name in _words(systems, clips):
-        if _holds(structure, name):
-            yield f"JSON: the page's data hold {name!r}."
-    written = {key: str(data.get(key) or "") for key in _FREE_TEXTS}
-    for key, text in written.items():
-        for name in (*systems, *clips):
-            if _holds(text, name):
-                what = "URL" if key == "postTo" else "text"
-                yield f"{what}: `{key}` holds {name!r}, the name of a system or clip; rename one."
-    if re.search(r"https?:", structure):
-        yield "URL: the page's data hold an address."
-
-
-def _strings(value: Any) -> Iterator[str]:
-    """All texts and names of fields inside a JSON value."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for key, item in value.items():
-            yield key
-            yield from _strings(item)
-    elif isinstance(value, list):
-        for item in value:
-            yield from _strings(item)
-
-
-def _words(systems: Sequence[str], clips: Sequence[str]) -> list[str]:
-    """Whole names, and parts that are long enough to mean something."""
-    names = {*systems, *clips}
-    parts = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
-    return sorted(names | {part for part in parts if len(part) >= _LEAST_PART})
-
-
-def _holds(text: str, name: str) -> bool:
-    """Whether the name occurs as a word, whatever its case."""
-    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
-
-
 MAX_SIZE_SPREAD = 0.02
 """Of file sizes and bit rates within a scene."""
 MAX_PACKED_SPREAD = 0.001
@@ -182,11 +113,7 @@ def check_study(folder: Path) -> list[str]:
     key = read_key(workspace.key)
     if any(video.sha256 == NOT_MADE for video in key.videos.values()):
         raise RunError(f"The export in {folder} is not finished; run it again first.")
-    stimuli = {
-        Stimulus(video.system, video.clip, video.speech, video.view): blind
-        for blind, video in key.videos.items()
-    }
-    study = Study(workspace, key, stimuli)
+    study = Study(workspace, key, stimuli_of(key))
     leaks = list(_stray_files(study))
     if leaks:  # what is missing or foreign cannot be tested further
         return leaks
@@ -196,7 +123,7 @@ def check_study(folder: Path) -> list[str]:
 def _stray_files(study: Study) -> Iterator[str]:
     """Anything in the bundle that is not part of it, or not as the key says."""
     bundle = study.workspace.bundle
-    wanted = {INDEX, SCRIPT, STYLE, DATA, *(f"media/{name}.mp4" for name in study.key.videos)}
+    wanted = {INDEX, DATA, *FIXED, *(f"media/{name}.mp4" for name in study.key.videos)}
     found = {
         path.relative_to(bundle).as_posix()
         for path in bundle.rglob("*")
@@ -251,20 +178,25 @@ def _metadata(study: Study) -> Iterator[str]:
 
 
 def _sizes(study: Study) -> Iterator[str]:
-    for what, measure in (
-        ("size", lambda file: float(file.num_bytes)),
-        ("bit rate", _picture_bit_rate),
-    ):
-        values = {stimulus: measure(file) for stimulus, file in study.files.items()}
-        for scene in study.scenes:
-            found = [values[stimulus] for stimulus in scene]
-            spread = (max(found) - min(found)) / min(found)
-            if spread > MAX_SIZE_SPREAD:
-                yield (
-                    f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.1f} %; "
-                    f"at most {100 * MAX_SIZE_SPREAD:g} % is allowed."
-                )
+    rates = {stimulus: _picture_bit_rate(file) for stimulus, file in study.files.items()}
+    sizes = {stimulus: float(file.num_bytes) for stimulus, file in study.files.items()}
+    for what, values in (("size", sizes), ("bit rate", rates)):
+        yield from _spreads(study, what, values, MAX_SIZE_SPREAD)
         yield from (f"{tell}." for tell in value_tells(values, what))
+
+
+def _spreads(
+    study: Study, what: str, values: Mapping[Stimulus, float], most: float, chance: float = 0
+) -> Iterator[str]:
+    """Scenes whose videos differ in it by more than that share, beyond what chance does."""
+    for scene in study.scenes:
+        found = [values[stimulus] for stimulus in scene]
+        spread = (max(found) - min(found) - chance) / max(min(found), 1)
+        if spread > most:
+            yield (
+                f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
+                f"at most {100 * most:g} % is allowed."
+            )
 
 
 def _picture_bit_rate(file: Mp4) -> float:
@@ -272,7 +204,7 @@ def _picture_bit_rate(file: Mp4) -> float:
     track = file.track("vide")
     if track is None or track.duration <= 0:
         raise RunError("A video of the bundle has no picture.")
-    return track.num_bytes / track.duration
+    return sum(track.sizes) / track.duration
 
 
 def _streams(study: Study) -> Iterator[str]:
@@ -286,20 +218,10 @@ def _streams(study: Study) -> Iterator[str]:
         packed[stimulus] = float(len(zlib.compress(stream)))
     for scene in study.scenes:
         tracks = [study.files[stimulus].track("vide") for stimulus in scene]
-        sizes = {track.sizes for track in tracks if track is not None}
-        if len(sizes) > 1:
+        if len({track.sizes for track in tracks if track is not None}) > 1:
             yield f"packet sizes: the videos of clip {scene[0].clip!r} differ in them."
-        for what, values, allowed, chance in (
-            ("filling", own, MAX_FILLING_SPREAD, FILLING_CHANCE),
-            ("compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE),
-        ):
-            found = [values[stimulus] for stimulus in scene]
-            spread = (max(found) - min(found) - chance) / max(min(found), 1)
-            if spread > allowed:
-                yield (
-                    f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
-                    f"at most {100 * allowed:g} % is allowed."
-                )
+    yield from _spreads(study, "filling", own, MAX_FILLING_SPREAD, FILLING_CHANCE)
+    yield from _spreads(study, "compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE)
     steps = {stimulus: num_bytes // FILLING_CHANCE for stimulus, num_bytes in own.items()}
     yield from (f"{tell}." for tell in value_tells(steps, "filling"))
 
@@ -315,7 +237,7 @@ def _formats(study: Study) -> Iterator[str]:
 
 _FORMAT_FACTS: dict[str, Callable[[Mp4], object]] = {
     "duration": lambda file: tuple(track.duration for track in file.tracks),
-    "frames": lambda file: tuple(track.num_samples for track in file.tracks),
+    "frames": lambda file: tuple(len(track.sizes) for track in file.tracks),
     "streams": lambda file: tuple(track.handler for track in file.tracks),
     "encoding": lambda file: [t.description for t in file.tracks if t.handler == "vide"],
     "file structure": lambda file: tuple(box for box in file.boxes if box != "free"),
@@ -370,9 +292,50 @@ def _lists(study: Study) -> Iterator[str]:
 
 
 def _texts(study: Study) -> Iterator[str]:
-    yield from text_leaks(
-        study.workspace.bundle, study.data, study.key.protocol, study.key.systems, _clips(study)
-    )
+    """Names of systems and clips, addresses and unknown fields in what the page consists of.
+
+    The page's own files hold no word of a study; they must be as this program has them. Sentences
+    from `questions.toml` may hold any word. Everything else is searched: ids and structure for
+    names and parts of names, what the researcher wrote for whole names.
+    """
+    bundle, data = study.workspace.bundle, study.data
+    for name in FIXED:
+        if (bundle / name).read_bytes() != (SITE / name).read_bytes():
+            yield f"page: {name} is not the file of this program."
+    if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
+        yield f"page: {INDEX} is not the file of this program."
+    for key in sorted(set(data) - _KNOWN_KEYS):
+        yield f"JSON: the field `{key}` is unknown."
+    standard = {**fixed_words(study.key.protocol), "reasons": wording()["reasons"]}
+    parts = [data.get(key) for key in ("study", "trials", "lists")]
+    parts += [data.get(key) for key in standard if data.get(key) not in (None, standard[key])]
+    structure = "\n".join(sorted(set(_strings(parts)) - _VOCABULARY))
+    names = {*study.key.systems, *_clips(study)}
+    pieces = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
+    for name in sorted(names | {part for part in pieces if len(part) >= _LEAST_PART}):
+        if _holds(structure, name):
+            yield f"JSON: the page's data hold {name!r}."
+    for key in FREE_TEXTS:
+        for name in (name for name in sorted(names) if _holds(str(data.get(key) or ""), name)):
+            what = "URL" if key == "postTo" else "text"
+            yield f"{what}: `{key}` holds {name!r}, the name of a system or clip; rename one."
+    if re.search(r"https?:", structure):
+        yield "URL: the page's data hold an address."
+
+
+def _strings(value: Any) -> Iterator[str]:
+    """All texts and names of fields inside a JSON value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        yield from (key for key in value if isinstance(key, str))
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _strings(item)
+
+
+def _holds(text: str, name: str) -> bool:
+    """Whether the name occurs as a word, whatever its case."""
+    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
 
 
 def _clips(study: Study) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Raters of known taste, whose answers try a study and its whole analysis.
 
 Every system has a log-strength; a rater sees it plus their own taste for that system plus what that
-system did in that clip. Choices follow Davidson's model (`app.study.statistics.bradley_terry`),
+system did in that clip. Choices follow Davidson's model (`app.study.statistics.models`),
 rankings Plackett-Luce (strength plus Gumbel noise, so that any two systems follow Bradley-Terry),
 sliders a straight line in strength. In matched trials the log-strength is that of the matched video
 against 0 for the other.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -21,10 +21,9 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.study.design.key import Key, Trial, read_key
-from app.study.design.links import token_of
-from app.study.statistics.answers import FORMAT, HIGHEST_RATING, TIE, TRUTH_NAME
-from app.study.statistics.votes import SMOOTHNESS, clips_of
+from app.study.design.key import Key, read_key
+from app.study.statistics.answers import HIGHEST_RATING, TIE, TRUTH_NAME
+from app.study.statistics.votes import SMOOTHNESS
 from model.storage.files import written_atomically
 
 
@@ -69,9 +68,8 @@ class World:
         self.key = key
         self.model = model
         self._rng = rng
-        self._clips = clips_of(key)
         log_strength = np.array([strengths[name] for name in key.systems])
-        whims = rng.normal(0, model.clip_sd, (len(self._clips), len(key.systems)))
+        whims = rng.normal(0, model.clip_sd, (len(key.clips), len(key.systems)))
         self.clip_strength: Float[np.ndarray, "C K"] = log_strength + whims
 
     def tastes(self, count: int) -> Float[np.ndarray, "R K"]:
@@ -83,50 +81,39 @@ class World:
         return self.model.tie * np.exp(self._rng.normal(0, self.model.tie_log_sd, count))
 
     def answers(self, list_number: int) -> list[dict[str, Any]]:
-        """What one new rater answers to everything on a list, as in an answers file."""
+        """What one new rater answers to everything on a list, as in an answers file. Places turn
+        with the list, so that sides are balanced over participants."""
         strength = self.clip_strength + self.tastes(1)
         tie = float(self.ties(1)[0])
         offset = float(self._rng.normal(0, RATING_OFFSET_SD))
         answers = []
         for trial_id in self.key.lists[list_number]:
             trial = self.key.trials[trial_id]
-            shown = tuple(trial.videos[i] for i in self._order(trial, list_number))
+            turn = list_number % max(1, len(trial.videos))
+            shown = (*trial.videos[turn:], *trial.videos[:turn])
             if trial.expected is not None:
-                asked = {trial.expected.question: self._check_value(trial.expected.value)}
+                is_missed = self._rng.random() < self.model.lapse
+                values = ["missed" if is_missed else trial.expected.value]
             else:
-                seen = strength[self._clips.index(trial.clip)]
-                asked = {
-                    question: self._value(trial.kind, shown, seen, tie, offset)
-                    for question in trial.questions
-                }
-            for question, value in asked.items():
+                seen = strength[self.key.clips.index(trial.clip)]
+                values = [
+                    self._value(trial.kind, shown, seen, tie, offset) for _ in trial.questions
+                ]
+            for question, value in zip(trial.questions, values, strict=True):
+                is_named = trial.kind == "pair" and self._rng.random() < self.model.smoothness
+                watching_ms = round(1000 * (self.key.video_s or 0.0) * len(shown))
                 answers.append(
                     {
                         "trial": trial_id,
                         "question": question,
                         "shown": list(shown),
                         "value": value,
-                        "reasons": self._reasons(trial),
+                        "reasons": [SMOOTHNESS] if is_named else [],
                         "watched": 1,
-                        "ms": int(self._rng.integers(2_000, 20_000)) + self._watching_ms(shown),
+                        "ms": int(self._rng.integers(2_000, 20_000)) + watching_ms,
                     }
                 )
         return answers
-
-    def _watching_ms(self, shown: Sequence[str]) -> int:
-        return round(1000 * (self.key.video_s or 0.0) * len(shown))
-
-    def _order(self, trial: Trial, list_number: int) -> Sequence[int]:
-        """Places turn with the list, so that sides are balanced over participants."""
-        count = len(trial.videos)
-        return [(place + list_number) % count for place in range(count)] if count else []
-
-    def _check_value(self, asked: str | float) -> Any:
-        return asked if self._rng.random() >= self.model.lapse else "missed"
-
-    def _reasons(self, trial: Trial) -> list[str]:
-        is_named = trial.kind == "pair" and self._rng.random() < self.model.smoothness
-        return [SMOOTHNESS] if is_named else []
 
     def _value(
         self,
@@ -186,7 +173,17 @@ def simulate(
         raise RunError(f"Raters must be 1 to {MAX_RATERS}; got {raters}.")
     if seed < 0:
         raise RunError(f"The seed must not be negative; got {seed}.")
-    _check_strengths(strengths, key)
+    if set(strengths) != set(key.systems):
+        raise RunError(
+            f"Strengths are needed for exactly {', '.join(key.systems)}; "
+            f"got {', '.join(strengths) or 'none'}."
+        )
+    for name, value in strengths.items():
+        if not (math.isfinite(value) and abs(value) <= MAX_LOG_STRENGTH):
+            raise RunError(
+                f"The strength of {name} must be within ±{MAX_LOG_STRENGTH:g} "
+                f"(natural logarithm); got {value}."
+            )
     if out.is_dir() and any(out.glob("*.json")):
         raise RunError(f"{out} holds answers already, which would mix; choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
@@ -206,7 +203,7 @@ def answers_file(world: World, rater: int) -> dict[str, Any]:
     answers = world.answers(list_number)
     duration = timedelta(milliseconds=sum(answer["ms"] for answer in answers))
     return {
-        "format": FORMAT,
+        "format": 1,
         "study": world.key.study,
         "participant": f"simulated{rater:05d}",
         "list": list_number,
@@ -214,23 +211,9 @@ def answers_file(world: World, rater: int) -> dict[str, Any]:
         "finished": (_START + duration).isoformat(),
         "device": {"width": 1280, "height": 900, "touch": False},
         "headphones": "skipped",
-        **({"link": token_of(world.key, rater)} if world.key.link_secret else {}),
+        **({"link": world.key.token(rater)} if world.key.link_secret else {}),
         "answers": answers,
     }
-
-
-def _check_strengths(strengths: Mapping[str, float], key: Key) -> None:
-    if set(strengths) != set(key.systems):
-        raise RunError(
-            f"Strengths are needed for exactly {', '.join(key.systems)}; "
-            f"got {', '.join(strengths) or 'none'}."
-        )
-    for name, value in strengths.items():
-        if not (math.isfinite(value) and abs(value) <= MAX_LOG_STRENGTH):
-            raise RunError(
-                f"The strength of {name} must be within ±{MAX_LOG_STRENGTH:g} "
-                f"(natural logarithm); got {value}."
-            )
 
 
 def _write(content: Mapping[str, Any], path: Path) -> None:

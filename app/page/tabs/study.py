@@ -43,6 +43,7 @@ from app.page.tabs.study_run import (
 from app.page.visitors.uploads import MAX_FILES
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.analyse import AnalysisRequest, analyse
+from app.study.design.plan import wording
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
@@ -62,13 +63,14 @@ def build_study_tab(services: Services) -> None:
             materials, changed = _build_materials(catalogue, services.check)
         with gr.Column(scale=5, min_width=320):
             settings = _build_settings()
+            told = _build_told()
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Make the study", variant="primary", elem_id="study-make")
                 write = gr.Button("Plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             with gr.Column(elem_classes="results"):
                 results = _build_results()
-    fields = [*materials, *settings, changed]
+    fields = [*materials, *settings, changed, *told]
     _, protocol, speeches, systems, _ = materials
     for button in ready:
         asked, changes = QUESTIONS[button.value]
@@ -132,7 +134,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
 def _build_materials(
     catalogue: Catalogue, check: UploadCheck
 ) -> tuple[list[Any], gr.CheckboxGroup]:
-    """What is compared: the first fields of `StudyForm`, and its last."""
+    """What is compared: the first fields of `StudyForm`, and `StudyForm.changed`."""
     title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
     speeches = check.file(
@@ -186,6 +188,21 @@ def _build_settings() -> list[Any]:
         "code.",
     )
     return [length, people, seed, views, post_to, return_to]
+
+
+def _build_told() -> list[Any]:
+    """What participants read before they begin: the last fields of `StudyForm`."""
+    with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
+        with gr.Row(elem_classes="pair"):
+            researchers = gr.Textbox("", label="Researchers", min_width=140)
+            contact = gr.Textbox(
+                "", label="Contact", info="Participants send their file there.", min_width=140
+            )
+        ethics = gr.Textbox("", label="Ethics approval: board and number")
+        consent = gr.Textbox(
+            "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
+        )
+    return [researchers, contact, ethics, consent]
 
 
 def _build_results() -> StudyParts:

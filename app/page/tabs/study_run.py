@@ -29,8 +29,7 @@ from app.page.visitors.visitors import visitor_of
 from app.run.output.result_folder import zip_folder
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
-from app.study.design.size import size_of
-from app.study.design.trials import make_design
+from app.study.design.trials import make_design, size_of
 from app.study.export import ExportRequest, export_planned
 from app.study.make.workspace import ExportOptions, Workspace
 from model.systems.registry import usual_planner
@@ -78,6 +77,10 @@ class StudyForm:
     return_to: str | None = None
     changed: list[str] | None = None
     """Of `CHANGES`, each a system of its own."""
+    researchers: str | None = None
+    contact: str | None = None
+    ethics: str | None = None
+    consent: str | None = None
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> StudyForm:
@@ -122,10 +125,9 @@ def plan_text(form: StudyForm) -> str:
         f"views = [{', '.join(_text(view) for view in form.views)}]",
         f"length_s = {float(form.length_s):g}",
     ]
-    if post_to := (form.post_to or "").strip():
-        lines.append(f"post_to = {_text(post_to)}")
-    if return_to := (form.return_to or "").strip():
-        lines.append(f"return_to = {_text(return_to)}")
+    for name in ("post_to", "return_to", "researchers", "contact", "ethics", "consent"):
+        if told := (getattr(form, name) or "").strip():
+            lines.append(f"{name} = {_text(told)}")
     for clip in clips:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
     for system in form.systems:

@@ -1,19 +1,30 @@
-"""Random names for everything that participants can see, and the key that undoes them."""
+"""Random names for everything that participants can see, the key that undoes them, and whether an
+order of names, or of anything else that can be seen, follows the method.
+
+Within each scene (one clip from one view) the values of its videos are ranked. Were they unrelated
+to the method, every assignment of systems within a scene would be equally likely; a permutation
+test says how rare the orders found are.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 import secrets
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
-from app.errors import RunError
-from app.study.design.key import Expected, Key, Trial, Video
+import numpy as np
+
+from app.study.design.key import AttentionRule, Expected, Key, Trial, Video
 from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
-from app.study.design.tells import order_tells
-from app.study.design.trials import Design, Page, Stimulus
+from app.study.design.trials import Design, Stimulus
 
 NOT_MADE = "not made yet"
 """In place of a video's sha256 while the export has not finished."""
+LEVEL = 0.01
+"""Below this probability an order counts as a leak. The export draws names until it is above."""
+_EXACT_LIMIT = _DRAWS = 20_000
 
 
 @dataclass(frozen=True)
@@ -41,23 +52,30 @@ def draw_blinding(design: Design) -> Blinding:
             return blinding
 
 
+def _distinct(count: int, num_bytes: int) -> list[str]:
+    names: dict[str, None] = {}
+    while len(names) < count:
+        names[secrets.token_hex(num_bytes)] = None
+    return list(names)
+
+
 def blind_lists(design: Design, blinding: Blinding) -> list[list[tuple[str, list[str]]]]:
     """Of each list its pages: the trial and the videos that it shows, none where it is a check."""
+    return [
+        [
+            (blinding.trials[page.trial], [blinding.videos[each] for each in page.shown])
+            for page in pages
+        ]
+        for pages in design.lists
+    ]
 
-    def blind(page: Page) -> tuple[str, list[str]]:
-        return blinding.trials[page.trial], [blinding.videos[each] for each in page.shown]
 
-    return [[blind(page) for page in pages] for pages in design.lists]
-
-
-def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str, str]) -> Key:
-    """The key. Videos are listed by id, so that their order says nothing.
-
-    Args:
-        sha256: by blind id, of those videos that are made.
-    """
+def make_key(plan: Plan, design: Design, blinding: Blinding) -> Key:
+    """The key of a study none of whose videos is made. They are listed by id, so that their order
+    says nothing."""
     questions = questions_of(plan.protocol)
     asked = tuple(question.id for question in questions)
+    named = dict(zip(blinding.trials, design.trials, strict=True))
     return Key(
         study=blinding.study,
         title=plan.title,
@@ -65,58 +83,92 @@ def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str
         systems=tuple(system.name for system in plan.systems),
         questions=questions,
         videos={
-            blind: Video(**vars(stimulus), sha256=sha256.get(blind, NOT_MADE))
+            blind: Video(**vars(stimulus), sha256=NOT_MADE)
             for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
         },
         trials={
-            trial_id: Trial(
+            name: Trial(
                 kind=trial.kind,
                 clip=trial.clip,
                 videos=tuple(sorted(blinding.videos[stimulus] for stimulus in trial.stimuli)),
                 questions=(ATTENTION_QUESTION,) if trial.press else asked,
                 expected=Expected(ATTENTION_QUESTION, trial.press) if trial.press else None,
             )
-            for trial_id, trial in zip(blinding.trials, design.trials, strict=True)
+            for name, trial in named.items()
         },
         lists={
             number: tuple(blinding.trials[page.trial] for page in pages)
             for number, pages in enumerate(design.lists)
         },
-        max_failed=plan.max_failed,
+        attention_rule=AttentionRule(plan.max_failed),
         participants=plan.participants,
         video_s=plan.length_s,
     )
 
 
-def blinding_of(key: Key, plan: Plan, design: Design) -> Blinding:
-    """The ids that an earlier run of the same plan has given.
-
-    Raises:
-        RunError: if the key belongs to another design.
-    """
-    videos = {
+def stimuli_of(key: Key) -> dict[Stimulus, str]:
+    """Blind ids by what they show."""
+    return {
         Stimulus(video.system, video.clip, video.speech, video.view): blind
         for blind, video in key.videos.items()
     }
-    blinding = Blinding(key.study, videos, tuple(key.trials))
-    is_same = set(videos) == set(design.stimuli) and len(key.trials) == len(design.trials)
-    if is_same:
-        made_anew = make_key(plan, design, blinding, {})
-        is_same = made_anew == replace(
-            key,
-            videos={name: replace(video, sha256=NOT_MADE) for name, video in key.videos.items()},
-            link_secret=None,
-        )
-    if not is_same:
-        raise RunError(
-            "The folder holds the key of another plan; export to a new folder, or put the plan "
-            "back as it was."
-        )
-    return blinding
 
 
-def _distinct(count: int, num_bytes: int) -> list[str]:
-    names: dict[str, None] = {}
-    while len(names) < count:
-        names[secrets.token_hex(num_bytes)] = None
-    return list(names)
+def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
+    """Probability under chance of orders that agree over scenes at least as much as these.
+
+    The statistic is Friedman's: the sum over systems of their squared rank totals. Up to
+    `_EXACT_LIMIT` arrangements are counted, of more so many are drawn. One scene alone tells
+    nothing (every order is as likely as any other) and gives 1.
+
+    Args:
+        scenes: for each, a value by system. All have the same systems.
+    """
+    from scipy.stats import rankdata  # takes a second to import, for what the page seldom needs
+
+    if len(scenes) < 2:
+        return 1.0
+    systems = sorted(scenes[0])
+    ranks = np.array([rankdata([scene[name] for name in systems]) for scene in scenes])
+    if math.factorial(len(systems)) ** (len(scenes) - 1) <= _EXACT_LIMIT:
+        totals = ranks[:1]  # the first scene may stay, as only agreement counts
+        for scene in ranks[1:]:
+            arranged = np.array(list(itertools.permutations(scene)))
+            totals = (totals[:, None] + arranged[None]).reshape(-1, len(systems))
+    else:
+        rng = np.random.default_rng(0)
+        totals = np.zeros((_DRAWS, len(systems)))
+        for scene in ranks:
+            totals += rng.permuted(np.broadcast_to(scene, totals.shape), axis=1)
+        totals = np.vstack([totals, ranks.sum(axis=0)])
+    observed = np.square(ranks.sum(axis=0)).sum()
+    return float(np.mean(np.square(totals).sum(axis=-1) >= observed - 1e-9))
+
+
+def order_tells(names: Mapping[Stimulus, str]) -> list[str]:
+    """Ways in which the alphabetical order of the videos' names suggests the method: one sentence
+    each; empty when nothing is suggested."""
+    place = {name: float(rank) for rank, name in enumerate(sorted(names.values()))}
+    return value_tells({stimulus: place[name] for stimulus, name in names.items()}, "file name")
+
+
+def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
+    """The same of the order of some value of the videos; right and wrong speech under a motion are
+    compared as well."""
+    ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
+        ("follows the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
+        (
+            "tells matched from mismatched speech",
+            lambda s: (s.clip, s.view, s.system),
+            lambda s: str(s.speech == s.clip),
+        ),
+    ]
+    tells = []
+    for way, scene_of, label_of in ways:
+        scenes: dict[object, dict[str, float]] = {}
+        for stimulus, value in values.items():
+            scenes.setdefault(scene_of(stimulus), {})[label_of(stimulus)] = value
+        chance = order_probability([scene for scene in scenes.values() if len(scene) > 1])
+        if chance < LEVEL:
+            tells.append(f"{what}: its order {way} (probability {chance:.2g} by chance)")
+    return tells

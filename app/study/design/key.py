@@ -1,52 +1,65 @@
-"""The researcher's key of a study: which system and clip each blind video shows."""
+"""The researcher's key of a study: which system and clip each blind video shows, and the secret by
+which participants' links work once.
+
+The page, which anyone can read, cannot tell a good link from a bad one: it carries the token into
+the answers, and the analysis looks at it.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import hmac
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
+from urllib.parse import urlencode, urlsplit
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.fields import FieldError, Fields, is_number, is_text, read_object
+from app.study.design.checked import STRICT, FieldError, Text, adapter, read_checked
 from model.storage.files import written_atomically
 
-FORMAT = 1
-PROTOCOLS = ("pairwise", "matched", "ranking", "rating")
-QUESTION_KINDS = ("choice", "ranking", "slider")
-TRIAL_KINDS = ("pair", "match", "rank", "rate", "attention")
-
+Protocol = Literal["pairwise", "matched", "ranking", "rating"]
+TrialKind = Literal["pair", "match", "rank", "rate", "attention"]
+KIND_OF_PROTOCOL: dict[Protocol, TrialKind] = {
+    **{"pairwise": "pair", "matched": "match", "ranking": "rank", "rating": "rate"}
+}
 MAX_KEY_BYTES = 64 * 2**20
 MAX_SYSTEMS = 32
-MAX_VIDEOS_OF_TRIAL = 32
-MAX_QUESTIONS = 32
 MAX_TRIALS_OF_LIST = 2000
 MAX_PARTICIPANTS = 10_000
-MAX_VIDEO_S = 3600.0
+MAX_LINKS = 10_000
+_SIGNATURE_HEX = 32
+
+Ids = Annotated[tuple[Text, ...], Field(max_length=32)]
+Systems = Annotated[tuple[Text, ...], Field(min_length=1, max_length=MAX_SYSTEMS)]
+List = Annotated[tuple[Text, ...], Field(max_length=MAX_TRIALS_OF_LIST)]
+ListNumber = Annotated[int, Field(ge=0)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Question:
     """What a trial asks."""
 
-    id: str
-    text: str
-    kind: str
-    """One of `QUESTION_KINDS`."""
+    id: Text
+    text: Text
+    kind: Literal["choice", "ranking", "slider"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Video:
     """What stands behind a blind id."""
 
-    system: str
-    clip: str
-    speech: str | None
+    system: Text
+    clip: Text
+    speech: Text | None
     """Clip whose speech is heard; None when muted."""
-    view: str
-    sha256: str
+    view: Text
+    sha256: Text
 
     @property
     def is_matched(self) -> bool:
@@ -54,90 +67,137 @@ class Video:
         return self.speech == self.clip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Expected:
     """What an attention check says to press."""
 
-    question: str
-    value: str | float
+    question: Text
+    value: Text | float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Trial:
     """One page of the study."""
 
-    kind: str
-    """One of `TRIAL_KINDS`."""
-    clip: str
-    videos: tuple[str, ...]
+    kind: TrialKind
+    clip: Text
+    videos: Ids
     """Blind ids of what is shown."""
-    questions: tuple[str, ...]
+    questions: Ids
     expected: Expected | None = None
     """For attention checks alone."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
+class AttentionRule:
+    max_failed: Annotated[int, Field(ge=0, le=MAX_TRIALS_OF_LIST)]
+    """Attention checks that a participant may fail and still count."""
+
+
+@dataclass(frozen=True, config=STRICT)
 class Key:
     """Everything that participants must not know. Consistent: every id that it uses it has."""
 
-    study: str
+    study: Text
     """16 hexadecimal digits, also in the answers."""
-    title: str
-    protocol: str
-    """One of `PROTOCOLS`."""
-    systems: tuple[str, ...]
-    questions: tuple[Question, ...]
-    videos: Mapping[str, Video]
-    trials: Mapping[str, Trial]
-    lists: Mapping[int, tuple[str, ...]]
+    title: Text
+    protocol: Protocol
+    systems: Systems
+    questions: Annotated[tuple[Question, ...], Field(min_length=1, max_length=32)]
+    videos: Mapping[Text, Video]
+    trials: Mapping[Text, Trial]
+    lists: Annotated[Mapping[ListNumber, List], Field(max_length=MAX_PARTICIPANTS)]
     """Trials of participant p, in order."""
-    max_failed: int
-    """Attention checks that a participant may fail and still count."""
-    participants: int
+    attention_rule: AttentionRule
+    participants: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS)]
     """How many are planned."""
-    video_s: float | None = None
+    video_s: Annotated[float, Field(gt=0, le=3600)] | None = None
     """How long each video lasts; None where they differ."""
-    link_secret: str | None = None
-    """Signs participants' links; None where answers need none (`app.study.design.links`)."""
+    link_secret: Text | None = None
+    """Signs participants' links; None where answers need none."""
+    made_of: Text | None = None
+    """What the plan, its files and weights were, by which an interrupted export goes on."""
+    format: Literal[1] = 1
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            FieldError: if an id points nowhere or a name is not among those allowed.
-        """
-        _check_names(self)
-        for video_id, video in self.videos.items():
+        if len(set(self.systems)) < len(self.systems):
+            raise ValueError("`systems` must have different names")
+        if len(self.question_by_id) < len(self.questions):
+            raise ValueError("`questions` must have different ids")
+        for name, video in self.videos.items():
             if video.system not in self.systems:
-                raise FieldError(f"video {video_id} shows {video.system!r}, which is no system")
-        for trial_id, trial in self.trials.items():
-            _check_trial(self, trial_id, trial)
+                raise ValueError(f"video {name} shows {video.system!r}, which is no system")
+        for name, trial in self.trials.items():
+            is_check = trial.kind == "attention"
+            if not self.videos.keys() >= set(trial.videos):
+                raise ValueError(f"trial {name} shows a video that the key does not have")
+            if (trial.expected is not None) != is_check:
+                raise ValueError(f"trial {name}: attention checks, and only they, expect an answer")
+            if not is_check and not self.question_by_id.keys() >= set(trial.questions):
+                raise ValueError(f"trial {name} asks a question that the key does not have")
         for number, trials in self.lists.items():
-            if any(trial not in self.trials for trial in trials):
-                raise FieldError(f"list {number} names a trial that the key does not have")
+            if not self.trials.keys() >= set(trials):
+                raise ValueError(f"list {number} names a trial that the key does not have")
 
     @cached_property
     def question_by_id(self) -> dict[str, Question]:
         return {question.id: question for question in self.questions}
 
+    @property
+    def max_failed(self) -> int:
+        return self.attention_rule.max_failed
 
-def _check_names(key: Key) -> None:
-    if key.protocol not in PROTOCOLS:
-        raise FieldError(f"the protocol {key.protocol!r} is none of {', '.join(PROTOCOLS)}")
-    if not 1 <= len(set(key.systems)) == len(key.systems) <= MAX_SYSTEMS:
-        raise FieldError(f"there must be 1 to {MAX_SYSTEMS} systems with different names")
-    ids = [question.id for question in key.questions]
-    if not 1 <= len(set(ids)) == len(ids) <= MAX_QUESTIONS:
-        raise FieldError(f"there must be 1 to {MAX_QUESTIONS} questions with different ids")
+    @cached_property
+    def clips(self) -> tuple[str, ...]:
+        """Every clip that is judged."""
+        judged = {trial.clip for trial in self.trials.values() if trial.expected is None}
+        return tuple(sorted(judged))
 
+    def token(self, number: int) -> str:
+        """What signs the link of participant ``number``: the number and 128 bits of its
+        HMAC-SHA256 by the secret, which there must be."""
+        assert self.link_secret is not None
+        message = f"{self.study}/{number}".encode()
+        signature = hmac.new(self.link_secret.encode(), message, hashlib.sha256).hexdigest()
+        return f"{number}-{signature[:_SIGNATURE_HEX]}"
 
-def _check_trial(key: Key, trial_id: str, trial: Trial) -> None:
-    if any(video not in key.videos for video in trial.videos):
-        raise FieldError(f"trial {trial_id} shows a video that the key does not have")
-    if (trial.expected is not None) != (trial.kind == "attention"):
-        raise FieldError(f"trial {trial_id}: attention checks, and only they, expect an answer")
-    known = {question.id for question in key.questions}
-    if trial.kind != "attention" and not known.issuperset(trial.questions):
-        raise FieldError(f"trial {trial_id} asks a question that the key does not have")
+    def list_of(self, number: int) -> int:
+        """The list of participant ``number``: one after the other, then from the first again."""
+        return sorted(self.lists)[number % len(self.lists)]
+
+    def link(self, number: int, address: str) -> str:
+        """What participant ``number`` is sent.
+
+        Args:
+            address: where the bundle is hosted.
+
+        Raises:
+            RunError: if that is no address of a page.
+        """
+        parts = urlsplit(address)
+        is_page = parts.scheme in ("http", "https") and parts.netloc
+        if not is_page or parts.query or parts.fragment:
+            raise RunError(
+                f"{address!r} is no address of a page; give it as https://lab.example/study/."
+            )
+        return f"{address}?{urlencode({'p': self.list_of(number), 't': self.token(number)})}"
+
+    def doubt_of_link(self, token: str | None, list_number: int) -> str | None:
+        """Why answers did not come by a link of the study, as the end of a sentence; None if they
+        did, or if the study has no links."""
+        if self.link_secret is None:
+            return None
+        if token is None:
+            return "came without a signed link"
+        number = token.partition("-")[0]
+        is_number = number.isascii() and number.isdecimal() and len(number) <= len(str(MAX_LINKS))
+        if not is_number or not hmac.compare_digest(
+            self.token(int(number)).encode(), token.encode()
+        ):
+            return "the signature of the link is wrong"
+        if self.list_of(int(number)) != list_number:
+            return "the link belongs to another list"
+        return None
 
 
 def read_key(path: Path) -> Key:
@@ -149,7 +209,7 @@ def read_key(path: Path) -> Key:
     if not path.is_file():
         raise RunError(f"There is no key at {path}; name the key.json of `researcher_only`.")
     try:
-        return _key_of(read_object(path, MAX_KEY_BYTES))
+        return read_checked(path, Key, MAX_KEY_BYTES)
     except FieldError as error:
         raise RunError(
             f"{path.name} is not the key of a study: {error}; use the file that the export wrote."
@@ -158,100 +218,13 @@ def read_key(path: Path) -> Key:
 
 def write_key(key: Key, path: Path) -> None:
     """Write it so that no half-written key ever stands at ``path``; only its owner may read it."""
+    written = {"format": key.format, **adapter(Key).dump_python(key, mode="json")}
+    for trial in written["trials"].values():
+        if trial["expected"] is None:
+            del trial["expected"]
+    for name in ("link_secret", "made_of"):
+        if written[name] is None:
+            del written[name]
     with written_atomically(path) as part:
         part.touch(mode=0o600)
-        part.write_text(json.dumps(_json_of(key), indent=1, allow_nan=False) + "\n", "utf-8")
-
-
-def _key_of(fields: Fields) -> Key:
-    if fields.raw("format") != FORMAT:
-        raise FieldError(f"`format` must be {FORMAT}")
-    return Key(
-        study=fields.text("study"),
-        title=fields.text("title"),
-        protocol=fields.one_of("protocol", PROTOCOLS),
-        systems=fields.texts("systems", MAX_SYSTEMS),
-        questions=tuple(
-            Question(item.text("id"), item.text("text"), item.one_of("kind", QUESTION_KINDS))
-            for item in fields.objects("questions", MAX_QUESTIONS)
-        ),
-        videos={name: _video_of(item) for name, item in fields.named_objects("videos").items()},
-        trials={name: _trial_of(item) for name, item in fields.named_objects("trials").items()},
-        lists=_lists_of(fields.inner("lists")),
-        max_failed=fields.inner("attention_rule").whole("max_failed", 0, MAX_TRIALS_OF_LIST),
-        participants=fields.whole("participants", 1, MAX_PARTICIPANTS),
-        video_s=_seconds(fields.raw("video_s")),
-        link_secret=fields.text_or_none("link_secret"),
-    )
-
-
-def _seconds(value: Any) -> float | None:
-    if value is None:
-        return None
-    if not is_number(value) or not 0 < value <= MAX_VIDEO_S:
-        raise FieldError(f"`video_s` must be a number up to {MAX_VIDEO_S:g}")
-    return float(value)
-
-
-def _video_of(item: Fields) -> Video:
-    return Video(
-        system=item.text("system"),
-        clip=item.text("clip"),
-        speech=item.text_or_none("speech"),
-        view=item.text("view"),
-        sha256=item.text("sha256"),
-    )
-
-
-def _trial_of(item: Fields) -> Trial:
-    expected = None
-    if item.raw("expected") is not None:
-        inner = item.inner("expected")
-        value = inner.raw("value")
-        if not (is_text(value) or is_number(value)):
-            raise FieldError("an expected `value` must be a text or a number")
-        expected = Expected(inner.text("question"), value)
-    return Trial(
-        kind=item.one_of("kind", TRIAL_KINDS),
-        clip=item.text("clip"),
-        videos=item.texts("videos", MAX_VIDEOS_OF_TRIAL),
-        questions=item.texts("questions", MAX_QUESTIONS),
-        expected=expected,
-    )
-
-
-def _lists_of(fields: Fields) -> dict[int, tuple[str, ...]]:
-    names = fields.names()
-    if len(names) > MAX_PARTICIPANTS or not all(name.isdecimal() for name in names):
-        raise FieldError(f"`lists` must have at most {MAX_PARTICIPANTS} numbers as names")
-    return {int(name): fields.texts(name, MAX_TRIALS_OF_LIST) for name in names}
-
-
-def _json_of(key: Key) -> dict[str, Any]:
-    return {
-        "format": FORMAT,
-        "study": key.study,
-        "title": key.title,
-        "protocol": key.protocol,
-        "systems": list(key.systems),
-        "questions": [vars(question) for question in key.questions],
-        "videos": {name: vars(video) for name, video in key.videos.items()},
-        "trials": {name: _trial_json(trial) for name, trial in key.trials.items()},
-        "lists": {str(number): list(trials) for number, trials in key.lists.items()},
-        "attention_rule": {"max_failed": key.max_failed},
-        "participants": key.participants,
-        "video_s": key.video_s,
-        **({} if key.link_secret is None else {"link_secret": key.link_secret}),
-    }
-
-
-def _trial_json(trial: Trial) -> dict[str, Any]:
-    fields: dict[str, Any] = {
-        "kind": trial.kind,
-        "clip": trial.clip,
-        "videos": list(trial.videos),
-        "questions": list(trial.questions),
-    }
-    if trial.expected is not None:
-        fields["expected"] = vars(trial.expected)
-    return fields
+        part.write_text(json.dumps(written, indent=1, allow_nan=False) + "\n", "utf-8")

@@ -1,4 +1,4 @@
-"""From a plan to stimuli, trials and lists of pages, balanced in order and side.
+"""From a plan to stimuli, trials and lists of pages, balanced in order and side, and what they ask.
 
 Everything here follows from the plan and its seed. Random ids are given afterwards, so that an
 export that is resumed keeps them (`app.study.design.blinding`).
@@ -7,123 +7,16 @@ export that is resumed keeps them (`app.study.design.blinding`).
 from __future__ import annotations
 
 import itertools
-from collections import Counter
-from collections.abc import Sequence
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.errors import RunError
-from app.study.design.key import MAX_TRIALS_OF_LIST
-from app.study.design.plan import CHOICE_VALUES, Plan
-
-
-def williams_square(size: int) -> list[list[int]]:
-    """Orders of ``size`` treatments, balanced for position and for what comes before what.
-
-    Over all rows each treatment stands equally often in each place and directly follows each other
-    one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is odd.
-    """
-    zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(size)]
-    rows = [[(start + step) % size for step in zigzag] for start in range(size)]
-    if size % 2 == 0:
-        return rows
-    return [order for row in rows for order in (row, row[::-1])]
-
-
-def is_first_left(first: int, second: int, num_systems: int, scene: int) -> bool:
-    """Which of two systems stands left, so that within a scene each is left as often as right.
-
-    Systems stand on a circle and each is left of those on the half that follows it; opposite ones
-    (an even number of systems) take turns from scene to scene.
-    """
-    ahead = (second - first) % num_systems
-    if 2 * ahead == num_systems:
-        return (min(first, second) == first) == (scene % 2 == 0)
-    return 2 * ahead < num_systems
-
-
-@dataclass(frozen=True)
-class Balance:
-    """What was reached; a spread is the largest count minus the smallest, 0 is perfect."""
-
-    appearances_spread: int
-    """Over trials: in how many lists."""
-    position_spread: int
-    """Over trials and places."""
-    follows_spread: int
-    """Over ordered pairs of trials: how often one directly follows the other."""
-    first_place_spread_within_trial: int
-    """Largest over trials: over its videos, how often each is shown first (left)."""
-    first_place_unfairness: float
-    """Largest over lists and systems: times shown first minus its fair share of them, unsigned."""
-    first_place_shares: dict[str, float]
-    """By system: how often it is first where it is shown, over all lists."""
-
-
-def measure_balance(
-    lists: Sequence[Sequence[tuple[str, Sequence[str]]]],
-    system_of: dict[str, str],
-) -> Balance:
-    """How balanced lists of (trial, videos as shown) are; attention checks show none.
-
-    Args:
-        system_of: system (or condition) behind each video.
-    """
-    shown_lists = [[page for page in pages if page[1]] for pages in lists]
-    trials = sorted({trial for pages in shown_lists for trial, _ in pages})
-    places = range(max((len(pages) for pages in shown_lists), default=0))
-    position = Counter(
-        (trial, place) for pages in shown_lists for place, (trial, _) in enumerate(pages)
-    )
-    follows = Counter(
-        (before[0], after[0])
-        for pages in shown_lists
-        for before, after in itertools.pairwise(pages)
-    )
-    first = Counter((trial, shown[0]) for pages in shown_lists for trial, shown in pages)
-    videos = {trial: shown for pages in shown_lists for trial, shown in pages}
-    return Balance(
-        appearances_spread=_spread(
-            [sum(position[trial, place] for place in places) for trial in trials]
-        ),
-        position_spread=_spread([position[trial, place] for trial in trials for place in places]),
-        follows_spread=_spread([follows[pair] for pair in itertools.permutations(trials, 2)]),
-        first_place_spread_within_trial=max(
-            (_spread([first[trial, video] for video in videos[trial]]) for trial in trials),
-            default=0,
-        ),
-        first_place_unfairness=max(
-            (_unfairness(pages, system_of) for pages in shown_lists), default=0.0
-        ),
-        first_place_shares=_first_place_shares(shown_lists, system_of),
-    )
-
-
-def _unfairness(pages: Sequence[tuple[str, Sequence[str]]], system_of: dict[str, str]) -> float:
-    """How far a system is from being first as often as it should, in trials."""
-    excess: dict[str, float] = {}
-    for _, shown in pages:
-        for place, video in enumerate(shown):
-            system = system_of[video]
-            excess[system] = excess.get(system, 0.0) + (place == 0) - 1 / len(shown)
-    return round(max((abs(value) for value in excess.values()), default=0.0), 4)
-
-
-def _first_place_shares(
-    lists: Sequence[Sequence[tuple[str, Sequence[str]]]], system_of: dict[str, str]
-) -> dict[str, float]:
-    pages = [page for pages in lists for page in pages]
-    first = Counter(system_of[shown[0]] for _, shown in pages)
-    total = Counter(system_of[video] for _, shown in pages for video in shown)
-    return {name: round(first[name] / total[name], 4) for name in sorted(total)}
-
-
-def _spread(counts: Sequence[int]) -> int:
-    return max(counts) - min(counts) if counts else 0
-
-
-KIND_OF_PROTOCOL = {"pairwise": "pair", "matched": "match", "ranking": "rank", "rating": "rate"}
+from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, TrialKind
+from app.study.design.plan import CHOICES, Choice, Plan
 
 
 @dataclass(frozen=True, order=True)
@@ -141,11 +34,11 @@ class Stimulus:
 class PlannedTrial:
     """One page. ``stimuli`` stand in the order in which participant 0 sees them."""
 
-    kind: str
+    kind: TrialKind
     clip: str
     stimuli: tuple[Stimulus, ...] = ()
-    press: str | None = None
-    """Attention checks: which of `CHOICE_VALUES` the page says to press."""
+    press: Choice | None = None
+    """Attention checks: what the page says to press."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +67,7 @@ def make_design(plan: Plan) -> Design:
         RunError: if there are more trials in a list than can be handled.
     """
     rng = np.random.default_rng(plan.seed)
-    trials = _MAKERS[plan.protocol](plan)
+    trials = {"pairwise": _pairs, "matched": _matches}.get(plan.protocol, _groups)(plan)
     count = min(plan.trials_per_participant or len(trials), len(trials))
     if count + plan.attention_checks > MAX_TRIALS_OF_LIST:
         raise RunError(
@@ -182,18 +75,18 @@ def make_design(plan: Plan) -> Design:
             "handled, so set `trials_per_participant`."
         )
     checks = [
-        PlannedTrial("attention", "attention", press=CHOICE_VALUES[index % 2])
+        PlannedTrial("attention", "attention", press=CHOICES[index % 2])
         for index in range(plan.attention_checks)
     ]
-    orders = _orders(len(trials), count, plan.participants, rng)
     lists = []
-    for participant, order in enumerate(orders):
+    for participant, order in enumerate(_orders(len(trials), count, plan.participants, rng)):
         pages = [Page(index, _shown(trials[index], index, participant)) for index in order]
         for number, place in enumerate(_check_places(count, len(checks), rng)):
             pages.insert(place + number, Page(len(trials) + number, ()))
         lists.append(tuple(pages))
-    stimuli = sorted({stimulus for trial in trials for stimulus in trial.stimuli}, key=_sort_key)
-    return Design(tuple(stimuli), (*trials, *checks), tuple(lists))
+    stimuli = {stimulus for trial in trials for stimulus in trial.stimuli}
+    in_order = sorted(stimuli, key=lambda one: (one.clip, one.view, one.system, one.speech or ""))
+    return Design(tuple(in_order), (*trials, *checks), tuple(lists))
 
 
 def other_speech(plan: Plan) -> dict[str, str]:
@@ -215,9 +108,8 @@ def _pairs(plan: Plan) -> list[PlannedTrial]:
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
         for first, second in itertools.combinations(range(len(names)), 2):
-            order = (first, second)
-            if not is_first_left(first, second, len(names), scene):
-                order = (second, first)
+            is_left = is_first_left(first, second, len(names), scene)
+            order = (first, second) if is_left else (second, first)
             stimuli = tuple(Stimulus(names[index], clip, None, view) for index in order)
             trials.append(PlannedTrial("pair", clip, stimuli))
     return trials
@@ -229,9 +121,7 @@ def _matches(plan: Plan) -> list[PlannedTrial]:
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
         for index, system in enumerate(plan.systems):
-            speeches = (clip, wrong[clip])
-            if (scene + index) % 2:
-                speeches = speeches[::-1]
+            speeches = (clip, wrong[clip])[:: -1 if (scene + index) % 2 else 1]
             stimuli = tuple(Stimulus(system.name, clip, speech, view) for speech in speeches)
             trials.append(PlannedTrial("match", clip, stimuli))
     return trials
@@ -242,15 +132,35 @@ def _groups(plan: Plan) -> list[PlannedTrial]:
     kind = KIND_OF_PROTOCOL[plan.protocol]
     return [
         PlannedTrial(
-            kind,
-            clip,
-            tuple(Stimulus(system.name, clip, clip, view) for system in plan.systems),
+            kind, clip, tuple(Stimulus(one.name, clip, clip, view) for one in plan.systems)
         )
         for clip, view in _scenes(plan)
     ]
 
 
-_MAKERS = {"pairwise": _pairs, "matched": _matches, "ranking": _groups, "rating": _groups}
+def is_first_left(first: int, second: int, num_systems: int, scene: int) -> bool:
+    """Which of two systems stands left, so that within a scene each is left as often as right.
+
+    Systems stand on a circle and each is left of those on the half that follows it; opposite ones
+    (an even number of systems) take turns from scene to scene.
+    """
+    ahead = (second - first) % num_systems
+    if 2 * ahead == num_systems:
+        return (min(first, second) == first) == (scene % 2 == 0)
+    return 2 * ahead < num_systems
+
+
+def williams_square(size: int) -> list[list[int]]:
+    """Orders of ``size`` treatments, balanced for position and for what comes before what.
+
+    Over all rows each treatment stands equally often in each place and directly follows each other
+    one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is odd.
+    """
+    zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(size)]
+    rows = [[(start + step) % size for step in zigzag] for start in range(size)]
+    if size % 2 == 0:
+        return rows
+    return [order for row in rows for order in (row, row[::-1])]
 
 
 def _shown(trial: PlannedTrial, index: int, participant: int) -> tuple[Stimulus, ...]:
@@ -282,11 +192,133 @@ def _orders(
 
 
 def _check_places(count: int, num_checks: int, rng: np.random.Generator) -> list[int]:
-    """Before which trial each attention check stands: evenly spread, give or take one."""
+    """Before which trial each attention check stands: evenly spread, give or take one, and no two
+    in a row as long as there are trials to keep them apart."""
     middles = [(i + 1) * count / (num_checks + 1) for i in range(num_checks)]
     shifted = [round(middle) + int(rng.integers(-1, 2)) for middle in middles]
-    return sorted(min(max(place, 0), count) for place in shifted)
+    places = sorted(min(max(place, 0), count) for place in shifted)
+    for i in range(1, num_checks):
+        places[i] = max(places[i], places[i - 1] + 1)
+    return [max(0, min(place, count - num_checks + 1 + i)) for i, place in enumerate(places)]
 
 
-def _sort_key(stimulus: Stimulus) -> tuple[str, str, str, str]:
-    return (stimulus.clip, stimulus.view, stimulus.system, stimulus.speech or "")
+@dataclass(frozen=True)
+class Balance:
+    """What was reached; a spread is the largest count minus the smallest, 0 is perfect."""
+
+    appearances_spread: int
+    """Over trials: in how many lists."""
+    position_spread: int
+    """Over trials and places."""
+    follows_spread: int
+    """Over ordered pairs of trials: how often one directly follows the other."""
+    first_place_spread_within_trial: int
+    """Largest over trials: over its videos, how often each is shown first (left)."""
+    first_place_unfairness: float
+    """Largest over lists and systems: times shown first minus its fair share of them, unsigned."""
+    first_place_shares: dict[str, float]
+    """By condition: how often it is first where it is shown, over all lists."""
+
+
+def measure_balance(design: Design) -> Balance:
+    """How balanced the lists are, attention checks aside; right and wrong speech are conditions."""
+    is_matched = any(trial.kind == "match" for trial in design.trials)
+    lists = [[page for page in pages if page.shown] for pages in design.lists]
+    pages = list(itertools.chain.from_iterable(lists))
+    trials = sorted({page.trial for page in pages})
+    places = range(max(map(len, lists), default=0))
+    position = Counter((page.trial, place) for each in lists for place, page in enumerate(each))
+    follows = Counter(
+        (before.trial, after.trial) for each in lists for before, after in itertools.pairwise(each)
+    )
+    first = Counter((page.trial, page.shown[0]) for page in pages)
+    shown = {page.trial: page.shown for page in pages}
+
+    def label(stimulus: Stimulus) -> str:
+        kind = "matched" if stimulus.speech == stimulus.clip else "mismatched"
+        return f"{stimulus.system} ({kind})" if is_matched else stimulus.system
+
+    unfairness = 0.0
+    for each in lists:
+        excess: dict[str, float] = defaultdict(float)
+        for page in each:
+            for place, stimulus in enumerate(page.shown):
+                excess[label(stimulus)] += (place == 0) - 1 / len(page.shown)
+        unfairness = max(unfairness, *map(abs, excess.values()))
+    is_first = Counter(label(page.shown[0]) for page in pages)
+    total = Counter(label(stimulus) for page in pages for stimulus in page.shown)
+    return Balance(
+        appearances_spread=_spread(
+            sum(position[trial, place] for place in places) for trial in trials
+        ),
+        position_spread=_spread(position[trial, place] for trial in trials for place in places),
+        follows_spread=_spread(follows[pair] for pair in itertools.permutations(trials, 2)),
+        first_place_spread_within_trial=max(
+            (_spread(first[trial, each] for each in shown[trial]) for trial in trials), default=0
+        ),
+        first_place_unfairness=round(unfairness, 4),
+        first_place_shares={name: round(is_first[name] / total[name], 4) for name in sorted(total)},
+    )
+
+
+def _spread(counts: Iterable[int]) -> int:
+    counts = list(counts)
+    return max(counts) - min(counts) if counts else 0
+
+
+BEFORE_S, ANSWER_S, USUAL_LENGTH_S = 60.0, 8.0, 10.0
+"""What reading and practice take, an answer, and a video of which the plan does not say it."""
+_WHAT = {
+    "pair": ("vote", "pair of systems"),
+    "match": ("vote", "system"),
+    "rank": ("ranking", "system"),
+    "rate": ("rating", "system"),
+}
+"""By kind of trial: what a page gives, and to whom it is counted."""
+
+
+@dataclass(frozen=True)
+class StudySize:
+    """What a study asks, and how many votes it brings, of all lists, if all participants finish."""
+
+    minutes: int
+    """What the longest list takes: each video once, and for each page the time of an answer."""
+    num_pages: int
+    """Of the longest list, attention checks among them."""
+    kind: str
+    """Of its trials."""
+    fewest: int
+    """Votes for the pair of systems, or the system, that is shown least often."""
+    most: int
+
+    def sentence(self) -> str:
+        """For the researcher."""
+        vote, whom = _WHAT[self.kind]
+        count = f"{self.fewest}" if self.fewest == self.most else f"{self.fewest} to {self.most}"
+        minutes, pages = self.minutes, self.num_pages
+        return (
+            f"About {minutes} minute{'s' * (minutes != 1)} and {pages} page{'s' * (pages != 1)} "
+            f"for each participant; {count} {vote}{'s' * (self.most != 1)} for each {whom} if all "
+            "finish."
+        )
+
+
+def size_of(plan: Plan, design: Design) -> StudySize:
+    """Counted from the design, before any video is made."""
+    length_s = plan.length_s or USUAL_LENGTH_S
+    seconds = max(
+        sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists
+    )
+    num_shown = 2 if plan.protocol == "pairwise" else 1
+    names = sorted(system.name for system in plan.systems)
+    votes = Counter({group: 0 for group in itertools.combinations(names, num_shown)})
+    for page in itertools.chain.from_iterable(design.lists):
+        shown = sorted({stimulus.system for stimulus in page.shown})
+        votes.update(itertools.combinations(shown, num_shown))
+    return StudySize(
+        minutes=math.ceil((BEFORE_S + seconds) / 60),
+        num_pages=max(map(len, design.lists)),
+        kind=KIND_OF_PROTOCOL[plan.protocol],
+        fewest=min(votes.values()),
+        most=max(votes.values()),
+    )

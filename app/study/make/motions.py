@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from app.errors import CancelledRun, RunError
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
-from app.study.design.plan import Clip, Generator, Plan, PlannedSystem
+from app.study.design.plan import Clip, Condition, Plan
 from app.study.make.workspace import sha256
 from conventions.rates import FPS, SAMPLE_RATE
 
@@ -48,9 +49,8 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
     Raises:
         RunError, SpeechError, MotionError: with one sentence, before anything is made.
     """
-    sources = tuple(read_source(plan, clip) for clip in plan.clips)
-    first = sources[0]
-    for source in sources if plan.protocol == "matched" else ():
+    first, *others = sources = tuple(read_source(plan, clip) for clip in plan.clips)
+    for source in others if plan.protocol == "matched" else ():
         if source.num_frames != first.num_frames:
             raise RunError(
                 f"Matched and mismatched speech must be equally long, but {first.clip.name!r} has "
@@ -62,26 +62,35 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
 
 def read_source(plan: Plan, clip: Clip) -> Source:
     """As `read_sources`, of one clip."""
+    from model.formats.read import read_any_motion
+    from model.speech.audio import load_speech
+
     files: dict[str, str] = {}
     speech = None
-    if clip.speech is not None:
-        speech = _read_speech(clip)
-        files["speech"] = speech.sha256
-    motions = {}
-    for system in plan.systems:
-        if system.motions is not None:
-            motions[system.name], files[system.name] = _read_motion(system, clip)
-    _refuse_same_files(clip, {name: files[name] for name in motions})
+    lengths: dict[str, int] = {}
     start = round(clip.start_s * FPS)
-    lengths = {f"the motion of {name!r}": m.num_frames - start for name, m in motions.items()}
-    if speech is not None:
+    motions: dict[str, Motion] = {}
+    for system in plan.systems:
+        name = system.name
+        if system.motion is not None:
+            path = _existing(system.motion[clip.name], f"motion of {name!r} for clip {clip.name!r}")
+            motions[name], digest = read_any_motion(path).motion, sha256(path)
+            for other in (other for other, same in files.items() if same == digest):
+                raise RunError(
+                    f"The systems {other!r} and {name!r} have the same motion file for clip "
+                    f"{clip.name!r}; a comparison needs different ones."
+                )
+            files[name] = digest
+            lengths[f"the motion of {name!r}"] = motions[name].num_frames - start
+    if clip.speech is not None:
+        speech = load_speech(_existing(clip.speech, f"speech of clip {clip.name!r}"))
+        files = {"speech": speech.sha256, **files}
         lengths["the speech"] = round(FPS * (speech.duration_s - clip.start_s))
     num_frames = _common_length(plan, clip, lengths)
-    frames = slice(start, start + num_frames)
     plans = {}
     for system in plan.systems:
-        if system.plans is not None:
-            path = system.plans[clip.name]
+        if system.plan is not None:
+            path = system.plan[clip.name]
             plans[system.name] = _read_plan(system, clip, path, num_frames / FPS)
             files[f"plan of {system.name}"] = sha256(path)
     return Source(
@@ -89,56 +98,29 @@ def read_source(plan: Plan, clip: Clip) -> Source:
         num_frames=num_frames,
         speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
         files=files,
-        recorded={name: motion.part(frames) for name, motion in motions.items()},
+        recorded={
+            name: motion.part(slice(start, start + num_frames)) for name, motion in motions.items()
+        },
         plans=plans,
     )
 
 
-def _read_speech(clip: Clip) -> Speech:
-    from model.speech.audio import load_speech
-
-    assert clip.speech is not None
-    if not clip.speech.is_file():
-        raise RunError(f"The speech of clip {clip.name!r} is missing: there is no {clip.speech}.")
-    return load_speech(clip.speech)
-
-
-def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
-    from model.formats.read import read_any_motion
-
-    assert system.motions is not None
-    path = system.motions[clip.name]
+def _existing(path: Path, what: str) -> Path:
     if not path.is_file():
-        raise RunError(
-            f"The motion of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
-        )
-    return read_any_motion(path).motion, sha256(path)
+        raise RunError(f"The {what} is missing: there is no {path}.")
+    return path
 
 
-def _read_plan(system: PlannedSystem, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
+def _read_plan(system: Condition, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
     from app.run.takes.edits import as_long_as
     from model.plan.files import read_plan_file
     from model.plan.plan import PlanError
 
-    if not path.is_file():
-        raise RunError(
-            f"The plan of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
-        )
+    what = f"plan of {system.name!r} for clip {clip.name!r}"
     try:
-        return as_long_as(read_plan_file(path).plan, duration_s)
+        return as_long_as(read_plan_file(_existing(path, what)).plan, duration_s)
     except PlanError as error:
-        raise RunError(f"The plan of {system.name!r} for clip {clip.name!r}: {error}") from None
-
-
-def _refuse_same_files(clip: Clip, motions: Mapping[str, str]) -> None:
-    seen: dict[str, str] = {}
-    for name, digest in motions.items():
-        if digest in seen:
-            raise RunError(
-                f"The systems {seen[digest]!r} and {name!r} have the same motion file for clip "
-                f"{clip.name!r}; a comparison needs different ones."
-            )
-        seen[digest] = name
+        raise RunError(f"The {what}: {error}") from None
 
 
 def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
@@ -188,16 +170,18 @@ def shown_motions(
         CancelledRun: when ``should_cancel`` said so.
         UnknownNameError, CheckpointError, BodyError: each with one sentence.
     """
-    motions: dict[str, Motion] = {}
-    for system in plan.systems:
-        if system.generator is None:
-            motions[system.name] = source.recorded[system.name]
-        else:
-            given = source.plans.get(system.name)
-            motions[system.name] = _generate(
-                system.generator, given, source, weights, should_cancel
+    motions = {
+        system.name: source.recorded[system.name]
+        if system.motion is not None
+        else _generate(system, source, weights, should_cancel)
+        for system in plan.systems
+    }
+    for (one, first), (other, second) in itertools.combinations(motions.items(), 2):
+        if np.array_equal(first.poses, second.poses) and np.array_equal(first.trans, second.trans):
+            raise RunError(  # other bytes may hold the same motion
+                f"The systems {one!r} and {other!r} move exactly alike in clip "
+                f"{source.clip.name!r}; a comparison needs different motion."
             )
-    _refuse_same_motions(source.clip, motions)
     bases = sorted({motion.expression_basis for motion in motions.values()})
     if plan.face == "moving" and len(bases) > 1:
         raise RunError(
@@ -209,19 +193,11 @@ def shown_motions(
 
 
 def _generate(
-    generator: Generator,
-    given: GesturePlan | None,
-    source: Source,
-    weights: Path,
-    should_cancel: Callable[[], bool],
+    system: Condition, source: Source, weights: Path, should_cancel: Callable[[], bool]
 ) -> Motion:
     """From the excerpt alone: the system hears what the participants hear. No two clips share
     noise, or participants would see the same gestures again and again; conditions of one system and
-    seed share it, and the plan that a style changes.
-
-    Args:
-        given: what is performed; None draws it from the speech.
-    """
+    seed share it, and the plan that a style changes."""
     from model.generation.clip_noise import clip_seed
     from model.generation.windows import (
         Cancelled,
@@ -231,42 +207,27 @@ def _generate(
     )
     from model.motion.filtering import smooth_motion
 
-    assert source.speech is not None
-    system = get_system(generator.system, weights)
+    assert source.speech is not None and system.system is not None
+    loaded = get_system(system.system, weights)
     options = GenerateOptions(
-        speaker=generator.speaker or next(iter(system.speakers)),
-        seed=clip_seed(generator.seed, source.clip.name),
-        steps=generator.steps,
-        sampler=generator.sampler,
+        speaker=system.speaker or next(iter(loaded.speakers)),
+        seed=clip_seed(system.seed, source.clip.name),
+        steps=system.steps,
+        sampler=system.sampler,
     )
-    if given is not None:
+    if (given := source.plans.get(system.name)) is not None:
         options = replace(options, conditions=(given,))
-    if generator.style is not None:
-        plans = options.conditions or draw_conditions(system, source.speech, options)
-        options = replace(options, conditions=tuple(generator.style.done(p).plan for p in plans))
+    if system.style is not None:
+        plans = options.conditions or draw_conditions(loaded, source.speech, options)
+        options = replace(options, conditions=tuple(system.style.done(p).plan for p in plans))
     try:
-        (motion,) = generate_motion(system, source.speech, options, should_cancel=should_cancel)
+        (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
     except Cancelled as error:
         raise CancelledRun from error
-    return smooth_motion(motion) if generator.post_filter == "savgol" else motion
+    return smooth_motion(motion) if system.post_filter == "savgol" else motion
 
 
-def _refuse_same_motions(clip: Clip, motions: Mapping[str, Motion]) -> None:
-    """Other bytes may hold the same motion."""
-    names = list(motions)
-    for i, name in enumerate(names):
-        for other in names[:i]:
-            first, second = motions[other], motions[name]
-            if np.array_equal(first.poses, second.poses) and np.array_equal(
-                first.trans, second.trans
-            ):
-                raise RunError(
-                    f"The systems {other!r} and {name!r} move exactly alike in clip "
-                    f"{clip.name!r}; a comparison needs different motion."
-                )
-
-
-def _alike(motion: Motion, face: str, body: Body) -> BodyMotion:
+def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> BodyMotion:
     """The mean body, standing on the floor in the middle of the picture."""
     from renderer.scene.stage import set_stage
 

@@ -11,6 +11,7 @@ import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,15 +35,6 @@ class Track:
     """Bytes of each sample: the stream itself, without the file around it."""
     description: bytes
     """The codec's settings (`stsd`), and how its samples are timed (`stts`, `elst`)."""
-
-    @property
-    def num_samples(self) -> int:
-        return len(self.sizes)
-
-    @property
-    def num_bytes(self) -> int:
-        """Of all samples."""
-        return sum(self.sizes)
 
 
 @dataclass(frozen=True)
@@ -70,17 +62,23 @@ def read_mp4(path: Path) -> Mp4:
     """
     data = path.read_bytes()
     try:
-        boxes = list(_boxes(data, 0, len(data)))
+        boxes = [(kind, data[start:end]) for kind, start, end in _places(data, 0, len(data))]
         if not any(kind == b"moov" for kind, _ in boxes):
             raise ValueError("it has no `moov` box")
+        tracks: list[dict[bytes, bytes]] = []
+        for kind, body in boxes:
+            if kind == b"trak":
+                tracks.append({})
+            if tracks:
+                tracks[-1].setdefault(kind, body)
         return Mp4(
             num_bytes=len(data),
             boxes=tuple(kind.decode("latin-1") for kind, _ in boxes),
-            has_times=any(any(_times(body)) for kind, body in boxes if kind in _TIMED),
+            has_times=any(any(_numbers(body)[:2]) for kind, body in boxes if kind in _TIMED),
             names=tuple(body[24:].rstrip(b"\0") for kind, body in boxes if kind == b"hdlr"),
-            tracks=tuple(_tracks(boxes)),
+            tracks=tuple(map(_track, tracks)),
         )
-    except (ValueError, IndexError) as error:
+    except (ValueError, LookupError) as error:
         raise RunError(f"{path.name} is no whole mp4 file: {error}.") from error
 
 
@@ -93,14 +91,8 @@ def blank_user_data(path: Path) -> None:
     path.write_bytes(data)
 
 
-def _boxes(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, bytes]]:
-    """All boxes with their contents, containers before what they hold."""
-    for kind, begin, finish in _places(data, start, end):
-        yield kind, data[begin:finish]
-
-
 def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
-    """All boxes: kind, and where their contents begin and end."""
+    """All boxes, containers before what they hold: kind, and where their contents begin and end."""
     while start < end:
         size, kind = int.from_bytes(data[start : start + 4], "big"), data[start + 4 : start + 8]
         header = 8
@@ -114,37 +106,30 @@ def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int
         start += size
 
 
-def _tracks(boxes: list[tuple[bytes, bytes]]) -> Iterator[Track]:
-    starts = [i for i, (kind, _) in enumerate(boxes) if kind == b"trak"]
-    for start, end in zip(starts, [*starts[1:], len(boxes)], strict=True):
-        found = {kind: body for kind, body in reversed(boxes[start:end])}
-        header, sizes = found[b"mdhd"], found[b"stsz"]
-        at = 20 if header[0] == 1 else 12
-        scale = int.from_bytes(header[at : at + 4], "big")
-        length = 8 if header[0] == 1 else 4
-        units = int.from_bytes(header[at + 4 : at + 4 + length], "big")
-        fixed, count = (int.from_bytes(sizes[i : i + 4], "big") for i in (4, 8))
-        if not fixed and len(sizes) < 12 + 4 * count:
-            raise ValueError(f"it names {count} samples and not their sizes")
-        each = (int.from_bytes(sizes[12 + 4 * i : 16 + 4 * i], "big") for i in range(count))
-        yield Track(
-            handler=found[b"hdlr"][8:12].decode("latin-1"),
-            duration=units / scale,
-            sizes=(fixed,) * count if fixed else tuple(each),
-            description=_settings(found),
-        )
-
-
-def _settings(found: dict[bytes, bytes]) -> bytes:
+def _track(found: dict[bytes, bytes]) -> Track:
+    _, _, scale, units = _numbers(found[b"mdhd"])
+    sizes = found[b"stsz"]
+    fixed, count, *each = np.frombuffer(sizes[4 : 4 + (len(sizes) - 4) // 4 * 4], ">u4").tolist()
+    if not fixed and len(each) < count:
+        raise ValueError(f"it names {count} samples and not their sizes")
     kinds = (b"stsd", b"stts", b"elst", b"tkhd")
-    return b"|".join(found.get(kind, b"") for kind in kinds)
+    return Track(
+        handler=found[b"hdlr"][8:12].decode("latin-1"),
+        duration=units / scale,
+        sizes=(fixed,) * count if fixed else tuple(each[:count]),
+        description=b"|".join(found.get(kind, b"") for kind in kinds),
+    )
 
 
-def _times(header: bytes) -> tuple[int, int]:
-    """Creation and modification time of an `mvhd`, `tkhd` or `mdhd`."""
+def _numbers(header: bytes) -> tuple[int, int, int, int]:
+    """Of an `mvhd` or `mdhd` creation and modification time, time scale and duration; a `tkhd`
+    begins with the same times."""
     length = 8 if header[0] == 1 else 4
-    first, second = header[4 : 4 + length], header[4 + length : 4 + 2 * length]
-    return int.from_bytes(first, "big"), int.from_bytes(second, "big")
+    ends = np.cumsum([4, length, length, 4, length])
+    first, second, scale, units = (
+        int.from_bytes(header[start:end], "big") for start, end in pairwise(ends.tolist())
+    )
+    return first, second, scale, units
 
 
 _START_CODE = re.compile(rb"\x00{2,3}\x01")

@@ -15,14 +15,13 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from app.study.design.key import Key
-from app.study.statistics.jitter_join import JitterJoin
-from app.study.statistics.preference import Interval
 from app.study.statistics.results import QuestionResult
+from app.study.statistics.shares import Number
 from conventions.names import printable
 
 INK = "#1f2933"
@@ -34,6 +33,7 @@ HATCHES = ("", "///", "...", "xx")
 LINE_LENGTH = 14
 """Characters of a question's name in one line under its bars."""
 WIDTH_IN = 5.0
+RATIO_TICKS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 ROW_IN = 0.38
 LONGEST_NAME = 26
 """Characters of a system's name that figures show."""
@@ -64,22 +64,29 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
     Shares in percent (of votes, of first places or of right choices), with chance as a line; mean
     ratings for sliders.
     """
+    label, chance = {
+        "right_choices": ("matching speech picked (%)", 50.0),
+        "first_places": ("ranked first (%)", 100 / len(key.systems)),
+        "share_of_all_votes": ("preferred (% of votes)", 50.0),
+        "mean_rating": ("mean rating", None),
+    }[results[0].ends]
+    scale = 1 if results[0].ends == "mean_rating" else 100
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.add_subplot()
         count = len(key.systems)
         width = 0.8 / count
-        has_numbers = count * len(results) <= MOST_NUMBERS
         for group, result in enumerate(results):
-            for system in range(count):
+            for system, name in enumerate(key.systems):
                 at = group + (system - (count - 1) / 2) * width
-                bar = _bar(result, system)
-                if bar is None:
+                if (bar := result.one(result.ends, name)) is None:
                     continue
-                _draw_bar(axes, at, 0.92 * width, _fill(system, count), *bar)
-                if has_numbers:
-                    axes.text(at, 2, f"{bar[0]:.0f}", ha="center", fontsize=9, bbox=_PLATE)
-        chance = _chance(results, key)
+                value, low, high = (scale * each for each in bar.limits)
+                axes.bar(at, value, 0.92 * width, **_fill(system, count))
+                reach = [[value - low], [high - value]]
+                axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
+                if count * len(results) <= MOST_NUMBERS:
+                    axes.text(at, 2, f"{value:.0f}", ha="center", fontsize=9, bbox=_PLATE)
         if chance is not None:
             axes.axhline(chance, color=INK, lw=0.8, ls=(0, (4, 3)))
             beside = axes.get_yaxis_transform()
@@ -89,18 +96,10 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         axes.set_xlim(-0.5, len(results) - 0.5)
         axes.set_ylim(0, 108)
         axes.set_yticks(range(0, 101, 20))
-        axes.set_ylabel(_bar_label(results, key))
+        axes.set_ylabel(label)
         axes.tick_params(axis="x", length=0)
         _add_legend(figure, key)
     return figure
-
-
-def _draw_bar(
-    axes: Axes, at: float, width: float, fill: dict[str, Any], value: float, interval: Interval
-) -> None:
-    axes.bar(at, value, width, **fill)
-    reach = [[value - interval.low], [interval.high - value]]
-    axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
 
 
 def _add_legend(figure: Figure, key: Key) -> None:
@@ -115,65 +114,79 @@ def _add_legend(figure: Figure, key: Key) -> None:
         entry.set_text(name)  # given above, names that begin with "_" would be left out
 
 
-def pair_shares(result: QuestionResult, key: Key) -> Figure:
+def pair_shares(shares: Sequence[Number]) -> Figure:
     """Share of the first system of each pair with its interval, ordered as in the table."""
-    rows = [
-        (
-            _against(key.systems[pair.first], key.systems[pair.second]),
-            100 * pair.share.share,
-            Interval(100 * pair.share.interval.low, 100 * pair.share.interval.high),
-        )
-        for pair in result.pairs
-    ]
-    return _forest(rows, "votes for the first, ties half (%)", middle=50, limits=(0, 100))
+    rows = [(_against(str(one.first), str(one.second)), one) for one in shares]
+    label = "votes for the first, ties half (%)"
+    return _forest(rows, label, middle=50, limits=(0, 100), scale=100)
 
 
-def strengths(result: QuestionResult, key: Key) -> Figure:
+def strengths(found: Sequence[Number]) -> Figure:
     """Log-strengths from best to worst."""
-    found = result.strengths
-    assert found is not None
-    order = np.argsort(-found.log_strength)
-    rows = [
-        (_short(key.systems[i]), float(found.log_strength[i]), found.intervals[i]) for i in order
-    ]
+    rows = [(_short(str(one.first)), one) for one in _sorted(found)[::-1]]
     return _forest(rows, "log-strength (0 = the systems' mean)", middle=0, limits=None)
 
 
-def mean_values(result: QuestionResult, key: Key) -> Figure:
+def mean_values(result: QuestionResult) -> Figure:
     """Mean ranks or ratings, best first."""
-    found = result.means
-    assert found is not None
-    is_ranking = result.question.kind == "ranking"
-    order = np.argsort(found.mean if is_ranking else -found.mean)
-    rows = [(_short(key.systems[i]), float(found.mean[i]), found.intervals[i]) for i in order]
-    if is_ranking:
-        middle = (len(key.systems) + 1) / 2
-        return _forest(rows, "mean rank (1 = best)", middle, (1, len(key.systems)))
+    if ranks := _sorted(result.all("mean_rank")):
+        rows = [(_short(str(one.first)), one) for one in ranks]
+        return _forest(rows, "mean rank (1 = best)", (len(ranks) + 1) / 2, (1, len(ranks)))
+    rows = [(_short(str(one.first)), one) for one in _sorted(result.all("mean_rating"))[::-1]]
     return _forest(rows, "mean rating (0 to 100)", None, (0, 100))
 
 
-def jitter_points(found: JitterJoin) -> Figure:
+def _sorted(found: Sequence[Number]) -> list[Number]:
+    return sorted(found, key=lambda one: one.limits[0])
+
+
+def jitter_points(points: pd.DataFrame) -> Figure:
     """Each pair of videos: how much rougher one is, and how often the smoother was preferred."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
         axes = figure.add_subplot()
         axes.axhline(50, color=FAINT, lw=0.8, ls=(0, (4, 3)))
-        axes.scatter(
-            [point.jerk_ratio for point in found.points],
-            [100 * point.share for point in found.points],
-            s=[20 + 12 * point.because_smooth for point in found.points],
-            facecolor="#ffffff",
-            edgecolor=INK,
-            alpha=0.85,
-        )
+        look = {"facecolor": "#ffffff", "edgecolor": INK, "alpha": 0.85}
+        sizes = 20 + 12 * points["named"].astype(int)
+        axes.scatter(points["ratio"], 100 * points["share"], s=sizes, **look)
         axes.set_xscale("log")
-        ticks = _ratio_ticks(max(point.jerk_ratio for point in found.points))
+        ticks = [tick for tick in RATIO_TICKS if tick <= 1.3 * points["ratio"].to_numpy().max()]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_ylim(-4, 104)
         axes.set_xlabel("jerk of the rougher video / jerk of the smoother")
         axes.set_ylabel("votes for the smoother (%)")
         axes.set_title("larger circle: more votes named motion smoothness", fontsize=9, loc="left")
+    return figure
+
+
+def _forest(
+    rows: Sequence[tuple[str, Number]],
+    label: str,
+    middle: float | None,
+    limits: tuple[float, float] | None,
+    scale: float = 1,
+) -> Figure:
+    """Values with intervals, one below the other, names beside them."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * len(rows)), layout="constrained")
+        axes = figure.add_subplot()
+        if middle is not None:
+            axes.axvline(middle, color=FAINT, lw=1, ls=(0, (4, 3)))
+        places = np.arange(len(rows))[::-1]
+        for place, (_, found) in zip(places, rows, strict=True):
+            value, low, high = (scale * each for each in found.limits)
+            axes.plot([low, high], [place, place], color=INK, lw=1.6)
+            axes.plot(value, place, "o", color=INK, ms=5)
+        axes.set_yticks(places, [name for name, _ in rows])
+        axes.set_ylim(-0.6, len(rows) - 0.4)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+        if limits is not None:
+            margin = 0.02 * (limits[1] - limits[0])
+            axes.set_xlim(limits[0] - margin, limits[1] + margin)
+        axes.locator_params(axis="x", nbins=6)
+        axes.set_xlabel(label)
     return figure
 
 
@@ -196,62 +209,6 @@ def write_pdf(figure: Figure, path: Path) -> None:
     """For papers; fonts embedded as outlines."""
     with mpl.rc_context({**_STYLE, "pdf.fonttype": 42}):
         figure.savefig(path, format="pdf", metadata={"CreationDate": None})
-
-
-def _forest(
-    rows: Sequence[tuple[str, float, Interval]],
-    label: str,
-    middle: float | None,
-    limits: tuple[float, float] | None,
-) -> Figure:
-    """Values with intervals, one below the other, names beside them."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * len(rows)), layout="constrained")
-        axes = figure.add_subplot()
-        if middle is not None:
-            axes.axvline(middle, color=FAINT, lw=1, ls=(0, (4, 3)))
-        places = np.arange(len(rows))[::-1]
-        for place, (_, value, interval) in zip(places, rows, strict=True):
-            axes.plot([interval.low, interval.high], [place, place], color=INK, lw=1.6)
-            axes.plot(value, place, "o", color=INK, ms=5)
-        axes.set_yticks(places, [name for name, *_ in rows])
-        axes.set_ylim(-0.6, len(rows) - 0.4)
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        if limits is not None:
-            margin = 0.02 * (limits[1] - limits[0])
-            axes.set_xlim(limits[0] - margin, limits[1] + margin)
-        axes.locator_params(axis="x", nbins=6)
-        axes.set_xlabel(label)
-    return figure
-
-
-def _bar(result: QuestionResult, system: int) -> tuple[float, Interval] | None:
-    if result.question.kind == "slider":
-        found = result.means
-        return (float(found.mean[system]), found.intervals[system]) if found else None
-    for one in result.systems:
-        if one.system == system:
-            low, high = one.share.interval.low, one.share.interval.high
-            return 100 * one.share.share, Interval(100 * low, 100 * high)
-    return None
-
-
-def _bar_label(results: Sequence[QuestionResult], key: Key) -> str:
-    if key.protocol == "rating":
-        return "mean rating"
-    if key.protocol == "matched":
-        return "matching speech picked (%)"
-    if any(result.means is not None for result in results):
-        return "ranked first (%)"
-    return "preferred (% of votes)"
-
-
-def _chance(results: Sequence[QuestionResult], key: Key) -> float | None:
-    if key.protocol == "rating":
-        return None
-    is_ranking = any(result.means is not None for result in results)
-    return 100 / len(key.systems) if is_ranking else 50.0
 
 
 def _shade(system: int, count: int) -> tuple[float, float, float]:
@@ -279,8 +236,3 @@ def _against(first: str, second: str) -> str:
     first, second = _short(first), _short(second)
     gap = "  " if len(first) + len(second) <= LONGEST_NAME + 8 else "\n"
     return f"{first}{gap}vs  {second}"
-
-
-def _ratio_ticks(highest: float) -> list[float]:
-    ticks = [1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0]
-    return [tick for tick in ticks if tick <= 1.3 * highest]

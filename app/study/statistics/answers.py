@@ -2,60 +2,75 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, ConfigDict, Field, PlainValidator
+from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.fields import FieldError, Fields, is_number, is_text, read_object
-from app.study.design.key import MAX_QUESTIONS, MAX_VIDEOS_OF_TRIAL, Key, Question
-from app.study.design.links import doubt_of
+from app.study.design.checked import STRICT, FieldError, Text, checked, read_checked
+from app.study.design.key import Ids, Key, ListNumber, Question
 
-FORMAT = 1
 TIE = "tie"
 TRUTH_NAME = "truth.json"
 """What a simulation writes beside its answers; passed over in folders."""
-
 MAX_FILES = 10_000
 MAX_FILE_BYTES = 4 * 2**20
 MAX_ANSWERS = 10_000
-MAX_REASONS = 32
-MAX_COUNT = 10**9
 HIGHEST_RATING = 100
 
+Count = Annotated[int, Field(ge=0, le=10**9)]
+Time = Annotated[datetime, AfterValidator(lambda t: t if t.tzinfo else t.replace(tzinfo=UTC))]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, config=STRICT)
 class Answer:
     """One answer to one question of one trial."""
 
-    trial: str
-    question: str
-    shown: tuple[str, ...]
+    trial: Text
+    question: Text
+    shown: Ids
     """Blind ids from left to right."""
     value: Any
     """Blind id or `TIE`; blind ids, best first; or blind id -> rating; anything in checks."""
-    reasons: tuple[str, ...] = ()
-    ms: int = 0
+    reasons: Ids = ()
+    ms: Count = 0
     """Spent on the page of the trial."""
+    watched: Count = 0
+    """Full watches of the least-watched video."""
+    is_strong: bool = False
+    """Whether it was said to be clear, where that was asked."""
 
 
-@dataclass(frozen=True)
+def _listed(values: Any) -> tuple[Any, ...]:
+    """Answers, which are checked one by one."""
+    if not isinstance(values, list | tuple) or len(values) > MAX_ANSWERS:
+        raise ValueError(f"`answers` must be a list of at most {MAX_ANSWERS} answers")
+    return tuple(values)
+
+
+@dataclass(frozen=True, config=ConfigDict(strict=True, validate_by_name=True))
 class Participant:
-    """What one person sent; every answer fits the key."""
+    """What one person sent."""
 
-    id: str
-    source: str
-    """Name of the file."""
-    list_number: int
-    finished: datetime | None
-    started: datetime
-    answers: tuple[Answer, ...]
-    headphones: str | None = None
-    link: str | None = None
+    study: Text
+    id: Annotated[Text, Field(validation_alias="participant")]
+    list_number: Annotated[ListNumber, Field(validation_alias="list")]
+    started: Time
+    answers: Annotated[tuple[Answer, ...], PlainValidator(_listed)]
+    finished: Time | None = None
+    headphones: Any = None
+    link: Text | None = None
     """Token of the link by which they came."""
+    format: Literal[1] = 1
+    source: str = ""
+    """Name of the file."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +91,8 @@ def collect(paths: Iterable[Path], key: Key) -> Collected:
     left_out: list[str] = []
     for path in _files(paths):
         try:
-            participant, refused = participant_of(
-                read_object(path, MAX_FILE_BYTES), key, source=path.name
-            )
+            sent = read_checked(path, Participant, MAX_FILE_BYTES)
+            participant, refused = fitting(replace(sent, source=path.name), key)
         except FieldError as error:
             left_out.append(f"{path.name} is left out: {error}.")
             continue
@@ -104,91 +118,69 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
-def participant_of(fields: Fields, key: Key, source: str) -> tuple[Participant, Counter[str]]:
-    """One participant, and why answers were refused with how many there were of each reason.
+def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
+    """With those answers alone that fit the key, and why others were refused with how many there
+    were of each reason.
 
     Raises:
-        FieldError: if nothing of the file can be used.
+        FieldError: if nothing of it can be used.
     """
-    if fields.raw("format") != FORMAT or not isinstance(fields.raw("study"), str):
-        raise FieldError("it is no answers file of a study")
-    if fields.raw("study") != key.study:
+    if sent.study != key.study:
         raise FieldError("it belongs to another study")
-    list_number = fields.whole("list", 0, MAX_COUNT)
-    if list_number not in key.lists:
-        raise FieldError(f"the study has no list {list_number}")
+    if sent.list_number not in key.lists:
+        raise FieldError(f"the study has no list {sent.list_number}")
     accepted: dict[tuple[str, str], Answer] = {}
     refused: Counter[str] = Counter()
-    for item in fields.objects("answers", MAX_ANSWERS):
+    for item in sent.answers:
         try:
-            answer = _answer_of(item, key, key.lists[list_number])
-            if (answer.trial, answer.question) in accepted:
-                raise FieldError("the question was answered before")
-            accepted[answer.trial, answer.question] = answer
+            answer = checked(json.dumps(item), Answer)
         except FieldError as error:
             refused[str(error)] += 1
-    headphones = fields.raw("headphones")
-    participant = Participant(
-        id=fields.text("participant"),
-        source=source,
-        list_number=list_number,
-        finished=_time(fields, "finished") if fields.raw("finished") is not None else None,
-        started=_time(fields, "started"),
-        answers=tuple(accepted.values()),
-        headphones=headphones if is_text(headphones) else None,
-        link=fields.text_or_none("link"),
-    )
-    return participant, refused
+            continue
+        asked = answer.trial, answer.question
+        fault = _fault(answer, key, key.lists[sent.list_number])
+        fault = fault or ("the question was answered before" if asked in accepted else None)
+        if fault:
+            refused[fault] += 1
+        else:
+            accepted[asked] = answer
+    return replace(sent, answers=tuple(accepted.values())), refused
 
 
-def _time(fields: Fields, name: str) -> datetime:
-    try:
-        time = datetime.fromisoformat(fields.text(name))
-    except ValueError as error:
-        raise FieldError(f"`{name}` must be a time in ISO form") from error
-    return time if time.tzinfo else time.replace(tzinfo=UTC)
-
-
-def _answer_of(item: Fields, key: Key, trials: tuple[str, ...]) -> Answer:
-    trial_id = item.text("trial")
-    if trial_id not in trials:
-        raise FieldError("its trial is not on the participant's list")
-    trial = key.trials[trial_id]
-    answer = Answer(
-        trial=trial_id,
-        question=item.text("question"),
-        shown=item.texts("shown", MAX_VIDEOS_OF_TRIAL),
-        value=item.raw("value"),
-        reasons=item.texts("reasons", MAX_REASONS) if item.raw("reasons") else (),
-        ms=item.whole("ms", 0, MAX_COUNT) if item.raw("ms") is not None else 0,
-    )
+def _fault(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
+    """Why the answer cannot be one to the study's list."""
+    if answer.trial not in trials:
+        return "its trial is not on the participant's list"
+    trial = key.trials[answer.trial]
+    if answer.question not in trial.questions:
+        return "its trial does not ask that question"
     if trial.expected is not None:
-        if answer.question != trial.expected.question:
-            raise FieldError("its trial does not ask that question")
-        return answer
-    if answer.question not in trial.questions[:MAX_QUESTIONS]:
-        raise FieldError("its trial does not ask that question")
+        return None
     if sorted(answer.shown) != sorted(trial.videos):
-        raise FieldError("the videos shown are not those of its trial")
-    if item.whole("watched", 0, MAX_COUNT) < 1:
-        raise FieldError("a video was not watched to its end")
-    _check_value(answer, key.question_by_id[answer.question])
-    return answer
+        return "the videos shown are not those of its trial"
+    if answer.watched < 1:
+        return "a video was not watched to its end"
+    return _fault_of_value(answer, key.question_by_id[answer.question])
 
 
-def _check_value(answer: Answer, question: Question) -> None:
+def _fault_of_value(answer: Answer, question: Question) -> str | None:
     shown, value = answer.shown, answer.value
     if question.kind == "choice":
-        if value not in (*shown, TIE):
-            raise FieldError("the answer is not among the videos shown")
-    elif question.kind == "ranking":
-        is_list = isinstance(value, list) and all(is_text(item) for item in value)
+        return None if value in (*shown, TIE) else "the answer is not among the videos shown"
+    if question.kind == "ranking":
+        is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
         if not is_list or sorted(value) != sorted(shown):
-            raise FieldError("the ranking does not hold each video shown once")
+            return "the ranking does not hold each video shown once"
     elif not isinstance(value, dict) or set(value) != set(shown):
-        raise FieldError("the ratings are not those of the videos shown")
+        return "the ratings are not those of the videos shown"
     elif not all(is_number(item) and 0 <= item <= HIGHEST_RATING for item in value.values()):
-        raise FieldError(f"a rating is not between 0 and {HIGHEST_RATING}")
+        return f"a rating is not between 0 and {HIGHEST_RATING}"
+    return None
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a JSON number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
@@ -201,37 +193,38 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     )
 
 
+_STANDINGS = ("came by a signed link", "is finished", "is later", "is longer")
+
+
 def _each_once(
     participants: Sequence[Participant], key: Key
 ) -> tuple[list[Participant], list[str]]:
     """Of files by one participant those that came by a link of the study, where it has links, of
     those the finished one, of those the later one: anybody can write a name and a time."""
-    signed = {id(one) for one in participants if doubt_of(key, one.link, one.list_number) is None}
 
-    def standing(participant: Participant) -> tuple[bool, bool, datetime, int]:
-        return (id(participant) in signed, *_standing(participant))
+    def standing(one: Participant) -> tuple[bool, bool, datetime, int]:
+        is_signed = key.doubt_of_link(one.link, one.list_number) is None
+        is_finished = one.finished is not None
+        return is_signed, is_finished, one.finished or one.started, len(one.answers)
 
     best: dict[str, Participant] = {}
-    for participant in participants:
-        other = best.get(participant.id)
-        if other is None or standing(participant) > standing(other):
-            best[participant.id] = participant
+    for one in participants:
+        other = best.get(one.id)
+        if other is None or standing(one) > standing(other):
+            best[one.id] = one
     others = [one for one in participants if one is not best[one.id]]
     under_way = [one for one in others if _is_part(one, best[one.id])]
     doubles = []
     for one in (one for one in others if one not in under_way):
         better = best[one.id]
-        is_forged = id(better) in signed and id(one) not in signed
-        why = "came by a signed link" if is_forged else f"is {_why(one, better)}"
+        compared = zip(_STANDINGS, standing(better), standing(one), strict=True)
+        reason = next((which for which, a, b in compared if a != b), "is its equal")
         doubles.append(
-            f"{one.source} is left out: its participant also sent {better.source}, which {why}."
+            f"{one.source} is left out: its participant also sent {better.source}, which {reason}."
         )
-    if under_way:
-        count = len(under_way)
-        doubles.append(
-            f"{count} {'file' if count == 1 else 'files'} of answers under way, all of them also "
-            "in later ones."
-        )
+    if count := len(under_way):
+        files = "file" if count == 1 else "files"
+        doubles.append(f"{count} {files} of answers under way, all of them also in later ones.")
     return list(best.values()), doubles
 
 
@@ -242,16 +235,3 @@ def _is_part(participant: Participant, better: Participant) -> bool:
 
 def _named(participant: Participant) -> list[tuple[str, str, str]]:
     return [(one.trial, one.question, str(one.value)) for one in participant.answers]
-
-
-def _standing(participant: Participant) -> tuple[bool, datetime, int]:
-    is_finished = participant.finished is not None
-    return is_finished, participant.finished or participant.started, len(participant.answers)
-
-
-def _why(participant: Participant, better: Participant) -> str:
-    if participant.finished is None and better.finished is not None:
-        return "finished"
-    if _standing(participant) == _standing(better):
-        return "its equal"
-    return "later" if _standing(participant)[1] != _standing(better)[1] else "longer"

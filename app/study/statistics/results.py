@@ -1,244 +1,272 @@
-"""All statistics of a study, from the participants who count, and how balanced it came out."""
+"""All numbers of a study, from the participants who count, with measured jitter where it is given,
+and how balanced it came out."""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from pydantic.dataclasses import dataclass as checked_dataclass
+from scipy import stats
 
+from app.errors import RunError
+from app.study.design.checked import STRICT, FieldError, read_checked
 from app.study.design.key import Key, Question
-from app.study.statistics import votes as rows
-from app.study.statistics.answers import Participant
-from app.study.statistics.bradley_terry import Strengths, fit_strengths
-from app.study.statistics.jitter_join import Jitter, JitterJoin, join_jitter
-from app.study.statistics.means import Level, MeanValues, compare_means, krippendorff_alpha
-from app.study.statistics.preference import ALPHA, Share, holm, share_of, smallest_share_detected
-from app.study.statistics.votes import Values, Votes
+from app.study.statistics.answers import Participant, is_number
+from app.study.statistics.models import (
+    Level,
+    krippendorff_alpha,
+    mean_numbers,
+    strength_numbers,
+)
+from app.study.statistics.shares import (
+    ALPHA,
+    Number,
+    share_numbers,
+    smallest_share_detected,
+    with_holm,
+)
+from app.study.statistics.votes import (
+    MISMATCHED,
+    between,
+    first_places,
+    of,
+    turned,
+    values_of,
+    votes_of,
+)
+from conventions.names import REFERENCE_NAME
 
-
-@dataclass(frozen=True)
-class PairResult:
-    """Two systems compared, from the side of the first."""
-
-    first: int
-    second: int
-    share: Share
-    p_holm: float
-    """Adjusted over the pairs of the question."""
-
-
-@dataclass(frozen=True)
-class SystemResult:
-    """One system on its own, for the bars of the figure."""
-
-    system: int
-    share: Share
-    """Pairs: of all its comparisons; rankings: of first places; matched: of right choices."""
-    p_holm: float | None
-    """Matched alone: that right choices differ from one half, adjusted over systems."""
-
-
-@dataclass(frozen=True)
-class Agreement:
-    alpha: float | None
-    """Krippendorff's; None where all answers are the same or nobody saw the same thing."""
-    level: Level
-    units: int
-    """Things judged by two raters or more."""
-
-
-@dataclass(frozen=True)
-class Power:
-    """What the sign test over participants sees 8 times in 10."""
-
-    raters: int
-    share_alone: float | None
-    """Of participants on one side, for one comparison."""
-    share_strictest: float | None
-    """The same at Holm's first step over all comparisons of the question."""
-    comparisons: int
+MAX_DIAGNOSTICS_BYTES = 64 * 2**20
+JERK = "tip_jerk_m_s3"
+"""Mean jerk of the fingertip in m/s³, of the motion as it stands in the file ("raw")."""
+Jitter = Mapping[tuple[str, str], float]
+"""(clip, system) -> `JERK`."""
 
 
 @dataclass(frozen=True)
 class QuestionResult:
-    """Everything about one question; what its protocol does not have is empty or None."""
+    """Everything about one question."""
 
     question: Question
     num_answers: int
-    pairs: tuple[PairResult, ...]
-    systems: tuple[SystemResult, ...]
-    strengths: Strengths | None
-    means: MeanValues | None
-    """Mean ranks (1 = best) or mean ratings."""
-    left: Share | None
-    """How often the left was chosen."""
-    agreement: Agreement
-    power: Power
-    jitter: JitterJoin | None
+    numbers: tuple[Number, ...]
+    """As ``results.csv`` has them; what the protocol does not have is not there."""
+    level: Level
+    """Of Krippendorff's alpha."""
+    num_units: int
+    """Things judged by two raters or more."""
+    num_raters: int
+    num_of_means: int
+    """Raters who judged every system."""
+    comparisons: int
+    share_strictest: float | None
+    """What the sign test sees at Holm's first step over all comparisons."""
+    points: pd.DataFrame = field(compare=False)
+    """Clip by clip, smoother against rougher: see `_points`."""
+
+    def all(self, measure: str) -> list[Number]:
+        return [number for number in self.numbers if number.measure == measure]
+
+    def one(self, measure: str, *names: str | None) -> Number | None:
+        """The number of that measure and these systems, from either side."""
+        for number in self.all(measure):
+            if {number.first, number.second} >= set(names):
+                return (
+                    number
+                    if not names or number.first == names[0]
+                    else number.from_the_other_side()
+                )
+        return None
+
+    @property
+    def ends(self) -> str:
+        """The measure of each system that the bars show."""
+        kinds = ("right_choices", "first_places", "share_of_all_votes", "mean_rating")
+        return next((kind for kind in kinds if self.all(kind)), kinds[-1])
 
 
 def analyse_participants(
     participants: Sequence[Participant], key: Key, jitter: Jitter | None = None
 ) -> list[QuestionResult]:
     """Results of every question that was answered."""
-    results = []
-    for question in key.questions:
-        if key.protocol == "matched":
-            result = _matched(participants, key, question)
-        elif question.kind == "slider":
-            result = _rating(participants, key, question)
-        else:
-            result = _compared(participants, key, question, jitter)
-        if result is not None:
-            results.append(result)
-    return results
+    results = [_result(participants, key, question, jitter) for question in key.questions]
+    return [result for result in results if result is not None]
 
 
-def _compared(
+def _result(
     participants: Sequence[Participant], key: Key, question: Question, jitter: Jitter | None
 ) -> QuestionResult | None:
-    """Pairwise choices, or rankings and the choices they imply."""
-    votes = rows.pair_votes(participants, key, question.id)
-    if not len(votes):
+    votes = votes_of(participants, key, question.id)
+    values = values_of(participants, key, question.id)
+    if not len(votes) and not len(values):
         return None
-    is_ranking = question.kind == "ranking"
-    count = len(key.systems)
-    pairs = _pair_results(votes, count)
-    values = rows.ranks(participants, key, question.id)
-    clips = rows.clips_of(key)
+    systems, is_matched = key.systems, key.protocol == "matched"
+    is_ranking, is_rating = question.kind == "ranking", question.kind == "slider"
+    pairs = list(combinations(systems, 2))
+    found: list[Number] = []
+    if is_matched:
+        for name in systems:
+            rows = between(votes, name, name + MISMATCHED)
+            found += share_numbers("right_choices", rows, name) if len(rows) else []
+    else:
+        for pair in pairs:
+            rows = between(votes, *pair)
+            found += share_numbers("share", rows, *pair) if len(rows) else []
+    found = with_holm(found)
+    num_compared = sum(number.p is not None for number in found)
+    if not is_matched and not is_rating:
+        for name in systems:
+            rows = first_places(values, name) if is_ranking else of(votes, name)
+            measure = "first_places" if is_ranking else "share_of_all_votes"
+            found += share_numbers(measure, rows, name, is_tested=False) if len(rows) else []
+        if len(systems) > 1:
+            found += strength_numbers(votes, systems, has_sides=not is_ranking)
+    num_of_means = 0
+    if is_ranking or is_rating:
+        measure = "mean_rank" if is_ranking else "mean_rating"
+        num_of_means, means = mean_numbers(values, systems, measure)
+        found += means
+    level: Level = (
+        "nominal" if question.kind == "choice" else "ordinal" if is_ranking else "interval"
+    )
+    if question.kind == "choice":
+        found += share_numbers("left_chosen", votes)
+        alike = turned(votes, votes.left > votes.right)
+        units = alike.groupby(["clip", "left", "right"]).score.apply(list)
+    else:
+        units = (
+            values.assign(value=values.value.round()).groupby(["clip", "system"]).value.apply(list)
+        )
+    num_raters = (values if is_rating else votes).rater.nunique()
+    found.append(Number(f"krippendorff_alpha_{level}", value=krippendorff_alpha(units, level)))
+    alone = smallest_share_detected(num_raters)
+    found.append(Number("detectable_share_of_participants", value=alone))
+    points = pd.DataFrame()
+    if jitter and not is_matched and not is_rating:
+        joined, points = join_jitter(votes, jitter)
+        found += joined
+    comparisons = len(pairs) if is_rating else num_compared
     return QuestionResult(
         question=question,
-        num_answers=int((values.value == 1).sum()) if is_ranking else len(votes),
-        pairs=pairs,
-        systems=_system_results(values, votes, count),
-        strengths=fit_strengths(votes, count, has_sides=not is_ranking) if count > 1 else None,
-        means=compare_means(values, count) if is_ranking else None,
-        left=None if is_ranking else share_of(votes),
-        agreement=_value_agreement(values, "ordinal") if is_ranking else _vote_agreement([votes]),
-        power=_power(votes.rater, len(pairs)),
-        jitter=join_jitter(votes, jitter, clips, key.systems) if jitter else None,
-    )
-
-
-def _matched(
-    participants: Sequence[Participant], key: Key, question: Question
-) -> QuestionResult | None:
-    by_system = rows.match_votes(participants, key, question.id)
-    if not by_system:
-        return None
-    shares = {name: share_of(votes.between(0, 1)) for name, votes in by_system.items()}
-    adjusted = holm([share.p for share in shares.values()])
-    together = np.concatenate([votes.rater for votes in by_system.values()])
-    return QuestionResult(
-        question=question,
-        num_answers=len(together),
-        pairs=(),
-        systems=tuple(
-            SystemResult(key.systems.index(name), share, p_holm)
-            for (name, share), p_holm in zip(shares.items(), adjusted, strict=True)
-        ),
-        strengths=None,
-        means=None,
-        left=share_of(rows.joined(list(by_system.values()))),
-        agreement=_vote_agreement([votes.between(0, 1) for votes in by_system.values()]),
-        power=_power(together, len(by_system)),
-        jitter=None,
-    )
-
-
-def _rating(
-    participants: Sequence[Participant], key: Key, question: Question
-) -> QuestionResult | None:
-    values = rows.ratings(participants, key, question.id)
-    if not len(values.rater):
-        return None
-    count = len(key.systems)
-    return QuestionResult(
-        question=question,
-        num_answers=len(values.rater),
-        pairs=(),
-        systems=(),
-        strengths=None,
-        means=compare_means(values, count),
-        left=None,
-        agreement=_value_agreement(values, "interval"),
-        power=_power(values.rater, count * (count - 1) // 2),
-        jitter=None,
-    )
-
-
-def _pair_results(votes: Votes, count: int) -> tuple[PairResult, ...]:
-    turned = {pair: votes.between(*pair) for pair in combinations(range(count), 2)}
-    shares = {pair: share_of(between) for pair, between in turned.items() if len(between)}
-    adjusted = holm([share.p for share in shares.values()])
-    return tuple(
-        PairResult(*pair, share, p_holm)
-        for (pair, share), p_holm in zip(shares.items(), adjusted, strict=True)
-    )
-
-
-def _system_results(values: Values, votes: Votes, count: int) -> tuple[SystemResult, ...]:
-    """First places where there are rankings, else all comparisons of the system."""
-    results = []
-    for system in range(count):
-        own = rows.first_places(values, system) if len(values.rater) else votes.of(system)
-        if len(own):
-            results.append(SystemResult(system, share_of(own), None))
-    return tuple(results)
-
-
-def _vote_agreement(groups: Sequence[Votes]) -> Agreement:
-    """On who is better (nominal: first, tie, second), over clips and pairs."""
-    units: dict[tuple, list[float]] = defaultdict(list)
-    for number, votes in enumerate(groups):
-        alike = votes.turned(votes.left > votes.right)
-        columns = (alike.clip, alike.left, alike.right, alike.score)
-        for *thing, value in zip(*columns, strict=True):
-            units[number, *thing].append(value)
-    return _agreement(units, "nominal")
-
-
-def _value_agreement(values: Values, level: Level) -> Agreement:
-    """On the place or rating of each video; ratings to the nearest whole number."""
-    units: dict[tuple, list[float]] = defaultdict(list)
-    for clip, system, value in zip(values.clip, values.system, values.value, strict=True):
-        units[clip, system].append(round(value))
-    return _agreement(units, level)
-
-
-def _agreement(units: dict[tuple, list[float]], level: Level) -> Agreement:
-    shared = sum(len(unit) > 1 for unit in units.values())
-    return Agreement(krippendorff_alpha(units.values(), level), level, shared)
-
-
-def _power(rater: np.ndarray, comparisons: int) -> Power:
-    raters = len(np.unique(rater))
-    strictest = ALPHA / max(1, comparisons)
-    return Power(
-        raters=raters,
-        share_alone=smallest_share_detected(raters),
-        share_strictest=smallest_share_detected(raters, strictest),
+        num_answers=len(values)
+        if is_rating
+        else int((values.value == 1).sum())
+        if is_ranking
+        else len(votes),
+        numbers=tuple(found),
+        level=level,
+        num_units=int((units.map(len) > 1).sum()),
+        num_raters=num_raters,
+        num_of_means=num_of_means,
         comparisons=comparisons,
+        share_strictest=smallest_share_detected(num_raters, ALPHA / max(1, comparisons)),
+        points=points,
     )
 
 
-@dataclass(frozen=True)
-class SystemBalance:
-    """Where one system was seen."""
+@checked_dataclass(frozen=True, config=STRICT)
+class _Measured:
+    raw: Mapping[str, Any]
 
-    system: str
-    shown_first: float
-    """Share of its showings in which it stood first (leftmost)."""
-    mean_place: float
-    """Mean place of its trials on the list, 0 = first trial, 1 = last; even is 0.5."""
+
+@checked_dataclass(frozen=True, config=STRICT)
+class _Diagnostics:
+    systems: Mapping[str, _Measured]
+    reference: _Measured | None = None
+
+
+def read_jitter(folder: Path, key: Key) -> Jitter:
+    """`JERK` from ``folder``/CLIP/diagnostics.json or ``folder``/CLIP.json.
+
+    A system is looked up by its name; the measured recording by the name `REFERENCE_NAME`.
+
+    Raises:
+        RunError: if there is no file for any clip, or one is damaged.
+    """
+    jitter: dict[tuple[str, str], float] = {}
+    for clip in key.clips:
+        if Path(clip).name != clip or clip == "..":  # no name must lead out of the folder
+            continue
+        for path in (folder / clip / "diagnostics.json", folder / f"{clip}.json"):
+            if not path.is_file():
+                continue
+            try:
+                found = read_checked(path, _Diagnostics, MAX_DIAGNOSTICS_BYTES)
+            except FieldError as error:
+                raise RunError(
+                    f"{path} holds no diagnostics: {error}; measure that clip again."
+                ) from error
+            for name in key.systems:
+                other = found.reference if name == REFERENCE_NAME else None
+                measured = found.systems.get(name, other)
+                value = measured.raw.get(JERK) if measured else None
+                if value is not None and is_number(value) and 0 < value < np.inf:
+                    jitter[clip, name] = float(value)
+    if not jitter:
+        raise RunError(
+            f"No diagnostics of this study's clips are in {folder}; expected "
+            f"{key.clips[0]}/diagnostics.json or {key.clips[0]}.json there, and so on."
+        )
+    return jitter
+
+
+def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> tuple[list[Number], pd.DataFrame]:
+    """Whether the smoother of two videos is preferred, where the reason was smoothness and where
+    not; and Spearman's correlation of the ratio of jerk and the share of the smoother. Without a
+    measured pair nothing.
+
+    Returns:
+        Of each clip and pair ``smoother``, ``rougher``, ``ratio`` (of jerk, 1 or more), ``share``
+        (of votes for the smoother) and ``named`` (how many named smoothness), too.
+    """
+    jerk = {
+        side: pd.Series(
+            [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
+            votes.index,
+            dtype=float,
+        )
+        for side in ("left", "right")
+    }
+    table = turned(votes, jerk["left"] > jerk["right"]).assign(
+        ratio=np.maximum(jerk["right"] / jerk["left"], jerk["left"] / jerk["right"])
+    )
+    rows = table.dropna(subset="ratio").query("ratio > 1")
+    if not len(rows):
+        return [], pd.DataFrame()
+    found = []
+    for measure, is_named in (
+        ("smoother_chosen_naming_smoothness", True),
+        ("smoother_chosen_otherwise", False),
+    ):
+        part = pd.DataFrame(rows[(rows.score != 0.5) & (rows.is_smooth == is_named)])
+        found += share_numbers(measure, part) if len(part) else []
+    points = (
+        rows.groupby(["clip", "left", "right"])
+        .agg(ratio=("ratio", "first"), share=("score", "mean"), named=("is_smooth", "sum"))
+        .reset_index()
+        .rename(columns={"left": "smoother", "right": "rougher"})
+    )
+    rho, p = None, None
+    if len(points) >= 4 and points.ratio.nunique() > 1 and points.share.nunique() > 1:
+        rho, p = map(float, stats.spearmanr(points.ratio, points.share))  # pyright: ignore
+    return [*found, Number("jerk_ratio_share_spearman", value=rho, p=p)], points
 
 
 @dataclass(frozen=True)
 class Balance:
-    systems: tuple[SystemBalance, ...]
+    """How balanced the answers that count came out, attention checks aside."""
+
+    systems: pd.DataFrame
+    """By system ``first``, the share of its showings in which it stood first (leftmost; in matched
+    trials every video is of one system, and this says nothing), and ``place``, the mean place of
+    its trials on the list, 0 = first trial, 1 = last; even is 0.5."""
     lists_used: int
     lists_planned: int
     most_of_one_list: int
@@ -246,30 +274,20 @@ class Balance:
 
 
 def balance_reached(participants: Sequence[Participant], key: Key) -> Balance:
-    """Counted over the answers that count, attention checks aside.
-
-    In matched trials every video is of one system, so being first says nothing and is 1.
-    """
-    first: dict[str, list[bool]] = {name: [] for name in key.systems}
-    places: dict[str, list[float]] = {name: [] for name in key.systems}
+    """Counted over the answers that count."""
+    rows = []
     for participant in participants:
         trials = key.lists[participant.list_number]
         place_of = {trial: place for place, trial in enumerate(trials)}
         for answer in participant.answers:
-            if key.trials[answer.trial].expected is not None:
-                continue
-            place = place_of[answer.trial] / max(1, len(trials) - 1)
-            systems = [key.videos[video].system for video in answer.shown]
-            for system in set(systems):
-                first[system].append(systems[0] == system)
-                places[system].append(place)
+            if key.trials[answer.trial].expected is None:
+                place = place_of[answer.trial] / max(1, len(trials) - 1)
+                systems = [key.videos[video].system for video in answer.shown]
+                rows += [(system, systems[0] == system, place) for system in set(systems)]
+    table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)
     return Balance(
-        systems=tuple(
-            SystemBalance(name, float(np.mean(first[name])), float(np.mean(places[name])))
-            for name in key.systems
-            if first[name]
-        ),
+        systems=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
         lists_used=len(used),
         lists_planned=len(key.lists),
         most_of_one_list=max(used.values(), default=0),

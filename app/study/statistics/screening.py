@@ -5,13 +5,12 @@ Nothing here proves a forgery, and a careful one passes. So results are shown wi
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from app.study.design.fields import is_number
 from app.study.design.key import Expected, Key
-from app.study.design.links import doubt_of
-from app.study.statistics.answers import TIE, Answer, Participant
+from app.study.statistics.answers import TIE, Answer, Participant, is_number
 
 SHORTEST_VIDEO_S = 0.5
 """Where the key does not say how long the videos are."""
@@ -23,74 +22,6 @@ ALIKE_FROM = 10
 """As many answers on the same place are no chance: sides are balanced on every list."""
 COPY_FROM = 5
 """As many answers with equal times to the millisecond are one person's, or a program's."""
-
-
-def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
-    """By participant why they are set aside, as the end of a sentence; nothing for the others."""
-    found = {}
-    seen: dict[tuple, str] = {}
-    for participant in participants:
-        why = _doubt(participant, key)
-        if len(participant.answers) >= COPY_FROM:
-            first = seen.setdefault(_content(participant), participant.source)
-            if first != participant.source:
-                why = why or f"the same answers in the same times as {first}"
-        if why:
-            found[participant.id] = why
-    return found
-
-
-def _doubt(participant: Participant, key: Key) -> str | None:
-    finished, started = participant.finished, participant.started
-    if finished is not None and finished < started:
-        return "finished before it was begun"
-    times = _trial_times(participant, key)
-    hasty = sum(spent < TOLERANCE * least for spent, least in times)
-    if hasty > HASTY_SHARE * len(times):
-        return f"{hasty} of {len(times)} trials answered sooner than their videos last"
-    if finished is not None:
-        spent_s = sum(spent for spent, _ in times)
-        whole_s = (finished - started).total_seconds()
-        if whole_s < TOLERANCE * spent_s:
-            return f"{spent_s:.0f} s of trials in {whole_s:.0f} s from beginning to end"
-    place = {trial: number for number, trial in enumerate(key.lists[participant.list_number])}
-    order = [place[answer.trial] for answer in participant.answers]
-    if order != sorted(order):
-        return "answers in another order than that of the list"
-    places = {_place(answer) for answer in _judged(participant.answers, key)}
-    if len(places) == 1 and len(list(_judged(participant.answers, key))) >= ALIKE_FROM:
-        return "every answer on the same place"
-    return None
-
-
-def _judged(answers: Iterable[Answer], key: Key) -> Iterable[Answer]:
-    return (answer for answer in answers if key.trials[answer.trial].expected is None)
-
-
-def _trial_times(participant: Participant, key: Key) -> list[tuple[float, float]]:
-    """Of each trial with videos the seconds spent on it, and how long they last."""
-    video_s = key.video_s or SHORTEST_VIDEO_S
-    spent = {answer.trial: answer.ms / 1000 for answer in participant.answers}
-    lasts = {answer.trial: video_s * len(answer.shown) for answer in participant.answers}
-    return [(spent[trial], lasts[trial]) for trial in spent if key.trials[trial].expected is None]
-
-
-def _place(answer: Answer) -> object:
-    """What was answered, in terms of where it stood."""
-    if isinstance(answer.value, dict):
-        return tuple(answer.value.get(video) for video in answer.shown)
-    if isinstance(answer.value, list):
-        return tuple(answer.shown.index(video) for video in answer.value)
-    return TIE if answer.value == TIE else answer.shown.index(answer.value)
-
-
-def _content(participant: Participant) -> tuple:
-    return tuple(
-        (answer.trial, answer.question, str(answer.value), answer.ms)
-        for answer in participant.answers
-    )
-
-
 SLIDER_TOLERANCE = 5
 """How far from the number asked for a slider may stand: a thumb on a phone covers as much."""
 
@@ -108,10 +39,10 @@ class Screened:
     """Participants who count and those who do not."""
 
     kept: tuple[Participant, ...]
-    dropped: tuple[Dropped, ...]
+    dropped: tuple[Dropped, ...] = ()
     set_aside: tuple[Dropped, ...] = ()
     """Finished and attentive, but not by a link of theirs, where the study has links, or not as
-    anyone answers (`app.study.statistics.screening`)."""
+    anyone answers."""
 
 
 def screen(participants: Iterable[Participant], key: Key) -> Screened:
@@ -123,37 +54,53 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     """
     kept: list[Participant] = []
     dropped: list[Dropped] = []
-    for participant in participants:
-        failed = failed_checks(participant, key)
-        if participant.finished is None:
-            trials = len({answer.trial for answer in participant.answers})
-            whole = len(key.lists[participant.list_number])
-            dropped.append(Dropped(participant, f"not finished ({trials} of {whole} trials)"))
+    for one in participants:
+        failed = failed_checks(one, key)
+        if one.finished is None:
+            trials, whole = {answer.trial for answer in one.answers}, key.lists[one.list_number]
+            dropped.append(Dropped(one, f"not finished ({len(trials)} of {len(whole)} trials)"))
         elif failed > key.max_failed:
-            dropped.append(
-                Dropped(participant, f"attention checks: {failed} failed, {key.max_failed} allowed")
-            )
+            why = f"attention checks: {failed} failed, {key.max_failed} allowed"
+            dropped.append(Dropped(one, why))
         else:
-            kept.append(participant)
-    why = _link_doubts(kept, key)
-    why |= doubts([one for one in kept if one.id not in why], key)
+            kept.append(one)
+    doubted = _link_doubts(kept, key)
+    doubted |= doubts([one for one in kept if one.id not in doubted], key)
     return Screened(
-        kept=tuple(participant for participant in kept if participant.id not in why),
+        kept=tuple(one for one in kept if one.id not in doubted),
         dropped=tuple(dropped),
-        set_aside=tuple(Dropped(one, why[one.id]) for one in kept if one.id in why),
+        set_aside=tuple(Dropped(one, doubted[one.id]) for one in kept if one.id in doubted),
     )
+
+
+def failed_checks(participant: Participant, key: Key) -> int:
+    """How many attention checks of the participant's list were not answered as asked."""
+    given = {answer.trial: answer.value for answer in participant.answers}
+    checks = {trial: key.trials[trial].expected for trial in key.lists[participant.list_number]}
+    return sum(
+        not _is_as_asked(given.get(trial), expected, key)
+        for trial, expected in checks.items()
+        if expected is not None
+    )
+
+
+def _is_as_asked(value: object, expected: Expected, key: Key) -> bool:
+    if isinstance(expected.value, str):
+        return value == expected.value
+    tolerance = SLIDER_TOLERANCE if key.protocol == "rating" else 0
+    return is_number(value) and abs(value - expected.value) <= tolerance  # type: ignore[operator]
 
 
 def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     """By participant why they did not come by a link of their own. Of several by one link with
     other answers none counts: whoever has it can write any time."""
     found: dict[str, str] = {}
-    used: dict[str, list[Participant]] = {}
+    used: dict[str, list[Participant]] = defaultdict(list)
     for one in participants:
-        if (why := doubt_of(key, one.link, one.list_number)) is not None:
+        if (why := key.doubt_of_link(one.link, one.list_number)) is not None:
             found[one.id] = why
         elif key.link_secret is not None and one.link is not None:
-            used.setdefault(one.link, []).append(one)
+            used[one.link].append(one)
     for first, *others in used.values():
         are_copies = all(_content(one) == _content(first) for one in others)
         for one in others if are_copies else (first, *others) if others else ():
@@ -162,18 +109,52 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
     return found
 
 
-def failed_checks(participant: Participant, key: Key) -> int:
-    """How many attention checks of the participant's list were not answered as asked."""
-    given = {answer.trial: answer.value for answer in participant.answers}
-    return sum(
-        not _is_as_asked(given.get(trial_id), expected, key)
-        for trial_id in key.lists[participant.list_number]
-        if (expected := key.trials[trial_id].expected) is not None
-    )
+def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+    """By participant why their answers are not such as anyone gives; nothing for the others."""
+    found = {}
+    seen: dict[tuple, str] = {}
+    for one in participants:
+        why = _doubt(one, key)
+        if len(one.answers) >= COPY_FROM:
+            first = seen.setdefault(_content(one), one.source)
+            if first != one.source:
+                why = why or f"the same answers in the same times as {first}"
+        if why:
+            found[one.id] = why
+    return found
 
 
-def _is_as_asked(value: object, expected: Expected, key: Key) -> bool:
-    if isinstance(expected.value, str):
-        return value == expected.value
-    tolerance = SLIDER_TOLERANCE if key.protocol == "rating" else 0
-    return is_number(value) and abs(value - expected.value) <= tolerance
+def _doubt(participant: Participant, key: Key) -> str | None:
+    finished, started = participant.finished, participant.started
+    if finished is not None and finished < started:
+        return "finished before it was begun"
+    judged = [one for one in participant.answers if key.trials[one.trial].expected is None]
+    spent = {one.trial: one.ms / 1000 for one in judged}
+    lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.shown) for one in judged}
+    hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
+    if hasty > HASTY_SHARE * len(spent):
+        return f"{hasty} of {len(spent)} trials answered sooner than their videos last"
+    if finished is not None:
+        spent_s, whole_s = sum(spent.values()), (finished - started).total_seconds()
+        if whole_s < TOLERANCE * spent_s:
+            return f"{spent_s:.0f} s of trials in {whole_s:.0f} s from beginning to end"
+    place = {trial: number for number, trial in enumerate(key.lists[participant.list_number])}
+    order = [place[answer.trial] for answer in participant.answers]
+    if order != sorted(order):
+        return "answers in another order than that of the list"
+    if len(judged) >= ALIKE_FROM and len({_place(answer) for answer in judged}) == 1:
+        return "every answer on the same place"
+    return None
+
+
+def _place(answer: Answer) -> object:
+    """What was answered, in terms of where it stood."""
+    if isinstance(answer.value, dict):
+        return tuple(answer.value.get(video) for video in answer.shown)
+    if isinstance(answer.value, list):
+        return tuple(answer.shown.index(video) for video in answer.value)
+    return TIE if answer.value == TIE else answer.shown.index(answer.value)
+
+
+def _content(participant: Participant) -> tuple:
+    return tuple((one.trial, one.question, str(one.value), one.ms) for one in participant.answers)

@@ -1,197 +1,195 @@
-"""Answers as arrays: comparisons of two systems, ranks and ratings, with who gave them."""
+"""Answers as tables: comparisons of two, ranks and ratings, with who gave them; and comparisons in
+the form of the GENEA leaderboard's published analysis
+(github.com/genea-workshop/leaderboard-statistical-analysis), out and in."""
 
 from __future__ import annotations
 
+import itertools
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from datetime import UTC, datetime
+from pathlib import Path
 
-import numpy as np
-from jaxtyping import Bool, Float, Int
+import pandas as pd
 
-from app.study.design.key import Key
+from app.errors import RunError
+from app.study.design.key import AttentionRule, Key, Question, Trial, Video
 from app.study.statistics.answers import TIE, Answer, Participant
 
-
-@dataclass(frozen=True)
-class Votes:
-    """Comparisons of two systems, one row each.
-
-    A row that a ranking implies has no left and right; its `left` is the system named first in
-    the study.
-    """
-
-    rater: Int[np.ndarray, " N"]
-    """Index of the participant."""
-    clip: Int[np.ndarray, " N"]
-    left: Int[np.ndarray, " N"]
-    """Index of the system on the left."""
-    right: Int[np.ndarray, " N"]
-    score: Float[np.ndarray, " N"]
-    """1 if the left one was preferred, 0 if the right one, 0.5 for a tie."""
-    because_smooth: Bool[np.ndarray, " N"]
-    """Whether motion smoothness was among the reasons given."""
-
-    def __len__(self) -> int:
-        return len(self.rater)
-
-    def __getitem__(self, rows: Bool[np.ndarray, " N"]) -> Votes:
-        return Votes(**{name: column[rows] for name, column in vars(self).items()})
-
-    def turned(self, rows: Bool[np.ndarray, " N"]) -> Votes:
-        """Left and right exchanged in some rows."""
-        return replace(
-            self,
-            left=np.where(rows, self.right, self.left),
-            right=np.where(rows, self.left, self.right),
-            score=np.where(rows, 1 - self.score, self.score),
-        )
-
-    def of(self, system: int) -> Votes:
-        """The rows that show the system, turned so that it is on the left."""
-        rows = self[(self.left == system) | (self.right == system)]
-        return rows.turned(rows.left != system)
-
-    def between(self, first: int, second: int) -> Votes:
-        """The rows that compare the two systems, turned so that ``first`` is on the left."""
-        rows = self.of(first)
-        return rows[rows.right == second]
-
-
+MISMATCHED = "_Mismatched"
+"""Behind the name of a system under another clip's speech."""
 SMOOTHNESS = "smoothness"
 """The reason that measured jitter is joined with."""
+VOTES = ("rater", "clip", "left", "right", "score", "is_smooth", "weight")
+"""Columns of comparisons: index of the participant, clip, both names, 1 where the left one was
+preferred, 0 where the right one, 0.5 for a tie; whether smoothness was among the reasons; 2 where
+the preference was said to be clear, else 1. Votes that a ranking implies have no sides: the left
+one is that named first in the study."""
+VALUES = ("rater", "clip", "system", "value")
+"""Columns of ranks (1 = best) and ratings, a row for each video."""
+BATTLES = (
+    *("user", "input_code", "model_a", "model_b", "winner", "is_strong"),
+    *("juiceOptions", "juiceOtherReason"),
+)
+_JUICE = {SMOOTHNESS: "MotionSmoothness", "amount": "AmountIntensityOfMotion"}
+"""Reasons that the leaderboard asks for as well, by its names."""
+_MAX_BATTLES = 1_000_000
 
 
-@dataclass(frozen=True)
-class Values:
-    """One number for each video judged: a rank (1 = best) or a rating, one row each."""
-
-    rater: Int[np.ndarray, " N"]
-    clip: Int[np.ndarray, " N"]
-    system: Int[np.ndarray, " N"]
-    value: Float[np.ndarray, " N"]
-
-    def rater_means(self, num_systems: int) -> Float[np.ndarray, "R K"]:
-        """Mean of each rater for each system; only raters who judged every system."""
-        num_raters = int(self.rater.max()) + 1 if len(self.rater) else 0
-        total = np.zeros((num_raters, num_systems))
-        count = np.zeros((num_raters, num_systems))
-        np.add.at(total, (self.rater, self.system), self.value)
-        np.add.at(count, (self.rater, self.system), 1)
-        is_whole = (count > 0).all(1)
-        return total[is_whole] / count[is_whole]
-
-
-def pair_votes(participants: Sequence[Participant], key: Key, question: str) -> Votes:
-    """Comparisons of two different systems: those asked for, and those that rankings imply."""
+def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
+    """Comparisons of two different systems, those asked for and those that rankings imply, or of a
+    system's motion under its own and another's speech."""
     rows = []
-    for rater, clip, answer in _answers(participants, key, question):
-        systems = _systems(key, answer.shown)
+    for rater, clip, answer in _judged(participants, key, question):
+        names = [_name(key, video) for video in answer.shown]
+        facts = SMOOTHNESS in answer.reasons, 2.0 if answer.is_strong else 1.0
         if isinstance(answer.value, list):
-            place = {video: place for place, video in enumerate(answer.value)}
-            by_system = {key.videos[video].system: place[video] for video in answer.shown}
-            for first, second in combinations(sorted(map(key.systems.index, by_system)), 2):
-                is_first = by_system[key.systems[first]] < by_system[key.systems[second]]
-                rows.append((rater, clip, first, second, float(is_first), False))
-        elif isinstance(answer.value, str) and len(systems) == 2 and systems[0] != systems[1]:
-            score = _left_score(answer)
-            rows.append((rater, clip, *systems, score, SMOOTHNESS in answer.reasons))
-    return _votes(rows)
+            place = {_name(key, video): place for place, video in enumerate(answer.value)}
+            ranked = sorted(place, key=key.systems.index)
+            rows += [
+                (rater, clip, one, other, float(place[one] < place[other]), *facts)
+                for one, other in itertools.combinations(ranked, 2)
+            ]
+        elif isinstance(answer.value, str) and len(names) == 2 and names[0] != names[1]:
+            score = 0.5 if answer.value == TIE else float(answer.value == answer.shown[0])
+            rows.append((rater, clip, *names, score, *facts))
+    return pd.DataFrame(rows, columns=list(VOTES))
 
 
-def match_votes(participants: Sequence[Participant], key: Key, question: str) -> dict[str, Votes]:
-    """For each system: was the video with its own speech told from the one with another's?
-
-    `left` is 0 where the matched video stood on the left, else 1 (`right` the reverse);
-    `between(0, 1)` therefore scores right choices.
-    """
-    rows: dict[str, list[tuple]] = {name: [] for name in key.systems}
-    for rater, clip, answer in _answers(participants, key, question):
-        is_matched = [key.videos[video].is_matched for video in answer.shown]
-        if isinstance(answer.value, str) and sorted(is_matched) == [False, True]:
-            system = key.videos[answer.shown[0]].system
-            left = 0 if is_matched[0] else 1
-            rows[system].append((rater, clip, left, 1 - left, _left_score(answer), False))
-    return {name: _votes(of_system) for name, of_system in rows.items() if of_system}
+def values_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
+    """Places in rankings, or slider positions, 0 to 100."""
+    rows = []
+    for rater, clip, answer in _judged(participants, key, question):
+        value = answer.value
+        if isinstance(value, list):
+            value = {video: place for place, video in enumerate(value, 1)}
+        if isinstance(value, dict):
+            rows += [(rater, clip, key.videos[name].system, float(v)) for name, v in value.items()]
+    return pd.DataFrame(rows, columns=list(VALUES))
 
 
-def ranks(participants: Sequence[Participant], key: Key, question: str) -> Values:
-    """Places in rankings, 1 = best."""
-    rows = [
-        (rater, clip, system, place + 1)
-        for rater, clip, answer in _answers(participants, key, question)
-        if isinstance(answer.value, list)
-        for place, system in enumerate(_systems(key, answer.value))
-    ]
-    return _values(rows)
-
-
-def ratings(participants: Sequence[Participant], key: Key, question: str) -> Values:
-    """Slider positions, 0 to 100."""
-    rows = [
-        (rater, clip, key.systems.index(key.videos[video].system), value)
-        for rater, clip, answer in _answers(participants, key, question)
-        if isinstance(answer.value, dict)
-        for video, value in answer.value.items()
-    ]
-    return _values(rows)
-
-
-def first_places(values: Values, system: int) -> Votes:
-    """Whether ``system`` was ranked first, as votes for it (0) against all others (1)."""
-    rows = values.system == system
-    count = int(rows.sum())
-    return Votes(
-        values.rater[rows],
-        values.clip[rows],
-        np.zeros(count, dtype=int),
-        np.ones(count, dtype=int),
-        (values.value[rows] == 1).astype(float),
-        np.zeros(count, dtype=bool),
-    )
-
-
-def joined(groups: Sequence[Votes]) -> Votes:
-    """All rows of all groups."""
-    return Votes(
-        **{
-            name: np.concatenate([vars(votes)[name] for votes in groups])
-            for name in vars(groups[0])
-        }
-    )
-
-
-def clips_of(key: Key) -> tuple[str, ...]:
-    """Every clip that is judged, in the order of the index that rows use."""
-    judged = {trial.clip for trial in key.trials.values() if trial.expected is None}
-    return tuple(sorted(judged))
-
-
-def _answers(
+def _judged(
     participants: Sequence[Participant], key: Key, question: str
-) -> Iterator[tuple[int, int, Answer]]:
-    index = {clip: place for place, clip in enumerate(clips_of(key))}
+) -> Iterator[tuple[int, str, Answer]]:
     for rater, participant in enumerate(participants):
         for answer in participant.answers:
-            is_check = key.trials[answer.trial].expected is not None
-            if answer.question == question and not is_check:
-                yield rater, index[key.trials[answer.trial].clip], answer
+            trial = key.trials[answer.trial]
+            if answer.question == question and trial.expected is None:
+                yield rater, trial.clip, answer
 
 
-def _systems(key: Key, videos: Sequence[str]) -> list[int]:
-    return [key.systems.index(key.videos[video].system) for video in videos]
+def _name(key: Key, video: str) -> str:
+    """In matched studies with which speech is heard."""
+    found = key.videos[video]
+    is_other = key.protocol == "matched" and not found.is_matched
+    return found.system + MISMATCHED if is_other else found.system
 
 
-def _left_score(answer: Answer) -> float:
-    return 0.5 if answer.value == TIE else float(answer.value == answer.shown[0])
+def turned(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
+    """Left and right exchanged in some rows."""
+    return votes.assign(
+        left=votes.left.where(~rows, votes.right),
+        right=votes.right.where(~rows, votes.left),
+        score=votes.score.where(~rows, 1 - votes.score),
+    )
 
 
-def _votes(rows: list[tuple]) -> Votes:
-    columns = np.array(rows, dtype=float).reshape(-1, 6).T
-    whole = columns[:4].astype(int)
-    return Votes(*whole, score=columns[4], because_smooth=columns[5].astype(bool))
+def of(votes: pd.DataFrame, name: str) -> pd.DataFrame:
+    """The rows that show it, turned so that it is on the left."""
+    rows = pd.DataFrame(votes[(votes.left == name) | (votes.right == name)])
+    return turned(rows, rows.left != name)
 
 
-def _values(rows: list[tuple]) -> Values:
-    columns = np.array(rows, dtype=float).reshape(-1, 4).T
-    return Values(*columns[:3].astype(int), value=columns[3])
+def between(votes: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
+    """The rows that compare the two, turned so that ``first`` is on the left."""
+    rows = of(votes, first)
+    return pd.DataFrame(rows[rows.right == second])
+
+
+def first_places(values: pd.DataFrame, system: str) -> pd.DataFrame:
+    """Whether it was ranked first, as votes for it against all others."""
+    rows = values[values.system == system]
+    return rows.assign(score=(rows.value == 1).astype(float))
+
+
+def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
+    """All choices between two videos, sorted as the leaderboard sorts them."""
+    rows = []
+    for question in key.questions:
+        for rater, clip, answer in _judged(participants, key, question.id):
+            if question.kind == "choice":
+                names = [_name(key, video) for video in answer.shown]
+                winner = "model_a" if answer.value == answer.shown[0] else "model_b"
+                winner = "tie" if answer.value == TIE else winner
+                juice = [_JUICE.get(reason, reason) for reason in answer.reasons]
+                listed = json.dumps(juice, separators=(",", ":")) if juice else "{}"
+                user, strong = participants[rater].id, answer.is_strong
+                rows.append((user, clip, *names, winner, strong, listed, None))
+    table = pd.DataFrame(rows, columns=list(BATTLES))
+    return table.sort_values(["user", "input_code"], kind="stable")
+
+
+def read_battles(path: Path) -> tuple[Key, list[Participant]]:
+    """A table of battles as a study and those who took part; after ``winner`` columns may be
+    missing.
+
+    Raises:
+        RunError: if it is none.
+    """
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, nrows=_MAX_BATTLES)
+        for name in BATTLES[:5]:
+            if name not in table or not len(table):
+                raise ValueError(f"it has no {name if len(table) else 'rows'}")
+        return _battles_read(table, path.name)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise RunError(f"{path.name} is no table of battles: {reason}.") from error
+
+
+def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant]]:
+    pairs = {tuple(pair) for pair in table[["model_a", "model_b"]].to_numpy()}
+    is_matched = all(a + MISMATCHED == b or b + MISMATCHED == a for a, b in pairs)
+    question = Question("match" if is_matched else "realism", name, "choice")
+    videos, trials = {}, {}
+    answers: dict[str, list[Answer]] = {user: [] for user in table["user"]}
+    for row in table.to_dict("records"):
+        clip, shown = row["input_code"], []
+        for model in (row["model_a"], row["model_b"]):
+            is_other = is_matched and model.endswith(MISMATCHED)
+            system = model.removesuffix(MISMATCHED) if is_other else model
+            speech = ("another" if is_other else clip) if is_matched else None
+            videos[f"{clip}/{model}"] = Video(system, clip, speech, "front", "unknown")
+            shown.append(f"{clip}/{model}")
+        trial = " against ".join(sorted(shown))
+        kind = "match" if is_matched else "pair"
+        trials[trial] = Trial(kind, clip, tuple(sorted(shown)), (question.id,))
+        winners = {"model_a": shown[0], "model_b": shown[1], "tie": TIE}
+        if row["winner"] not in winners:
+            raise ValueError(f"{row['winner']!r} is no winner")
+        juice = row.get("juiceOptions", "")
+        reasons = tuple(mine for mine, theirs in _JUICE.items() if theirs in juice)
+        strong = row.get("is_strong") == "True"
+        answers[row["user"]].append(
+            Answer(
+                *(trial, question.id, tuple(shown), winners[row["winner"]], reasons),
+                is_strong=strong,
+            )
+        )
+    key = Key(
+        study=name,
+        title=name,
+        protocol="matched" if is_matched else "pairwise",
+        systems=tuple(sorted({video.system for video in videos.values()})),
+        questions=(question,),
+        videos=videos,
+        trials=trials,
+        lists={n: tuple(each.trial for each in of) for n, of in enumerate(answers.values())},
+        attention_rule=AttentionRule(0),
+        participants=len(answers),
+    )
+    then = datetime(2000, 1, 1, tzinfo=UTC)
+    return key, [
+        Participant(name, user, number, then, tuple(given), then, source=user)
+        for number, (user, given) in enumerate(answers.items())
+    ]

@@ -1,16 +1,26 @@
 """Small studies and answers for the tests."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from app.study.design.fields import Fields
-from app.study.design.key import Expected, Key, Question, Trial, Video, write_key
+from app.study.design.checked import checked
+from app.study.design.key import (
+    KIND_OF_PROTOCOL,
+    AttentionRule,
+    Expected,
+    Key,
+    Question,
+    Trial,
+    Video,
+    write_key,
+)
 from app.study.simulate import RaterModel, World, answers_file
-from app.study.statistics.answers import Participant, participant_of
-from app.study.statistics.votes import Votes
+from app.study.statistics.answers import Participant, fitting
 
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}
@@ -29,10 +39,9 @@ SHOWN = {
     "ranking": (SYSTEMS,),
     "rating": (SYSTEMS,),
 }
-KINDS = {"pairwise": "pair", "matched": "match", "ranking": "rank", "rating": "rate"}
 
 
-def made_key(protocol: str = "pairwise", num_clips: int = 4, num_lists: int = 4) -> Key:
+def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4) -> Key:
     """Three systems, two attention checks of which one may fail."""
     clips = [f"clip{number}" for number in range(num_clips)]
     videos = {}
@@ -44,7 +53,10 @@ def made_key(protocol: str = "pairwise", num_clips: int = 4, num_lists: int = 4)
     question = QUESTIONS[protocol]
     trials = {
         f"{clip}/{number}": Trial(
-            KINDS[protocol], clip, tuple(f"{clip}-{name}" for name in shown), (question.id,)
+            KIND_OF_PROTOCOL[protocol],
+            clip,
+            tuple(f"{clip}-{name}" for name in shown),
+            (question.id,),
         )
         for clip in clips
         for number, shown in enumerate(SHOWN[protocol])
@@ -59,7 +71,7 @@ def made_key(protocol: str = "pairwise", num_clips: int = 4, num_lists: int = 4)
         videos=videos,
         trials=trials,
         lists={number: tuple(trials) for number in range(num_lists)},
-        max_failed=1,
+        attention_rule=AttentionRule(1),
         participants=num_lists,
     )
 
@@ -78,14 +90,16 @@ def made_files(key: Key, count: int, model: RaterModel | None = None) -> list[di
 def made_participants(key: Key, count: int, model: RaterModel | None = None) -> list[Participant]:
     """The same, read."""
     files = made_files(key, count, model)
-    return [participant_of(Fields(content), key, "made.json")[0] for content in files]
+    sent = [checked(json.dumps(content), Participant) for content in files]
+    return [fitting(replace(one, source="made.json"), key)[0] for one in sent]
 
 
-def made_votes(rows: list[tuple[int, int, int, float]], clip: int = 0) -> Votes:
+def made_votes(
+    rows: list[tuple[int, str, str, float]], clip: str = "clip0", is_smooth: bool = False
+) -> pd.DataFrame:
     """Votes from (rater, left, right, score)."""
-    rater, left, right, score = (np.array(column) for column in zip(*rows, strict=True))
-    nowhere = np.full(len(rows), clip)
-    return Votes(rater, nowhere, left, right, score.astype(float), np.zeros(len(rows), bool))
+    table = pd.DataFrame(rows, columns=["rater", "left", "right", "score"])
+    return table.assign(clip=clip, is_smooth=is_smooth, weight=1.0)
 
 
 def written_study(folder: Path, key: Key, files: list[dict[str, Any]]) -> tuple[Path, Path]:

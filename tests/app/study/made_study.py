@@ -12,8 +12,8 @@ import numpy as np
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.export import export_study
+from app.study.make.bundle import DATA, DATA_START
 from app.study.make.media import set_time
-from app.study.make.participant_page import DATA, DATA_START
 from app.study.make.workspace import Workspace, sha256
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav

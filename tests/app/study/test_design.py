@@ -9,20 +9,30 @@ import numpy as np
 import pytest
 
 from app.study.design import blinding
-from app.study.design.blinding import blinding_of, draw_blinding, make_key
+from app.study.design.blinding import (
+    LEVEL,
+    draw_blinding,
+    make_key,
+    order_probability,
+    order_tells,
+    stimuli_of,
+    value_tells,
+)
 from app.study.design.plan import Plan, read_plan
-from app.study.design.size import ANSWER_S, BEFORE_S, StudySize, size_of
-from app.study.design.tells import LEVEL, order_probability, order_tells, value_tells
 from app.study.design.trials import (
+    ANSWER_S,
+    BEFORE_S,
     Design,
+    Page,
     Stimulus,
+    StudySize,
     is_first_left,
     make_design,
     measure_balance,
     other_speech,
+    size_of,
     williams_square,
 )
-from app.study.make.records import reached_balance
 from tests.app.study.made_study import write_plan
 
 SYSTEMS = ["ann", "bob", "cleo", "dora"]
@@ -66,17 +76,19 @@ def test_each_system_is_left_as_often_as_right():
 
 
 def test_the_balance_of_lists_is_told_as_it_is():
-    system_of = {"a": "one", "b": "two", "c": "one", "d": "two"}
-    first, second = ("t1", ("a", "b")), ("t2", ("c", "d"))
-    check = ("check", ())
-    fair = measure_balance(
-        [[first, check, ("t2", ("d", "c"))], [second, ("t1", ("b", "a"))]], system_of
-    )
+    one, two = (Stimulus(name, "a", None, "front") for name in ("one", "two"))
+    three, four = (Stimulus(name, "b", None, "front") for name in ("one", "two"))
+    first, second, check = Page(0, (one, two)), Page(1, (three, four)), Page(2, ())
+
+    def balance(*lists):
+        return measure_balance(Design((), (), lists))
+
+    fair = balance((first, check, Page(1, (four, three))), (second, Page(0, (two, one))))
     assert fair.position_spread == fair.follows_spread == fair.appearances_spread == 0
     assert fair.first_place_spread_within_trial == 0
     assert fair.first_place_unfairness == 0.0
     assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
-    unfair = measure_balance([[first, second], [first, second]], system_of)
+    unfair = balance((first, second), (first, second))
     assert unfair.position_spread == unfair.follows_spread == 2
     assert unfair.first_place_spread_within_trial == 2
     assert unfair.first_place_unfairness == 1.0
@@ -120,7 +132,7 @@ def test_whole_groups_are_shown_with_their_speech(tmp_path):
 def test_lists_are_balanced_in_order_and_side(tmp_path):
     for protocol in PROTOCOLS:
         _, design = design_of(tmp_path, protocol)
-        balance = reached_balance(design, draw_blinding(design))
+        balance = measure_balance(design)
         # 36 participants are whole squares of 18, 12 and 3 trials.
         assert balance.position_spread == balance.follows_spread == balance.appearances_spread == 0
         assert balance.first_place_spread_within_trial == 0
@@ -136,6 +148,17 @@ def test_every_participant_gets_all_attention_checks_spread_out(tmp_path):
         assert len(places) == 3
         assert min(b - a for a, b in itertools.pairwise(places)) > 2
         assert {design.trials[pages[i].trial].press for i in places} == {"left", "right"}
+
+
+def test_two_checks_never_follow_each_other_while_there_are_trials_to_part_them(tmp_path):
+    """Both could be moved to the same place, by chance one list in nine."""
+    for checks, trials in [(2, 2), (3, 3), (3, 2), (4, 12)]:
+        settings = f"attention_checks = {checks}\ntrials_per_participant = {trials}"
+        _, design = design_of(tmp_path, "pairwise", settings)
+        for pages in design.lists:
+            kinds = [design.trials[page.trial].kind for page in pages]
+            assert kinds.count("attention") == checks
+            assert ("attention", "attention") not in itertools.pairwise(kinds)
 
 
 def test_shorter_lists_share_the_trials_evenly(tmp_path):
@@ -158,8 +181,8 @@ def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path):
         plan, design = design_of(tmp_path, protocol, participants=5)
         drawn, other = draw_blinding(design), draw_blinding(design)
         assert not set(drawn.videos.values()) & set(other.videos.values())
-        key = make_key(plan, design, drawn, {})
-        assert blinding_of(key, plan, design) == drawn
+        key = make_key(plan, design, drawn)
+        assert stimuli_of(key) == drawn.videos and tuple(key.trials) == drawn.trials
         assert len(key.lists) == 5
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
-from app.study.design.key import read_key
+from app.study.design.blinding import NOT_MADE
+from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.export import export_study
 from app.study.leaks import check_study
@@ -77,11 +78,11 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
         for clip in {video.clip for video in key.videos.values()}:
             files = [read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip]
             assert len({file.num_bytes for file in files}) == 1
-            assert {file.tracks[0].num_samples for file in files} == {FRAMES}
+            assert {len(file.tracks[0].sizes) for file in files} == {FRAMES}
             assert {len(file.tracks) for file in files} == {num_tracks}
         assert {path.name for path in study.private.iterdir()} == {
             *("key.json", "manifest.json", "provenance.json", "preregistration.md", "adapters"),
-            "state.json",
+            "README.md",
         }
         assert stat.S_IMODE(study.private.stat().st_mode) == 0o700
         assert stat.S_IMODE(study.key.stat().st_mode) == 0o600
@@ -115,11 +116,13 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
     assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
     other = Workspace(tmp_path / "b")
     other.private.mkdir(parents=True)
-    shutil.copy(study.key, other.key)  # the keys are drawn, so the copy gets that of the first
+    blank = {name: replace(video, sha256=NOT_MADE) for name, video in key.videos.items()}
+    write_key(replace(key, videos=blank), other.key)  # keys are drawn: it gets that of the first
     options, shares = ExportOptions(pool=JobPool(1)), []
     with pytest.raises(ValueError, match="not today"):
         export_study(plan, tmp_path / "b", options, draw=draw_but_the_garden)
-    assert len(json.loads((other.private / "state.json").read_text())["videos"]) == 2
+    made = [video.sha256 for video in read_key(other.key).videos.values()]
+    assert sum(digest != NOT_MADE for digest in made) == 2
     export_study(plan, tmp_path / "b", options, draw=draw_noise, on_progress=shares.append)
     assert shares == [1.0] and not (other.private / "made").exists()  # the clip that was left
     assert tree(other.bundle) == tree(study.bundle)
@@ -265,7 +268,7 @@ def test_length_body_face_and_place_are_the_same_for_every_system(inputs, tmp_pa
 
     length = f"length_s = {FRAMES / 30}"
     study = export_study(plan_of(inputs, length, HERE[1:]), tmp_path / "out", draw=look)
-    assert {read_mp4(path).tracks[0].num_samples for path in study.media.iterdir()} == {FRAMES}
+    assert {len(read_mp4(path).tracks[0].sizes) for path in study.media.iterdir()} == {FRAMES}
     first, second = (seen[name] for name in TWO)
     assert first.stage == second.stage and first.settings == second.settings
     for job in (first, second):

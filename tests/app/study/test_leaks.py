@@ -10,9 +10,9 @@ from app.errors import RunError
 from app.study.design.key import read_key
 from app.study.leaks import check_study
 from app.study.make import media
+from app.study.make.bundle import DATA, INDEX
 from app.study.make.media import set_time
 from app.study.make.mp4 import frames_of, joined
-from app.study.make.participant_page import DATA, INDEX
 from app.study.make.workspace import Workspace
 from tests.app.study.made_study import (
     CLIPS,

@@ -13,10 +13,10 @@ import pytest
 
 from app.errors import RunError
 from app.study.design.blinding import Blinding, blind_lists, draw_blinding
-from app.study.design.plan import Clip, Generator, Plan, PlannedSystem, read_plan
+from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
-from app.study.make.adapters import genea_tables, hemvip_config, jspsych_timeline
+from app.study.make.bundle import genea_tables, hemvip_config, jspsych_timeline
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.clip_noise import clip_seed
@@ -76,7 +76,7 @@ def test_calm_and_wild_motion_give_equal_files(made):
     assert calm.num_bytes == wild.num_bytes
     assert calm.tracks == wild.tracks  # packet by packet
     assert [track.handler for track in calm.tracks] == ["vide", "soun"]
-    assert calm.tracks[0].num_samples == FRAMES
+    assert len(calm.tracks[0].sizes) == FRAMES
     assert calm.tracks[0].duration == FRAMES / 30
 
 
@@ -157,14 +157,15 @@ def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
     """Two clips that shared noise would show the same gestures, matched or not."""
     speech = Speech(made_waveform(16_000 * 70 // 30).astype(np.float32), sha256="")
     systems = tuple(
-        PlannedSystem(name, generator=Generator("globaldiff/local", steps=steps))
+        Condition(name, system="globaldiff/local", steps=steps)
         for name, steps in (("few", 2), ("more", 3))
     )
-    plan = Plan("t", "pairwise", clips=(), systems=systems, participants=2)
-    source = Source(Clip("garden", None, 0.0), 70, speech, {}, {})
+    clip = Clip("garden", Path("garden.wav"))
+    plan = Plan("t", "pairwise", 2, (clip,), systems)
+    source = Source(clip, 70, speech, {}, {})
     poses = [
         shown_motions(plan, each, weights, None, lambda: False)["few"].poses
-        for each in (source, source, replace(source, clip=Clip("park", None, 0.0)))
+        for each in (source, source, replace(source, clip=replace(clip, name="park")))
     ]
     assert np.array_equal(poses[0], poses[1])
     assert np.abs(poses[0] - poses[2]).mean() > 0.001

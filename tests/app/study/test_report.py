@@ -1,6 +1,7 @@
 """The report is whole, holds the numbers of the answers, and says what they show."""
 
 import csv
+import html
 import json
 import re
 from collections import Counter
@@ -13,10 +14,10 @@ import pytest
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
-from app.study.report import text
+from app.study.report.report import NO_BREAK, headline, p_value, percent, say
 from app.study.simulate import ALIKE, RaterModel, World, answers_file
-from app.study.statistics.preference import share_of, smallest_share_detected
-from app.study.statistics.results import PairResult, SystemResult, analyse_participants
+from app.study.statistics.results import analyse_participants
+from app.study.statistics.shares import Number, share_numbers, smallest_share_detected
 from tests.app.study.made import (
     STRENGTHS,
     SYSTEMS,
@@ -43,7 +44,8 @@ def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None
     page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
     out = tmp_path / "report"
     assert {path.name for path in out.iterdir()} == {
-        *("preference.pdf", "report.html", "results.csv", "table.tex")
+        *("preference.pdf", "report.html", "results.csv", "table.tex"),
+        *(("battles.csv",) if key.questions[0].kind == "choice" else ()),
     }
     with (out / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -155,62 +157,62 @@ def test_measured_jitter_is_joined(pairwise):
     assert "more often than by chance" in page
 
 
-def pair_of(wins: int, losses: int, ties: int = 0) -> PairResult:
+def pair_of(wins: int, losses: int, ties: int = 0, *names: str) -> Number:
     score = [1.0] * wins + [0.0] * losses + [0.5] * ties
-    share = share_of(made_votes([(rater, 0, 1, value) for rater, value in enumerate(score)]))
-    return PairResult(0, 1, share, share.p)
+    votes = made_votes([(rater, "l", "r", value) for rater, value in enumerate(score)])
+    found, *_ = share_numbers("share", votes, *(names or ("local", "global")))
+    return replace(found, p_holm=found.p)
 
 
 def plain(sentence: str) -> str:
-    return sentence.replace(text.NO_BREAK, " ")
+    return html.unescape(sentence).replace(NO_BREAK, " ")
 
 
 def test_the_sentence_of_a_pair_follows_its_numbers():
-    key = made_key()
-    won = plain(text.pair(pair_of(24, 4), key, is_ranking=False))
+    won = plain(say("pair", pair_of(24, 4), False))
     assert won.startswith("local has 86 % of 28 votes against global (95 % interval 67 to 96 %)")
     assert won.endswith("this is beyond chance (p < .001 after Holm).")
-    lost = plain(text.pair(pair_of(4, 24), key, is_ranking=False))
+    lost = plain(say("pair", pair_of(4, 24), False))
     assert lost == won.replace("local", "?").replace("global", "local").replace("?", "global")
-    close = plain(text.pair(pair_of(15, 13), key, is_ranking=False))
+    close = plain(say("pair", pair_of(15, 13), False))
     assert close.endswith("this does not tell them apart (p = .851 after Holm).")
-    assert "evenly" in text.pair(pair_of(5, 5), key, is_ranking=False)
+    assert "evenly" in say("pair", pair_of(5, 5), False)
 
 
 def test_the_sentence_of_a_match_follows_its_numbers():
-    key = made_key("matched")
     for wins, losses, told in (
         (24, 4, "its motion fits its speech beyond chance"),
         (4, 24, "another's speech fits its motion better"),
         (15, 13, "was not told from another's"),
     ):
-        share = pair_of(wins, losses).share
-        assert told in text.match(SystemResult(0, share, share.p), key)
+        assert told in plain(say("match", pair_of(wins, losses)))
 
 
 def test_headline_and_power_say_who_came_first_and_how_surely():
     key = made_key(num_clips=10)
-    strong = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
-    assert text.headline(strong, key) == (
+    (strong,) = analyse_participants(made_participants(key, 28, ALIKE), key)
+    assert headline(strong) == (
         "realism: global came first, ahead of every other system beyond chance."
     )
     share = smallest_share_detected(28)
     assert share is not None
-    assert f"a side that {text.percent(share)} of participants lean to" in text.power(strong.power)
-    weak = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
-    assert text.headline(weak, key) == "realism: global, local and rival are not told apart."
+    said = say("power", share, strong.share_strictest, strong.num_raters, strong.comparisons)
+    assert f"a side that {percent(share)} of participants lean to; at Holm's strictest" in said
+    (weak,) = analyse_participants(made_participants(key, 4, ALIKE), key)
+    assert headline(weak) == "realism: global, local and rival are not told apart."
 
 
 def test_a_tie_has_no_winner_in_its_first_line() -> None:
     key = made_key(num_clips=10)
-    result = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
-    assert result.strengths is not None
+    (result,) = analyse_participants(made_participants(key, 4, ALIKE), key)
 
     def said(wins: int, ties: int, losses: int) -> str:
-        pair = pair_of(wins, losses, ties)
-        lead = np.array([1.0, -1.0]) * (wins - losses)
-        strengths = replace(result.strengths, log_strength=lead)
-        return text.headline(replace(result, pairs=(pair,), strengths=strengths), key)
+        lead = float(wins - losses)
+        strengths = [
+            Number("log_strength", name, value=value)
+            for name, value in (("local", lead), ("global", -lead))
+        ]
+        return headline(replace(result, numbers=(pair_of(wins, losses, ties), *strengths)))
 
     assert said(2, 0, 2) == "realism: local and global are not told apart: 2 and 2 votes."
     assert said(1, 0, 0) == "realism: local and global are not told apart: 1 and 0 votes."
@@ -222,18 +224,51 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
 def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths():
     for protocol in ("ranking", "rating"):
         key = made_key(protocol, num_clips=10)
-        result = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
-        assert text.headline(result, key).startswith("realism: global came first")
-        assert result.means is not None
-        sentences = [plain(one) for one in text.means(result.means, key, protocol == "ranking")]
+        (result,) = analyse_participants(made_participants(key, 28, ALIKE), key)
+        assert headline(result).startswith("realism: global came first")
+        measure = "mean_rank_gap" if protocol == "ranking" else "mean_rating_gap"
+        gaps = result.all(measure)
+        sentences = [plain(say("mean_gap", gap, protocol == "ranking")) for gap in gaps]
         better = "places better" if protocol == "ranking" else "points higher"
-        assert re.match(rf"global is [\d.]+ {better} than local \(95 % interval \d", sentences[1])
-        assert "global is" in sentences[3] and "rival" in sentences[3]
+        assert re.match(rf"global is [\d.]+ {better} than local \(95 % interval \d", sentences[0])
+        assert "global is" in sentences[2] and "rival" in sentences[2]
     assert STRENGTHS["global"] == max(STRENGTHS.values())
 
 
+@pytest.mark.parametrize("protocol", ["pairwise", "matched"])
+def test_battles_that_were_written_read_back_to_the_same_numbers(tmp_path, protocol):
+    """In the columns of the leaderboard's analysis, ours and a file of theirs."""
+    key = made_key(protocol)
+    made_report(tmp_path, key)
+    analyse(AnalysisRequest([tmp_path / "report" / "battles.csv"], None, tmp_path / "again"))
+    measures = ("elo", "log_strength", "share_of_all_votes", "right_choices", "left_chosen")
+    written, read = (
+        [
+            sorted(row.items())
+            for row in csv.DictReader((tmp_path / name / "results.csv").open())
+            if row["measure"] in measures
+        ]
+        for name in ("report", "again")
+    )
+    assert len(written) > 3 and sorted(written) == sorted(read)
+    theirs = tmp_path / "battles_elo.csv"
+    theirs.write_text(
+        "user,input_code,model_a,model_b,winner,is_strong,juiceOptions,juiceOtherReason\n"
+        'u1,1_wayne_0_2,AMUSE,HoloGest,model_a,True,"[""MotionSmoothness""]",\n'
+        "u1,1_wayne_0_3,HoloGest,AMUSE,tie,,{},\n"
+    )
+    analyse(AnalysisRequest([theirs], None, tmp_path / "theirs"))
+    page = plain((tmp_path / "theirs" / "report.html").read_text("utf-8"))
+    assert "AMUSE and HoloGest are not told apart: 1 and 0 votes, 1 tie." in page
+    theirs.write_text("user,input_code,model_a,model_b\n1,2,3,4\n")
+    with pytest.raises(RunError, match="no table of battles: it has no winner"):
+        analyse(AnalysisRequest([theirs], None, tmp_path / "none"))
+    with pytest.raises(RunError, match="Without a key only a table of battles"):
+        analyse(AnalysisRequest([tmp_path], None, tmp_path / "none"))
+
+
 def test_p_is_printed_as_in_papers():
-    printed = [plain(text.p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
+    printed = [plain(p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
     assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
 
 

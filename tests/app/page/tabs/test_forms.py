@@ -228,12 +228,14 @@ def test_the_form_of_a_study_becomes_a_plan(tmp_path):
     assert (plan.protocol, plan.participants, plan.seed) == ("ranking", 12, 3)
     assert (plan.length_s, plan.views) == (8.0, ("front", "side"))
     assert [clip.speech for clip in plan.clips] == [tmp_path / "one.wav", tmp_path / "two.wav"]
-    assert plan.systems[1].motions == {
+    assert plan.systems[1].motion == {
         "one": tmp_path / "theirs--one.npz",
         "two": tmp_path / "theirs--two.npz",
     }
     link = "https://app.prolific.com/submissions/complete?cc=C0DE"
-    assert planned(tmp_path, replace(STUDY, return_to=f" {link} ")).return_to == link
+    told = replace(STUDY, return_to=f" {link} ", contact="a@lab.example", consent="Yes?\nNo?")
+    plan = planned(tmp_path, told)
+    assert (plan.return_to, plan.contact, plan.consent) == (link, "a@lab.example", "Yes?\nNo?")
     bare = planned(tmp_path, replace(STUDY, title=None, seed=None, post_to=None))
     assert (bare.seed, bare.post_to, bare.return_to) == (0, None, None)
     evil = planned(tmp_path, replace(STUDY, title='x"\nface = "moving"\ny = "'))
@@ -264,10 +266,10 @@ def test_changes_of_gestures_become_systems(tmp_path, question):
     values = ["t", protocol, speeches, [PLANNED], None, 8, 4, 0, ["front"], "", "", changed]
     plan = planned(tmp_path, StudyForm.of(values))
     assert plan.protocol == PROTOCOLS[protocol] and plan.has_sound
-    found = {each.name: each.generator for each in plan.systems}
-    assert list(found) == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
-    assert {each.system for each in found.values() if each} == {PLANNED}
-    styles = [each.style for each in found.values() if each]
+    names = [each.name for each in plan.systems]
+    assert names == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
+    assert {each.system for each in plan.systems} == {PLANNED}
+    styles = [each.style for each in plan.systems]
     assert styles[0] is None and all(each not in (None, StyleWish()) for each in styles[1:])
 
 

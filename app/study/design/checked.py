@@ -1,0 +1,73 @@
+"""JSON written by others, read without trusting it: a cap on its bytes, then types by pydantic."""
+
+from __future__ import annotations
+
+import functools
+import reprlib
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+STRICT = ConfigDict(strict=True, allow_inf_nan=False)
+"""Numbers are no texts, true and false no numbers; fields that are not known are passed over."""
+MAX_TEXT = 2000
+"""Longest text, in characters, that any field may hold."""
+Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
+NO_JSON = "it is no whole JSON file (cut off or damaged)"
+T = TypeVar("T")
+
+
+class FieldError(ValueError):
+    """What is wrong with a file, as the end of a sentence about it."""
+
+
+def read_checked(path: Path, kind: type[T], max_bytes: int) -> T:
+    """The JSON of a file as a ``kind``.
+
+    Raises:
+        FieldError: if it is too large, unreadable, no JSON, or not such a thing.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)
+    except OSError as error:
+        raise FieldError(f"it cannot be read ({error.strerror or 'unknown reason'})") from error
+    if len(content) > max_bytes:
+        raise FieldError(f"it is larger than the {max_bytes:,} bytes that are read")
+    return checked(content, kind)
+
+
+def checked(content: bytes | str, kind: type[T], context: Any = None) -> T:
+    """JSON as a ``kind``.
+
+    Raises:
+        FieldError: if it is none.
+    """
+    try:
+        return adapter(kind).validate_json(content, context=context)
+    except ValidationError as error:
+        raise FieldError(why(error)) from error
+
+
+@functools.cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def why(error: ValidationError) -> str:
+    """What is wrong first, as the end of a sentence; unknown names come before all else."""
+    found = error.errors(include_url=False)
+    first = next((one for one in found if one["type"] == "unexpected_keyword_argument"), found[0])
+    name = "`" + ".".join(map(str, first["loc"])) + "`" if first["loc"] else "it"
+    if first["type"] == "json_invalid":
+        is_deep = "recursion" in str(first.get("ctx"))
+        return "it is nested too deeply" if is_deep else NO_JSON
+    if first["type"] == "value_error":
+        return first["msg"].removeprefix("Value error, ")
+    if first["type"] == "missing":
+        return f"{name} is missing"
+    if first["type"] == "unexpected_keyword_argument":
+        return f"there is no key {name}"
+    rule = first["msg"][0].lower() + first["msg"][1:]
+    return f"{name} cannot be {reprlib.repr(first['input'])}: {rule}"

@@ -1,0 +1,251 @@
+"""What lies behind the answers: strengths after Bradley and Terry, means, and how far raters agree.
+
+Strengths: Davidson (1970) for ties, Davidson and Beaver (1977) for the advantage of one side: with
+``x`` the log-strength of the left minus that of the right plus the advantage of the left, the
+outcomes left, tie and right are as likely as ``exp(x / 2) : tie : exp(-x / 2)``. That is a
+multinomial logit, linear in log-strengths, advantage and ``log(tie)``: the log-likelihood is
+concave, and Newton's method finds its one maximum. The prior, a normal with mean 0 and standard
+deviation `PRIOR_SD` on each of them, keeps a system that won everything finite; beside some hundred
+votes it is not felt.
+
+Means: the participant is the unit; their answers over clips are averaged first, because they are
+alike. Intervals draw participants anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy import stats
+
+from app.study.statistics.shares import CONFIDENCE, Limits, Number, with_holm
+
+PRIOR_SD = 2.0
+"""In natural-log units: a strength ratio of exp(2 * 2) = 55 is still plausible before any vote."""
+RESAMPLES = 2000
+SEED = 0
+"""Fixed, so that the same answers give the same report."""
+ELO_MEAN, ELO_SCALE = 1000.0, 400.0
+"""Whose rating is so much higher is expected to win ten times of eleven."""
+_MAX_ITERATIONS = 200
+_LONGEST_STEP = 2.0
+_TOLERANCE = 1e-9
+
+
+def participant_weights(count: int) -> Float[np.ndarray, "B R"]:
+    """How often each participant is drawn in each resample."""
+    rng = np.random.default_rng(SEED)
+    return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
+
+
+def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np.ndarray, "C 2"]:
+    """Lower and upper limits from estimates of resamples of ``count`` participants.
+
+    Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know
+    about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by what
+    the normal quantile falls short of Student's.
+    """
+    if count < 2:
+        return np.tile([-np.inf, np.inf], (samples.shape[1], 1))
+    student = stats.t.ppf((1 - CONFIDENCE) / 2, count - 1)
+    tail = stats.norm.cdf(np.sqrt(count / (count - 1)) * student)
+    return np.quantile(samples, [tail, 1 - tail], axis=0).T
+
+
+def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
+    """Of the mean of each column over participants."""
+    drawn = participant_weights(len(values)) @ values / len(values)
+    return [(float(low), float(high)) for low, high in percentile_limits(drawn, len(values))]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The most likely parameters (P): log-strengths that sum to 0, then the advantage of the left
+    if sides are seen, then log(tie) if there are ties; and those of resamples."""
+
+    best: Float[np.ndarray, " P"]
+    samples: Float[np.ndarray, "B P"]
+    num_raters: int
+    has_ties: bool
+
+    def number(self, measure: str, weights: dict[int, float], *names: str) -> Number:
+        """A sum of parameters, with its interval."""
+        each = np.zeros(len(self.best))
+        each[list(weights)] = list(weights.values())
+        ((low, high),) = percentile_limits((self.samples @ each)[:, None], self.num_raters)
+        return Number(measure, *names, value=float(self.best @ each), low=low, high=high)
+
+
+def fit_strengths(
+    votes: pd.DataFrame, systems: Sequence[str], has_sides: bool, splits_ties: bool = False
+) -> Fit:
+    """
+    Args:
+        has_sides: whether left and right were seen as such (not in votes that rankings imply).
+        splits_ties: whether a tie is half a win for each, as for Elo ratings.
+    """
+    sides = np.stack(
+        [pd.Index(systems).get_indexer(votes[side].to_list()) for side in ("left", "right")]
+    )
+    match_ups, match_up = np.unique(sides, axis=1, return_inverse=True)
+    score = votes.score.to_numpy()
+    has_ties = bool((score == 0.5).any()) and not splits_ties
+    if splits_ties:
+        outcomes = np.stack([score, 1 - score], axis=1) * votes.weight.to_numpy()[:, None]
+    else:
+        outcomes = np.stack([score == 1, score == 0, score == 0.5][: 2 + has_ties], axis=1)
+    rater = pd.factorize(votes.rater, sort=True)[0]
+    num_raters = int(rater.max()) + 1
+    counts = np.zeros((num_raters, match_ups.shape[1], outcomes.shape[1]))  # (R, M, O)
+    np.add.at(counts, (rater, match_up.ravel()), outcomes.astype(float))
+
+    num_systems = len(systems)
+    design = np.zeros((*counts.shape[1:], num_systems + has_sides + has_ties))  # (M, O, P)
+    rows = np.arange(len(design))
+    for side, sign in zip(match_ups, (0.5, -0.5), strict=True):
+        design[rows, 0, side], design[rows, 1, side] = sign, -sign
+    if has_sides:
+        design[:, 0, num_systems], design[:, 1, num_systems] = 0.5, -0.5
+    if has_ties:
+        design[:, 2, -1] = 1
+    best = _maximum(design, counts.sum(0, keepdims=True), np.zeros(design.shape[2]))[0]
+    drawn = np.einsum("br,rmo->bmo", participant_weights(num_raters), counts, optimize=True)
+    return Fit(best, _maximum(design, drawn, best), num_raters, has_ties)
+
+
+def _maximum(
+    design: Float[np.ndarray, "M O P"],
+    counts: Float[np.ndarray, "B M O"],
+    start: Float[np.ndarray, " P"],
+) -> Float[np.ndarray, "B P"]:
+    """The most likely parameters of B tables of counts at once, by Newton's method."""
+    beta = np.tile(start, (len(counts), 1))
+    votes = counts.sum(2)
+    squares = np.einsum("mop,moq->mopq", design, design)
+    for _ in range(_MAX_ITERATIONS):
+        logits = np.einsum("mop,bp->bmo", design, beta, optimize=True)
+        weights = np.exp(logits - logits.max(2, keepdims=True))
+        expected = votes[..., None] * weights / weights.sum(2, keepdims=True)  # (B, M, O)
+        gradient = np.einsum("bmo,mop->bp", counts - expected, design, optimize=True)
+        gradient -= beta / PRIOR_SD**2
+        # Minus the second derivative: covariance of the design, plus the prior's precision.
+        second = np.einsum("bmo,mopq->bpq", expected, squares, optimize=True)
+        mean = np.einsum("bmo,mop->bmp", expected, design, optimize=True)
+        scaled = mean / np.maximum(votes, 1)[..., None]
+        second -= np.einsum("bmp,bmq->bpq", mean, scaled, optimize=True)
+        second += np.eye(design.shape[2]) / PRIOR_SD**2
+        step = np.linalg.solve(second, gradient[..., None])[..., 0]
+        length = np.abs(step).max(1, keepdims=True)
+        beta += step * np.minimum(1, _LONGEST_STEP / np.maximum(length, _TOLERANCE))
+        if length.max() < _TOLERANCE:
+            return beta
+    raise AssertionError("Newton's method did not converge on a concave likelihood.")
+
+
+def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: bool) -> list[Number]:
+    """Log-strengths, their differences, what ties and the left side do, and Elo ratings."""
+    fit = fit_strengths(votes, systems, has_sides)
+    found = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
+    found += [
+        fit.number("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
+        for a, b in combinations(range(len(systems)), 2)
+    ]
+    found.append(Number("tie_parameter", value=math.exp(fit.best[-1]) if fit.has_ties else 0.0))
+    if has_sides:
+        found.append(fit.number("left_advantage", {len(systems): 1.0}))
+    return found + elo_numbers(votes, systems)
+
+
+def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[Number]:
+    """Ratings as leaderboards print them: of the same model with ties as half a win for each and
+    without sides, clear preferences counted twice."""
+    fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
+    scale = ELO_SCALE / math.log(10)
+    found = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
+    return [one.raised(ELO_MEAN) for one in found]
+
+
+def mean_numbers(
+    values: pd.DataFrame, systems: Sequence[str], measure: str
+) -> tuple[int, list[Number]]:
+    """How many judged every system, and means, differences and tests (Friedman's and, for pairs,
+    Wilcoxon's signed-rank test over participants); nothing if nobody did."""
+    table = values.pivot_table(index="rater", columns="system", values="value", aggfunc="mean")
+    means = table.reindex(columns=list(systems)).dropna().to_numpy()  # (R, K)
+    if not len(means):
+        return 0, []
+    found = [
+        Number(measure, name, None, float(value), *limits)
+        for name, value, limits in zip(systems, means.mean(0), mean_limits(means), strict=True)
+    ]
+    pairs = list(combinations(range(len(systems)), 2))
+    gaps = (
+        np.stack([means[:, a] - means[:, b] for a, b in pairs], axis=1) if pairs else means[:, :0]
+    )
+    tested = [
+        Number(
+            f"{measure}_gap", systems[a], systems[b], float(gap.mean()), *limits, p=_paired_p(gap)
+        )
+        for (a, b), gap, limits in zip(pairs, gaps.T, mean_limits(gaps), strict=True)
+    ]
+    friedman = Number("friedman", p=_friedman_p(means))
+    return len(means), [*found, *with_holm(tested), friedman]
+
+
+def _paired_p(gap: Float[np.ndarray, " R"]) -> float:
+    gap = np.round(gap, 9)  # means of equal ranks may differ in their last bit
+    return float(stats.wilcoxon(gap).pvalue) if gap.any() else 1.0  # pyright: ignore
+
+
+def _friedman_p(means: Float[np.ndarray, "R K"]) -> float | None:
+    """That all systems are alike; None with fewer than 3 systems or 2 participants."""
+    if means.shape[1] < 3 or len(means) < 2:
+        return None
+    rounded = np.round(means, 9)
+    if (rounded == rounded[:, :1]).all():
+        return 1.0
+    return float(stats.friedmanchisquare(*rounded.T).pvalue)  # pyright: ignore
+
+
+Level = Literal["nominal", "ordinal", "interval"]
+
+
+def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float | None:
+    """Alpha from coincidences (Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability").
+
+    Args:
+        units: for each thing judged the values it got, in any order; raters may be missing.
+        level: what the values are: names, an order, or numbers.
+
+    Returns:
+        None if no unit has two values, or all values are the same: then there is nothing to agree
+        on.
+    """
+    pairable = [np.asarray(unit, dtype=float) for unit in units if len(unit) >= 2]
+    if not pairable:
+        return None
+    values, codes = np.unique(np.concatenate(pairable), return_inverse=True)
+    coincidences = np.zeros((len(values), len(values)))
+    ends = np.cumsum([len(unit) for unit in pairable])
+    for unit in np.split(codes, ends[:-1]):
+        counts = np.bincount(unit, minlength=len(values)).astype(float)
+        coincidences += (np.outer(counts, counts) - np.diag(counts)) / (len(unit) - 1)
+    totals = coincidences.sum(1)
+    if level == "nominal":
+        difference = 1 - np.eye(len(values))
+    elif level == "interval":
+        difference = np.subtract.outer(values, values) ** 2
+    else:  # sum of the totals from one value to the other, both ends counted half
+        middle = np.cumsum(totals) - totals / 2
+        difference = np.subtract.outer(middle, middle) ** 2
+    expected = totals @ difference @ totals
+    if expected == 0:
+        return None
+    return float(1 - (totals.sum() - 1) * (coincidences * difference).sum() / expected)

@@ -1,0 +1,234 @@
+"""How often one thing is preferred to another: share, interval, test, power.
+
+Votes of one participant are alike, so a vote is not the unit that chance acts on; a participant is.
+
+- Share: of all votes, a tie counted as half a vote for each. Ties are votes (the participant looked
+  and saw no difference); leaving them out would make a rare preference look strong.
+- Interval: Clopper-Pearson at the effective number of votes (Korn and Graubard 1998, as the U.S.
+  National Center for Health Statistics uses it for clustered samples). It speaks of other
+  participants who watch the same clips; that over clips of other clips, too.
+- Test: exact binomial (sign) test over participants, each counted once for the side that got more
+  of their votes. It is exact whatever the dependence within a participant. Barnard's test is for
+  two independent groups, and here everybody judges everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy import optimize, stats
+
+CONFIDENCE = 0.95
+MIN_CLIPS = 6
+"""Fewer clips do not tell how much clips differ."""
+ALPHA = 0.05
+POWER = 0.8
+
+Limits = tuple[float, float]
+"""Confidence limits at `CONFIDENCE`."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of the analysis: a row of ``results.csv``. Shares are 0 to 1."""
+
+    measure: str
+    first: str | None = None
+    second: str | None = None
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    """Adjusted over the comparisons of the question."""
+    wins: int = 0
+    """Of the first; written where there are votes."""
+    ties: int = 0
+    losses: int = 0
+    participants_for: int = 0
+    """With more votes for the first."""
+    participants_against: int = 0
+
+    @property
+    def votes(self) -> int:
+        return self.wins + self.ties + self.losses
+
+    @property
+    def beyond(self) -> int:
+        """1 where votes and participants lean to the first beyond chance, -1 to the second, else
+        0."""
+        p = self.p if self.p_holm is None else self.p_holm
+        lead = np.sign(self.participants_for - self.participants_against)
+        is_sure = p is not None and p < ALPHA and self.value is not None
+        return int(lead) if is_sure and lead == np.sign(self.value - 0.5) else 0  # type: ignore[operator]
+
+    @property
+    def limits(self) -> tuple[float, float, float]:
+        """Value, low and high, where there are such."""
+        assert self.value is not None and self.low is not None and self.high is not None
+        return self.value, self.low, self.high
+
+    def raised(self, by: float) -> Number:
+        value, low, high = self.limits
+        return replace(self, value=value + by, low=low + by, high=high + by)
+
+    def from_the_other_side(self) -> Number:
+        """The same share seen from the second, or the same difference."""
+        whole = 1.0 if self.votes else 0.0
+        value, low, high = self.limits
+        return replace(
+            self,
+            first=self.second,
+            second=self.first,
+            value=whole - value,
+            low=whole - high,
+            high=whole - low,
+            wins=self.losses,
+            losses=self.wins,
+            participants_for=self.participants_against,
+            participants_against=self.participants_for,
+        )
+
+
+def share_numbers(
+    measure: str,
+    votes: pd.DataFrame,
+    first: str | None = None,
+    second: str | None = None,
+    is_tested: bool = True,
+) -> list[Number]:
+    """Share, interval and test of ``score``, and the share with the two other intervals: also over
+    clips, from `MIN_CLIPS` on, and plain Clopper-Pearson of decided votes as if all were
+    independent, only to compare with papers that print it.
+
+    Raises:
+        ValueError: if there are no votes.
+    """
+    if not len(votes):
+        raise ValueError("There are no votes.")
+    score = votes.score
+    wins, losses = int((score == 1).sum()), int((score == 0).sum())
+    share = float(score.mean())
+    lead = (score - 0.5).groupby(votes.rater).sum()
+    pro, con = int((lead > 0).sum()), int((lead < 0).sum())
+    about = Number(measure, first, second, share)
+    effective = effective_votes(votes)
+    low, high = clopper_pearson(share * effective, effective)
+    p = sign_test(pro, con) if is_tested else None
+    counts = (wins, len(score) - wins - losses, losses, pro, con)
+    found = [Number(measure, first, second, share, low, high, p, None, *counts)]
+    if (over_clips := _effective_over_clips(votes)) is not None:
+        low, high = clopper_pearson(share * over_clips, over_clips)
+        found.append(replace(about, measure=f"{measure}_also_over_clips", low=low, high=high))
+    if wins + losses:
+        low, high = clopper_pearson(wins, wins + losses)
+        plain, decided = f"{measure}_of_decided_as_if_independent", wins / (wins + losses)
+        found.append(replace(about, measure=plain, value=decided, low=low, high=high))
+    return found
+
+
+def with_holm(numbers: Sequence[Number]) -> list[Number]:
+    """With p adjusted over all that have votes and a p."""
+    tested = [number for number in numbers if number.p is not None]
+    adjusted = dict(zip(map(id, tested), holm([one.p for one in tested]), strict=True))  # type: ignore[misc]
+    return [replace(one, p_holm=adjusted.get(id(one))) for one in numbers]
+
+
+def clopper_pearson(successes: float, trials: float) -> Limits:
+    """Exact binomial limits (Clopper and Pearson 1934); both numbers may be fractions."""
+    tail = (1 - CONFIDENCE) / 2
+    failures = trials - successes
+    low = stats.beta.ppf(tail, successes, failures + 1) if successes > 0 else 0.0
+    high = stats.beta.ppf(1 - tail, successes + 1, failures) if failures > 0 else 1.0
+    return float(low), float(high)
+
+
+def sign_test(more: int, fewer: int) -> float:
+    """Exact two-sided p that as many would differ by chance; 1 if nobody decided."""
+    return float(stats.binomtest(more, more + fewer).pvalue) if more + fewer else 1.0
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Holm's step-down adjusted p (1979), in the order given."""
+    adjusted = [0.0] * len(p_values)
+    highest = 0.0
+    for rank, index in enumerate(np.argsort(p_values, kind="stable")):
+        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = highest
+    return adjusted
+
+
+def effective_votes(
+    votes: pd.DataFrame, variance: float | None = None, freedom: float | None = None
+) -> float:
+    """Number of independent yes/no votes that would tell as much (Korn and Graubard 1998).
+
+    The ratio of t quantiles widens for a variance that few clusters estimate. There are never more
+    than if all votes were independent: a smaller variance is nearly always luck. Where all votes
+    are the same, or one participant gave them all, nothing is known of how they vary, and each
+    participant counts as one vote.
+
+    Args:
+        variance: of the share; by default that between participants, with its ``freedom``.
+    """
+    score, num_raters = votes.score, votes.rater.nunique()
+    of_one, share = float(score.var(ddof=0)), float(score.mean())
+    if of_one == 0 or num_raters < 2:
+        return float(num_raters)
+    if variance is None:
+        variance, freedom = _cluster_variance(votes, ["rater"]), num_raters - 1
+    independent = share * (1 - share) * len(votes) / of_one
+    if variance <= 0:
+        return independent
+    upper = (1 + CONFIDENCE) / 2
+    few = stats.t.ppf(upper, len(votes) - 1) / stats.t.ppf(upper, freedom)
+    return min(independent, float(share * (1 - share) / variance * few**2))
+
+
+def _cluster_variance(votes: pd.DataFrame, by: list[str]) -> float:
+    """Variance of the share when whole clusters are drawn (ratio estimator, linearised)."""
+    apart = votes.score - votes.score.mean()
+    sums = apart.groupby([votes[name] for name in by]).sum()
+    count = len(sums)
+    return float(count / (count - 1) * (sums**2).sum() / len(votes) ** 2) if count > 1 else 0.0
+
+
+def _effective_over_clips(votes: pd.DataFrame) -> float | None:
+    """Participants and clips both drawn anew: two-way clustered variance (Cameron et al. 2011).
+
+    The few clips only weaken the part of the variance that they add (Satterthwaite 1946).
+    """
+    num_clips, num_raters = len(votes["clip"].unique()), len(votes.rater.unique())
+    if num_clips < MIN_CLIPS or num_raters < 2:
+        return None
+    by_rater = _cluster_variance(votes, ["rater"])
+    both = _cluster_variance(votes, ["rater", "clip"])
+    added = max(0.0, _cluster_variance(votes, ["clip"]) - both)
+    parts = by_rater**2 / (num_raters - 1) + added**2 / (num_clips - 1)
+    variance = by_rater + added
+    freedom = variance**2 / parts if parts > 0 else num_raters - 1
+    return effective_votes(votes, variance, freedom)
+
+
+def smallest_share_detected(count: int, alpha: float = ALPHA) -> float | None:
+    """The share that so many independent yes/no votes tell from one half with `POWER`.
+
+    Exact: the rejection region of the two-sided binomial test at ``alpha``.
+
+    Returns:
+        A share of 0.5 to 1; None if even unanimous votes would not reach ``alpha``.
+    """
+    tail = int(stats.binom.ppf(alpha / 2, count, 0.5)) - 1
+    while stats.binom.cdf(tail + 1, count, 0.5) <= alpha / 2:
+        tail += 1
+    if tail < 0:
+        return None
+
+    def lacks(share: float) -> float:
+        seen = stats.binom.cdf(tail, count, share) + stats.binom.sf(count - tail - 1, count, share)
+        return float(seen) - POWER
+
+    return float(optimize.root_scalar(lacks, bracket=(0.5, 1.0)).root)
