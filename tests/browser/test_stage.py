@@ -1,7 +1,6 @@
 """All that is switched, read and found on one run of three systems: stage, time line, videos."""
 
 import base64
-import io
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from app import text
@@ -512,12 +510,7 @@ def box_of(place: Locator) -> Any:
     return box
 
 
-def colourfulness(picture: Locator) -> float:
-    drawn = np.asarray(Image.open(io.BytesIO(picture.screenshot())).convert("RGB"), float)
-    return float((drawn.max(axis=-1) - drawn.min(axis=-1)).mean())
-
-
-def test_three_videos_keep_within_a_frame_of_the_sound_and_are_compared(page: Page) -> None:
+def test_three_videos_keep_within_a_frame_of_the_sound(page: Page) -> None:
     show_videos(page)
     bar = bar_of(page)
     page.keyboard.press(".")
@@ -554,43 +547,13 @@ def test_three_videos_keep_within_a_frame_of_the_sound_and_are_compared(page: Pa
 
     page.keyboard.press("Home")
     expect_frames(page, 0)
-    large, shown = page.locator("#player .tile.large"), page.locator("#player .tile:visible")
+    large = page.locator("#player .tile.large")
     page.keyboard.press("2")
     expect(large).to_have_attribute("data-name", "globaldiff/global")
     assert 500 < box_of(large.locator(".picture"))["height"] < 900, "of a window of 900"
     page.keyboard.press("2")
     expect(large).to_have_count(0)
-    press(bar, "Wipe")
-    bar.get_by_label("Second of two").select_option("globaldiff/full")
-    expect(shown).to_have_count(2)
-    one, two = (box_of(tile.locator(".picture")) for tile in shown.all())
-    assert one == two and 500 < one["height"] < 900
-    handle = page.locator("#player .wipe")
-    handle.press("ArrowRight")
-    expect(handle).to_have_attribute("aria-valuenow", "52")
-    press(bar, "Flicker")
-    for index in (0, 1):
-        page.wait_for_function(
-            "i => getComputedStyle(document.querySelector(i ? '.second-of-two' : '.first-of-two'))"
-            ".visibility === 'hidden'",
-            arg=index,
-        )
-
-    # A ghost is grey where two agree, and coloured where they do not.
-    press(bar, "Ghost")
-    legend = page.locator("#player .tiles .ghost-legend")
-    expect(legend).to_contain_text("Grey where both agree.")
-    assert colourfulness(shown.first.locator(".picture")) < 2.0
-    page.wait_for_function(  # a seek that ends late brings it back
-        f"""() => {{
-            const other = document.querySelector('.second-of-two video');
-            if (Math.abs(other.currentTime - 2.11) > 0.01) other.currentTime = 2.11;
-            return Math.max(...({READ_FRAMES})()) === 63;
-        }}"""
-    )
-    assert colourfulness(shown.first.locator(".picture")) > 20.0
-    press(bar, "All")
-    expect(legend).to_be_hidden()
+    expect(bar.get_by_role("button", name="Ghost")).to_have_count(0)  # the stage lays them
 
 
 # ---------------------------------------------------------------- the numbers behind the stage

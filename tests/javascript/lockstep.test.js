@@ -182,17 +182,3 @@ test("where more is to come it waits short of the last frame there is, and goes 
   await pass(3);
   assert.deepEqual([player.isPlaying, player.frame], [false, 89]);
 });
-
-test("a video that is not seen costs nothing, joins where the others are, and drifts are told", async () => {
-  const { player, videos } = started(1, 1);
-  player.setActive(videos[1], false);
-  await player.play();
-  await pass(1);
-  assert.equal(videos[1].currentTime, 0.5 * FRAME_S);
-  assert.deepEqual([...player.drifts.keys()], [videos[0]]);
-  player.setActive(videos[1], true);
-  await pass(0.2);
-  for (const drift of player.drifts.values()) assert.ok(Math.abs(drift) < FRAME_S);
-  player.setActive(videos[0], false);
-  assert.deepEqual(videos.map(({ paused }) => paused), [true, false]);
-});

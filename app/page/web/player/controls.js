@@ -95,6 +95,7 @@ export class Controls {
     const { names, mode, pair } = this.#view;
     this.modes.hidden = names.length < 2;
     this.pairBox.hidden = mode === "grid";
+    if (mode === "grid") return;
     for (const [index, select] of this.pair.entries()) {
       if (select.options.length !== names.length) {
         select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#view.labelOf(name))));
@@ -135,7 +136,7 @@ export class Controls {
       Home: () => this.#player.seekFrame(0),
       End: () => this.#player.seekFrame(Infinity),
       l: () => this.toggleLoop(),
-      x: () => this.#view.swap(),
+      x: () => this.#view.swap?.(),
       w: () => this.worst.toggle(),
       g: () => this.#view.names.length > 1 && this.#view.setMode(this.#view.mode === "ghost" ? "grid" : "ghost"),
     };

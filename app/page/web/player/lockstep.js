@@ -64,10 +64,10 @@ export class Lockstep extends EventTarget {
     return this.#sound ?? this.#followers.keys().next().value ?? null;
   }
 
-  /** Videos that must be led: all that are seen but the one that is the clock. */
+  /** Videos that must be led: all but the one that is the clock. */
   get #led() {
     const clock = this.#clock;
-    return [...this.#followers.values()].filter((follower) => follower.isActive && follower.video !== clock);
+    return [...this.#followers.values()].filter(({ video }) => video !== clock);
   }
 
   /** Whether it would play, but what it is to show has not come yet. */
@@ -109,16 +109,6 @@ export class Lockstep extends EventTarget {
     this.#listen(video);
     if (this.#isPlaying) this.#restart();
     else this.#followers.get(video).stand(this.#middle(this.frame));
-  }
-
-  /** Whether a video is seen; one that is not stands still and costs nothing. */
-  setActive(video, isActive) {
-    const follower = this.#followers.get(video);
-    if (!follower || follower.isActive === isActive) return;
-    follower.isActive = isActive;
-    if (!isActive && video !== this.#clock) video.pause();
-    else if (this.#isPlaying) this.#restart();
-    else follower.stand(this.#middle(this.frame));
   }
 
   /** Forget everything and stop. */
@@ -193,11 +183,6 @@ export class Lockstep extends EventTarget {
     this.#tell("state");
   }
 
-  /** Seconds by which each led video is ahead of the clock, by video. */
-  get drifts() {
-    return new Map(this.#led.map((follower) => [follower.video, follower.drift(this.#clock)]));
-  }
-
   #listen(media) {
     const { signal } = this.#listening;
     media.addEventListener("loadedmetadata", () => this.#measure(), { signal });
@@ -223,9 +208,7 @@ export class Lockstep extends EventTarget {
     const time = this.#middle(frame);
     const clock = this.#clock;
     if (clock) clock.currentTime = Math.min(time, clock.duration || time);
-    for (const follower of this.#followers.values()) {
-      if (follower.isActive && follower.video !== clock) follower.stand(time);
-    }
+    for (const follower of this.#led) follower.stand(time);
     this.#tell("time");
   }
 
@@ -289,7 +272,6 @@ export class Lockstep extends EventTarget {
 
 /** One video and how far it is from the clock. */
 class Follower {
-  isActive = true;
   #seen = null; // what the browser last said of a shown frame
   #jumped = -Infinity;
   #wanted = null; // where to go once the seek under way has ended

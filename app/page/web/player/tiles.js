@@ -1,50 +1,24 @@
-/** The grid of videos: one tile for each motion, and two of them on top of each other. */
+/** The grid of videos, where the stage draws no bodies or somebody wants them: one tile for each motion. */
 
-import { make } from "../dom.js";
-import { Tile } from "./tile.js";
+import { icon, make, nameOf } from "../dom.js";
+import { readingOf } from "../stage/reading.js";
 
-const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
-
-/**
- * All tiles. `mode` is grid, wipe, flicker or ghost; all but the first show two tiles in one place,
- * whose bodies the server has laid onto each other.
- */
+/** All tiles. It has of the stage's interface what a bar steers of videos; they are not laid over each other. */
 export class Tiles {
   #tiles = new Map();
   #player;
-  #onPair;
-  #handle;
-  #legend = make("p", { class: "ghost-legend", role: "note" });
+  #onChange;
   #large = null;
-  #flicker = null;
   #layout = null;
+  names = []; // of those that can be compared in one place
   mode = "grid";
-  pair = [null, null];
   closeUp = "hands";
 
   /** `player` is the Lockstep that the videos join. */
-  constructor(player, onPair) {
+  constructor(player, onChange) {
     this.#player = player;
-    this.#onPair = onPair;
-    this.element = make("div", { class: "tiles", "data-mode": "grid" });
-    this.#handle = make("div", {
-      class: "wipe",
-      role: "slider",
-      tabindex: "0",
-      "aria-label": "Where one video ends and the other begins",
-      "aria-valuemin": "0",
-      "aria-valuemax": "100",
-      onpointerdown: (event) => this.#dragWipe(event),
-      onkeydown: (event) => this.#keyWipe(event),
-    });
-  }
-
-  get names() {
-    return [...this.#tiles.keys()];
-  }
-
-  labelOf(name) {
-    return this.#tiles.get(name)?.label ?? name;
+    this.#onChange = onChange;
+    this.element = make("div", { class: "tiles" });
   }
 
   /** Make or complete the tiles of `rows`. */
@@ -52,19 +26,14 @@ export class Tiles {
     for (const row of rows) {
       let tile = this.#tiles.get(row.name);
       if (!tile) {
-        tile = new Tile(row, this.#tiles.size + 1, this);
+        tile = new Tile(row, this.#tiles.size + 1, (name) => this.enlarge(name));
         this.#tiles.set(row.name, tile);
         this.element.append(tile.element);
         this.#showCloseUp();
-        this.#arrange();
       }
       if (row.motion) tile.offerMotion(row.motion, row);
-      if (row.video && !tile.video) {
-        this.#player.add(tile.showVideo(row.video, row));
-        this.#arrange();
-      }
+      if (row.video && !tile.video) this.#player.add(tile.showVideo(row.video, row));
     }
-    this.element.append(this.#handle, this.#legend);
     this.element.dataset.count = this.#tiles.size;
   }
 
@@ -91,7 +60,7 @@ export class Tiles {
   setCloseUp(name) {
     this.closeUp = name;
     this.#showCloseUp();
-    this.#onPair();
+    this.#onChange();
   }
 
   nextCloseUp() {
@@ -119,16 +88,13 @@ export class Tiles {
   }
 
   clear() {
-    this.setMode("grid");
     this.#tiles.clear();
     this.#large = null;
-    this.pair = [null, null];
     this.element.replaceChildren();
   }
 
   /** Make one tile large, or small again. */
   enlarge(name) {
-    if (this.mode !== "grid") this.setMode("grid");
     this.#large = this.#large === name ? null : name;
     for (const [each, tile] of this.#tiles) {
       tile.element.classList.toggle("large", each === this.#large);
@@ -139,95 +105,58 @@ export class Tiles {
   }
 
   enlargeNumber(number) {
-    const name = this.names[number - 1];
+    const name = [...this.#tiles.keys()][number - 1];
     if (name) this.enlarge(name);
   }
+}
 
-  setMode(mode) {
-    this.mode = mode;
-    this.element.dataset.mode = mode;
-    clearInterval(this.#flicker);
-    if (mode !== "grid") {
-      if (this.#large) this.enlarge(this.#large);
-      this.mode = mode;
-      this.element.dataset.mode = mode;
-      const [first, second] = this.#alike();
-      this.pair = [this.pair[0] ?? first, this.pair[1] ?? second];
-      this.#wipeTo(50);
-    }
-    if (mode === "flicker") this.#flicker = setInterval(() => this.swap(), FLICKER_MS);
-    this.#arrange();
-    this.#onPair();
+/** One motion: its name, and its video or what stands in for it until that is drawn. */
+class Tile {
+  video = null;
+  #picture;
+  #tools;
+  #motion = null;
+  #reading = make("div", { hidden: true });
+
+  constructor(row, number, enlarge) {
+    this.label = row.label ?? row.name;
+    this.layout = row.layout ?? null; // where it is not that of all
+    this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, row.is_drawn === false ? "no video was asked for" : "being drawn"));
+    this.enlarge = make(
+      "button",
+      { type: "button", class: "enlarge", "aria-label": `Enlarge ${this.label}`, title: "Enlarge", "aria-pressed": "false", onclick: () => enlarge(row.name) },
+      icon("large"),
+    );
+    this.#tools = make("span", { class: "tools" }, this.enlarge);
+    const key = number <= 9 ? make("kbd", { "aria-hidden": "true" }, String(number)) : "";
+    const head = make("header", {}, make("i", { "aria-hidden": "true" }), nameOf(row), key, this.#tools);
+    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": this.label }, head, this.#reading, this.#picture);
+    this.element.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
+    this.#picture.addEventListener("dblclick", () => enlarge(row.name));
   }
 
-  /** The first two that were made from the same noise, else the first two. */
-  #alike() {
-    const tiles = [...this.#tiles.values()];
-    for (const { name, noise } of tiles) {
-      const other = tiles.find((each) => noise && each.noise === noise && each.name !== name);
-      if (other) return [name, other.name];
-    }
-    return this.names;
+  /** Put the video in place of what was there; returns it. */
+  showVideo(url, row) {
+    this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.label}` });
+    this.video.muted = true; // the attribute counts for the parser only
+    if (row.poster) this.video.poster = row.poster;
+    this.video.src = url;
+    this.#picture.querySelector(".drawing")?.remove();
+    this.#picture.prepend(this.video);
+    this.enlarge.before(this.#download(url, `${row.stem}.mp4`, "video"));
+    return this.video;
   }
 
-  setPair(index, name) {
-    const other = 1 - index;
-    if (this.pair[other] === name) this.pair[other] = this.pair[index];
-    this.pair[index] = name;
-    this.#arrange();
-    this.#onPair();
+  /** Offer the motion file, and say how it was read, as soon as that is known. */
+  offerMotion(url, row) {
+    const reading = this.#reading.hidden ? readingOf(row) : null;
+    if (reading) this.#reading.replaceWith((this.#reading = reading));
+    if (!this.#motion) this.#tools.prepend((this.#motion = this.#download(url, `${row.stem}.npz`, "npz")));
   }
 
-  /** Show the other one of two that flicker. */
-  swap() {
-    this.element.classList.toggle("second");
-  }
-
-  #arrange() {
-    for (const [name, tile] of this.#tiles) {
-      const place = this.mode === "grid" ? -1 : this.pair.indexOf(name);
-      tile.element.classList.toggle("first-of-two", place === 0);
-      tile.element.classList.toggle("second-of-two", place === 1);
-      if (tile.video) this.#player.setActive(tile.video, this.mode === "grid" || place >= 0);
-    }
-    this.#explainGhost();
-  }
-
-  /** What the two colours mean, and whether the two can be expected to agree at all. */
-  #explainGhost() {
-    if (this.mode !== "ghost") return;
-    const [first, second] = this.pair.map((name) => this.#tiles.get(name));
-    const colour = (place, tile) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${tile.label} alone`);
-    const isOther = first.noise !== second.noise;
-    const ofNoise = isOther ? " They were not made from the same noise, so they are different gestures." : "";
-    const ofRuns = first.run !== second.run ? " Each run has a camera of its own, so they may stand a little apart." : "";
-    const note = ofNoise + ofRuns;
-    this.#legend.replaceChildren(colour("first", first), colour("second", second), make("span", {}, `Grey where both agree.${note}`));
-  }
-
-  #wipeTo(percent) {
-    const share = Math.max(0, Math.min(100, percent));
-    this.element.style.setProperty("--wipe", `${share}%`);
-    this.#handle.setAttribute("aria-valuenow", String(Math.round(share)));
-  }
-
-  #dragWipe(event) {
-    event.preventDefault();
-    this.#handle.focus();
-    this.#handle.setPointerCapture(event.pointerId);
-    const move = ({ clientX }) => {
-      const box = this.#tiles.get(this.pair[0]).element.querySelector(".picture").getBoundingClientRect();
-      this.#wipeTo((100 * (clientX - box.left)) / box.width);
-    };
-    this.#handle.addEventListener("pointermove", move);
-    this.#handle.addEventListener("lostpointercapture", () => this.#handle.removeEventListener("pointermove", move), { once: true });
-  }
-
-  #keyWipe(event) {
-    const step = { ArrowLeft: -2, ArrowRight: 2 }[event.key];
-    if (!step) return;
-    event.preventDefault();
-    event.stopPropagation();
-    this.#wipeTo(Number(this.#handle.getAttribute("aria-valuenow")) + step);
+  #download(url, fileName, kind) {
+    const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.label}`;
+    const children = kind === "video" ? [icon("save")] : ["npz"];
+    return make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children);
   }
 }
