@@ -207,12 +207,17 @@ def band_height(picture_height: int) -> int:
 
 
 def label_band(
-    labels: Sequence[str], picture_width: int, picture_height: int, width: int | None = None
+    labels: Sequence[str],
+    picture_width: int,
+    picture_height: int,
+    width: int | None = None,
+    inks: Sequence[str] | None = None,
 ) -> UInt8[np.ndarray, "B W 3"]:
     """The band above a row of pictures, each label in one line, centred over its picture.
 
     Args:
         width: of the band, if it is wider than its row, which then stands in the middle.
+        inks: that labels are written in, as #rrggbb.
     """
     height = band_height(picture_height)
     width = width or picture_width * len(labels)
@@ -231,7 +236,7 @@ def label_band(
             kept -= 1
             label = label[:kept] + "..."
         middle = (left + picture_width * (index + 0.5), height / 2)
-        draw.text(middle, label, fill=_INK, font=font, anchor="mm")
+        draw.text(middle, label, fill=inks[index] if inks else _INK, font=font, anchor="mm")
     return np.asarray(band)
 
 

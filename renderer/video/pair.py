@@ -56,15 +56,17 @@ def compose_pair(
     crf: int = DEFAULT_CRF,
     on_progress: Callable[[float], None] | None = None,
     should_cancel: Callable[[], bool] | None = None,
+    inks: Sequence[str] = ("#d55e00", "#0072b2"),
 ) -> None:
     """Write the first of two videos with the second laid over its body and beside it.
 
-    A ghost has the first in its red and the second in its other colours: grey where both agree; a
-    dark first alone is cyan, a dark second red. A shorter video holds its last frame.
+    A ghost has each printed in its own ink, one over the other. A shorter video holds its last
+    frame.
 
     Args:
         labels: of both, in a band above.
         on_progress, should_cancel: as of `renderer.video.compose.compose_videos`.
+        inks: of a ghost, as #rrggbb.
 
     Raises:
         Cancelled: if ``should_cancel`` said so; no file is left.
@@ -80,7 +82,13 @@ def compose_pair(
     num_frames = max(each.num_frames for each in facts)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "labels.png"
-        band = label_band(labels, layout.width // 2, layout.shorter, layout.width)
+        band = label_band(
+            labels,
+            layout.width // 2,
+            layout.shorter,
+            layout.width,
+            inks if overlay == "ghost" else None,
+        )
         Image.fromarray(band).save(path)
         inputs = [part for each in (*videos, path) for part in ("-i", str(each))]
         if speech_wav is not None:
@@ -90,7 +98,7 @@ def compose_pair(
             out,
             [
                 *inputs,
-                *("-filter_complex", _filter(overlay, layout, holds), "-map", "[out]"),
+                *("-filter_complex", _filter(overlay, layout, holds, inks), "-map", "[out]"),
                 *encoding(num_frames, crf, None if speech_wav is None else 3),
             ],
             stdin=False,
@@ -98,7 +106,7 @@ def compose_pair(
         run_encoder(encoder, num_frames, on_progress, should_cancel)
 
 
-def _filter(overlay: Overlay, layout: PairLayout, holds: Sequence[int]) -> str:
+def _filter(overlay: Overlay, layout: PairLayout, holds: Sequence[int], inks: Sequence[str]) -> str:
     """ffmpeg's filter graph: both padded to the whole; what the second has in it laid over it."""
     size = f"{layout.width}:{layout.height}"
     band = band_height(layout.shorter)
@@ -119,9 +127,9 @@ def _filter(overlay: Overlay, layout: PairLayout, holds: Sequence[int]) -> str:
             grey = f"{_crop(body)},scale=in_color_matrix=bt709:in_range=tv,format=gbrp,{_GREY}"
             back = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
             parts += [
-                f"[first]{grey}[red]",
-                f"[second]{grey}[cyan]",
-                f"[red][cyan]mergeplanes={_PLANES}:gbrp,{back}[over]",
+                f"[first]{grey},{_printed(inks[0])}[under]",
+                f"[second]{grey},{_printed(inks[1])}[upper]",
+                f"[under][upper]blend=all_mode=darken,{back}[over]",
             ]
             where, when = (body.left, body.top), ""
         case "wipe":
@@ -154,8 +162,17 @@ _GREY = "colorchannelmixer=" + ":".join(
     for to in "rgb"
     for of, share in (("r", 0.2126), ("g", 0.7152), ("b", 0.0722))
 )
-_PLANES = "0x101000"
-"""Green and blue of the second, red of the first; in each all planes are the same grey."""
+LIGHTER = 1.1
+"""Of a body printed in one ink; as app/page/web/stage/painter.js."""
+
+
+def _printed(ink: str) -> str:
+    """White paper, dark in this ink where the grey picture is dark."""
+    shares = [int(ink[at : at + 2], 16) for at in (1, 3, 5)]
+    return "lutrgb=" + ":".join(
+        f"{channel}='{share}+{1 - share / 255:.4f}*min(255,{LIGHTER}*val)'"
+        for channel, share in zip("rgb", shares, strict=True)
+    )
 
 
 def _crop(panel: Panel) -> str:

@@ -214,7 +214,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     page.evaluate(f"{LOCKSTEP}.pause()")
     bar.get_by_label("Close-up", exact=True).select_option("face")
     press(bar, "Ghost")
-    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("Grey where both agree")
+    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("dark where both are")
     expect_fit(page)
 
     # The link, in a second browser that shares nothing with the first, and draws no 3D graphics.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -57,6 +58,7 @@ class Asked:
     seen: Seen
     labels: tuple[str, ...]
     motions: tuple[str, ...]
+    colors: tuple[str, ...]
     sound: str | None
 
     @classmethod
@@ -104,7 +106,9 @@ class Asked:
         )
         labels = tuple(printable(_words(body["label"]))[:MAX_LABEL] or "motion" for body in bodies)
         motions = tuple(_words(body["motion"]) for body in bodies)
-        return cls(seen, labels, motions, _words(told["sound"]) if told.get("sound") else None)
+        colors = tuple(_color(body["color"]) for body in bodies)
+        sound = _words(told["sound"]) if told.get("sound") else None
+        return cls(seen, labels, motions, colors, sound)
 
 
 def _list(value: object, most: int) -> Sequence[Any]:
@@ -117,6 +121,12 @@ def _words(value: object) -> str:
     if not isinstance(value, str) or len(value) > 500:
         raise ValueError("a text is missing or too long.")
     return value
+
+
+def _color(value: object) -> str:
+    if not re.fullmatch("#[0-9a-fA-F]{6}", _words(value)):
+        raise ValueError("a colour is none.")
+    return str(value)
 
 
 def _panel(told: Mapping[str, Any]) -> SeenPanel:
@@ -159,8 +169,10 @@ class SeenRunner(TabRunner[SeenVideo]):
         asked.seen.check(len(asked.motions))
         request = SeenRequest(
             bodies=tuple(
-                SeenBody(label, self._file(address, cookie, ".npz"))
-                for label, address in zip(asked.labels, asked.motions, strict=True)
+                SeenBody(label, self._file(address, cookie, ".npz"), color)
+                for label, address, color in zip(
+                    asked.labels, asked.motions, asked.colors, strict=True
+                )
             ),
             seen=asked.seen,
             out=job.folder / "results",

@@ -175,6 +175,8 @@ class SeenBody:
 
     label: str
     motion: Path
+    color: str
+    """Of its row, as #rrggbb."""
 
 
 @dataclass(frozen=True)
@@ -425,11 +427,12 @@ def _compose(
         *(videos, [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]),
         *(mode, layout, out, request.speech),
         on_progress=on_progress,
+        inks=[request.bodies[number].color for number in request.seen.shown],
     )
 
 
 _SAID = {
-    "ghost": (" (cyan)", " (red)"),
+    "ghost": ("", ""),
     "wipe": (" (left)", " (right)"),
     "flicker": (" (first)", " (second)"),
 }

@@ -218,7 +218,7 @@ def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = No
     bodies = []
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
         save_motion(motion, tmp_path / f"{i}.npz")
-        bodies.append(SeenBody("ab"[i], tmp_path / f"{i}.npz"))
+        bodies.append(SeenBody("ab"[i], tmp_path / f"{i}.npz", "#d55e00"))
     return SeenRequest(tuple(bodies), seen, tmp_path / "out", speech)
 
 

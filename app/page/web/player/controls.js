@@ -22,7 +22,7 @@ export class Controls {
     this.#view = view;
     this.#audio = audio;
     this.#look = look;
-    this.#build(more);
+    this.#build(view, more);
     player.addEventListener("time", () => this.#showTime());
     player.addEventListener("state", () => this.update());
     look.addEventListener("change", () => this.update());
@@ -32,17 +32,10 @@ export class Controls {
   /** Steer another view from now on. */
   steer(view) {
     this.#view = view;
-    this.#placePair();
     this.update();
   }
 
-  /** The names of the two that are compared: over their picture, where it has room for them. */
-  #placePair() {
-    if (this.#view.pairRoom) this.#view.pairRoom.append(this.pairBox);
-    else this.displays.after(this.pairBox);
-  }
-
-  #build(more) {
+  #build(view, more) {
     const button = (name, label, onclick) => {
       const made = make("button", { type: "button", onclick });
       relabel(made, name, label);
@@ -65,7 +58,7 @@ export class Controls {
     this.pair = [0, 1].map((index) =>
       make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );
-    this.pairBox = make("span", { class: "pair", hidden: true }, this.pair[0], make("span", {}, "against"), this.pair[1]);
+    this.pairBox = make("span", { class: "pair", hidden: true }, ...this.pair);
     this.displayBar = new DisplayBar(this.#look, () => this.#view, more);
     const { closeUp } = this.displayBar;
     this.displays = this.displayBar.element;
@@ -75,7 +68,7 @@ export class Controls {
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
     const right = make("div", { class: "group compare" }, closeUp, this.modes, this.more, keys);
     this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, right);
-    this.#placePair();
+    view.pairRoom?.append(this.pairBox); // over the picture, each on the side of its close-ups
   }
 
   /** Everything but the time, which changes too often. */
@@ -101,6 +94,7 @@ export class Controls {
         select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#view.labelOf(name))));
       }
       select.value = pair[index] ?? "";
+      select.style.setProperty("--series", this.#view.colorOf(pair[index]));
     }
   }
 

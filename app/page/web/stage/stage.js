@@ -144,6 +144,10 @@ export class Stage {
     return this.#rows.get(name)?.row.label ?? name;
   }
 
+  colorOf(name) {
+    return this.#rows.get(name)?.row.color ?? "";
+  }
+
   /** Whether all of a body's motion has come. */
   isWhole(name) {
     const { shown, row } = this.#rows.get(name) ?? {};
@@ -160,7 +164,7 @@ export class Stage {
     return this.#begun === null && !this.#asked;
   }
 
-  /** Where it is told which two are compared. */
+  /** Over the picture, where it is told which two are compared. */
   get pairRoom() {
     return this.view;
   }
@@ -241,7 +245,7 @@ export class Stage {
       return sides.map((side) => [{ view: null, rect: body.rect }, ...side]);
     };
     return {
-      bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motion: row.motion ?? "" })),
+      bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motion: row.motion ?? "", color: row.color })),
       shown: seen.map((entry) => present.indexOf(entry)),
       columns: grid(this.#seen.length, width, height).columns,
       mode: this.mode,
@@ -535,7 +539,6 @@ export class Stage {
       }),
     );
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
-    if (isPair && this.#facts) this.view.style.setProperty("--side", `${pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect[0]}px`);
     this.#showGhostLegend();
     this.#showNotices();
   }
@@ -564,14 +567,12 @@ export class Stage {
     if (!first || !second) return;
     const isOther = first.noise !== second.noise;
     const ofNoise = isOther ? " They were not made from the same noise, so they are different gestures." : "";
-    const name = (row, place) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${row.label ?? row.name}`);
     const how = {
-      ghost: `Grey where both agree.${this.#look.get("isAligned") ? " They stand pelvis on pelvis." : ""}${ofNoise}`,
-      wipe: `Drag the line.${ofNoise}`,
-      flicker: `One after the other.${ofNoise}`,
+      ghost: `Each in its colour where it is alone, dark where both are.${this.#look.get("isAligned") ? " They stand pelvis on pelvis." : ""}`,
+      wipe: "Drag the line.",
+      flicker: "One after the other.",
     }[this.mode];
-    this.#ghostLegend.replaceChildren(name(first, "first"), name(second, "second"), make("span", {}, how));
-    this.#ghostLegend.classList.toggle("plain", this.mode !== "ghost");
+    this.#ghostLegend.textContent = how + ofNoise;
   }
 
   #showNotices() {
@@ -722,7 +723,7 @@ export class Stage {
     const shift = this.#look.get("isAligned") ? first.pelvis.map((part, k) => (k === 1 ? 0 : part - second.pelvis[k])) : [0, 0, 0];
     const edge = Math.round(rect[0] + this.#wipe * rect[2]);
     const bodies = {
-      ghost: [[first, { ghost: "red" }], [second, { ghost: "cyan", shift, like: first }]],
+      ghost: [[first, { ink: inkOf(first.row) }], [second, { ink: inkOf(second.row), isOver: true, shift, like: first }]],
       wipe: [[first, { clip: [rect[0], rect[1], edge - rect[0], rect[3]] }], [second, { clip: [edge, rect[1], rect[0] + rect[2] - edge, rect[3]], shift, like: first }]],
       flicker: this.#isSecond ? [[second, { shift, like: first }]] : [[first, {}]],
     }[this.mode];
@@ -762,7 +763,7 @@ export class Stage {
   /**
    * `like` is whose way the camera goes along with; the rest of `told` is as Painter.panel has it.
    *
-   * @param {{ like?: object, clip?: number[], shift?: number[], ghost?: string }} told
+   * @param {{ like?: object, clip?: number[], shift?: number[], ink?: number[], isOver?: boolean }} told
    */
   #drawPanel(panel, entry, moment, level, told = {}) {
     const { like = entry, ...options } = told;
@@ -774,7 +775,7 @@ export class Stage {
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
     this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: mesh, part, ground: this.#framing, heat, ...options });
     this.#drawBones(panel, entry, matrix, options);
-    if (this.#look.get("hasTrail") && !options.ghost && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
+    if (this.#look.get("hasTrail") && !options.ink && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
   }
 
   /**
@@ -952,6 +953,11 @@ function settled(entry, world) {
   const left = 1 - Math.min(1, (performance.now() - entry.moved.at) / GLIDE_MS);
   if (!left) entry.moved = null;
   return entry.moved ? partlyBack(world, entry.moved.from, entry.moved.to, left * left * (3 - 2 * left)) : world;
+}
+
+/** The colour of a motion, 0 to 1. */
+function inkOf({ color }) {
+  return [1, 3, 5].map((at) => Number.parseInt(color.slice(at, at + 2), 16) / 255);
 }
 
 function round(value) {

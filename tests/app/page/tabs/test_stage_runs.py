@@ -44,7 +44,10 @@ LOOK = {
 def told(**changes: Any) -> dict[str, Any]:
     """As app/page/web/player/player.js writes it."""
     return {
-        "bodies": [{"label": "local", "motion": "media/a"}, {"label": "full", "motion": "media/b"}],
+        "bodies": [
+            {"label": label, "motion": f"media/{name}", "color": "#d55e00"}
+            for label, name in (("local", "a"), ("full", "b"))
+        ],
         "shown": [1],
         "columns": 2,
         "mode": "grid",
@@ -82,7 +85,9 @@ def test_everything_that_is_seen_is_read():
         told(size=[240]), told(size=[240, "420"]), told(size=[240, float("nan")]), told(panels=3),
         told(camera=[0, 0, 1]), told(camera=None), told(shown=[0.5]), told(shown=[True]),
         told(shown="0"), told(look={}), told(look=None), told(bodies={"a": 1}), told(bodies=[3]),
-        told(bodies=[{"label": 3, "motion": "media/a"}]), told(bodies=70 * told()["bodies"]),
+        told(bodies=[{"label": 3, "motion": "media/a", "color": "#d55e00"}]),
+        told(bodies=[{"label": "", "motion": "media/a", "color": "#d55e0'"}]),
+        told(bodies=70 * told()["bodies"]),
         told(mode=["grid"]), told(wipe="left"), told(columns=1e400), told(sound=["x"]),
         told(panels=[[{"view": "body", "rect": [0, 0, 1]}]]), {"look": LOOK},
     ],
