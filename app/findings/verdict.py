@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.findings.comparison import (
     ALIKE,
+    Ratio,
     Samples,
     mean,
     number_of,
@@ -76,21 +77,21 @@ def _ladder(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str])
         return []
     base, sentences = rungs[0], []
     if claim.more in jerk:
-        less = _is_less(jerk[claim.more], jerk[base])
-        shows = "shows" if less else "does not show"
+        ratio = ratio_of(jerk[base], jerk[claim.more])
+        shows = "shows" if _is_calmer(ratio) else "does not show"
         sentences.append(
             f"On this clip the paper's claim, that {claim.sentence}, {shows}: from "
-            f"{names[claim.more]} to {names[base]} {_change(jerk[claim.more], jerk[base])}."
+            f"{names[claim.more]} to {names[base]} {_change(ratio)}."
         )
-    added = [name for name in dict.fromkeys(rungs) if name != base]
+    added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
-    found = {name: _change(jerk[base], jerk[name]) for name in added}
-    told = ", ".join(f"{names[name]} {change}" for name, change in found.items())
-    calmer = [names[name] for name in added if _is_less(jerk[base], jerk[name])]
+    told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
+    calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
     sentences.append(f"Beside {names[base]}: {told}; {which} calmer here.")
-    if claim.full in added and _is_less(jerk[claim.full], jerk[base]):
+    full = added.get(claim.full)
+    if full is not None and full.value >= ALIKE and not full.is_open:
         sentences.append(
             f"{names[claim.full].capitalize()} jerks more than {names[base]}: {claim.added} did not"
             " help."
@@ -98,27 +99,24 @@ def _ladder(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str])
     return sentences
 
 
-def _change(of: Samples, to: Samples) -> str:
+def _change(ratio: Ratio | None) -> str:
     """How much less or more, with the range of the interval where there are several samples."""
-    ratio = ratio_of(to, of)
     if ratio is None:
         return "cannot be compared"
     if ratio.is_open:
         return f"not told apart by {ratio.num_samples} samples"
     if ratio.is_alike:
         return "alike within 5 %"
-    less = ratio.value < 1.0
-    share = f"{'less' if less else 'more'} by {abs(ratio.value - 1.0):.0%}"
+    share = f"{'less' if ratio.value < 1.0 else 'more'} by {abs(ratio.value - 1.0):.0%}"
     if ratio.low is None or ratio.high is None:
         return share
     low, high = sorted((abs(ratio.low - 1.0), abs(ratio.high - 1.0)))
     return f"{share} ({low:.0%} to {high:.0%}, {ratio.num_samples} samples)"
 
 
-def _is_less(more: Samples, other: Samples) -> bool:
+def _is_calmer(ratio: Ratio | None) -> bool:
     """By more than 5 %, and where there are several samples, by more than chance."""
-    ratio = ratio_of(more, other)
-    return ratio is not None and ratio.value >= ALIKE and not ratio.is_open
+    return ratio is not None and ratio.value <= 1.0 / ALIKE and not ratio.is_open
 
 
 def _needed(jerk: Mapping[str, Samples]) -> list[str]:
