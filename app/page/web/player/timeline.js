@@ -439,7 +439,10 @@ export class Timeline {
     if (target.closest(".tier") && pointerType === "touch") return this.#slide(event); // to choose, or to go on
     if (target.closest("[data-list]")) return undefined; // something to choose
     const seek = ({ clientX }) => {
-      if (this.#fingers.size < 2) this.#player.seek(this.secondsAt(clientX));
+      if (this.#fingers.size >= 2) return;
+      const [seconds, { loop }] = [this.secondsAt(clientX), this.#player];
+      if (loop && (seconds < loop[0] || seconds >= loop[1])) this.#player.setLoop(null);
+      this.#player.seek(seconds);
     };
     seek(event);
     this.#drag(event, seek);

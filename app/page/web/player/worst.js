@@ -52,8 +52,8 @@ export class WorstSeconds {
   #go(number) {
     this.#at = number;
     const { start_s, end_s } = this.#seconds[number];
-    this.#player.setRate(SLOWLY);
     this.#player.setLoop([start_s, end_s]);
+    this.#player.setRate(SLOWLY);
     this.#player.seek(start_s);
     this.#player.play();
   }
@@ -66,6 +66,7 @@ export class WorstSeconds {
 
   #show() {
     const isOn = this.#isOn;
+    if (this.#at !== null && !this.#player.loop) return this.#stop(); // somebody went elsewhere
     this.element.hidden = !this.#seconds.length;
     this.start.setAttribute("aria-pressed", String(isOn));
     for (const button of this.steps) button.hidden = !isOn;
