@@ -132,12 +132,13 @@ export class Editing {
   }
 
   /**
-   * Of all rows those that are to be seen: while gestures are edited the take, what it stands beside,
-   * and the one that is being made.
+   * Of all rows those that are to be seen: where gestures can be edited the run's own, and while they
+   * are the take, what it stands beside, and the one that is being made.
    *
    * @param {import("../told").Row[]} rows
    */
   seen(rows) {
+    if (!this.#value.rows.length) return rows;
     const own = rows.filter(({ take }) => !take);
     if (!this.#isOpen) return own;
     const wanted = this.#coming ? [this.#start, this.#coming] : [this.#beside, this.#start];
