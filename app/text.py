@@ -9,8 +9,7 @@ TAGLINE = (
     "same noise. Watch them side by side and see where the jitter sits."
 )
 DEMO_WEIGHTS = (
-    "<b>Demonstration weights</b>, trained here on {data}: not the paper's, and no number on this "
-    "page is one of the paper's."
+    "<b>Demonstration weights</b>, trained here on {data}: no number on this page is the paper's."
 )
 UNTRAINED = (
     "These weights are <b>random: nothing has been trained</b>. The motion means nothing; the page "
@@ -30,6 +29,7 @@ SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
 EXAMPLES_LABEL = "Or take an example (a synthetic voice)"
 SYSTEMS_LABEL = "Systems to compare"
 SYSTEMS_HELP = "Each is a trained generator; all get the same noise. The tab Systems explains them."
+OWN_GROUP, LADDER_GROUP, OTHERS_GROUP = "Our own", "The paper's ladder", "Others"
 STUDY_READY = "Ready to be made, with the examples unless you upload speech:"
 STUDY_CHANGED = "Gestures changed"
 STUDY_CHANGED_HELP = "Each is one more system: {system} with its plan changed."
@@ -211,7 +211,8 @@ STAGE_NAMES = {
     "figure": "Draw the figure",
 }
 READY = "Ready."
-STARTING = "Starting, as soon as the models are read."
+STARTING = "Starting."
+STARTING_SYSTEMS = "Starting, as soon as the models are read."
 WAITING = "Waiting for its turn."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 SEEN_STARTING = "The video of the stage begins as soon as there is room."

@@ -14,9 +14,11 @@ from app.findings.verdict import short_names
 from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from model.storage.cards import Card
 from model.systems.registry import (
+    families,
     family_of,
     list_speakers,
     list_systems,
+    planning_systems,
     read_card,
     usual_systems,
 )
@@ -59,6 +61,18 @@ def about_systems(systems: Sequence[str]) -> dict[str, str]:
     return {
         label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
     }
+
+
+def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
+    """The names that a form shows, by the title of what they belong to."""
+    ladders = [family.ladder for family in families() if family.ladder is not None]
+    rungs = {rung.system for ladder in ladders for rung in ladder.rungs}
+    own = {*planning_systems(), *(each.system for ladder in ladders for each in ladder.beside)}
+    groups: dict[str, list[str]] = {}
+    for name, label in short_names(systems).items():
+        title = text.OWN_GROUP if name in own else text.OTHERS_GROUP
+        groups.setdefault(text.LADDER_GROUP if name in rungs else title, []).append(label)
+    return groups
 
 
 def two_steps_help(systems: Sequence[str]) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from inspect import Parameter, Signature
 from typing import Any, TypeVar, cast
@@ -22,15 +22,19 @@ def mount(module: str, function: str) -> str:
     )
 
 
-def tell_chips(field: str, about: Mapping[str, str]) -> None:
-    """Have the choices of a field say what they are when a pointer rests on them.
+def arrange_chips(
+    field: str, about: Mapping[str, str], groups: Mapping[str, Sequence[str]]
+) -> None:
+    """Have the choices of a field stand in groups, each of which its title ticks as a whole, and
+    say what they are when a pointer rests on them.
 
     Args:
         field: its id on the page.
         about: a sentence for each label.
+        groups: labels that follow each other, by title.
     """
     gr.HTML(
-        {"field": field, "about": dict(about)},
+        {"field": field, "about": dict(about), "groups": dict(groups)},
         html_template="",
         js_on_load=mount("chips.js", "mountChips"),
         apply_default_css=False,

@@ -23,12 +23,13 @@ from app.page.parts.catalogue import (
     Example,
     about_systems,
     default_systems,
+    groups_of,
     point_choices,
     strength_choices,
     strength_of,
     two_steps_help,
 )
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, tell_chips
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
 from app.page.tabs.services import Services
 from app.run.followed_point import TIP
 from app.run.requests.display import Display
@@ -224,7 +225,8 @@ def build_form(services: Services) -> FormParts:
         info=text.SYSTEMS_HELP,
         elem_id="systems",
     )
-    tell_chips("systems", about_systems(catalogue.systems))
+    about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
+    arrange_chips("systems", about, groups)
     gr.HTML(markup.step(3, text.STEP_SETTINGS))
     with gr.Row(elem_classes="pair"):
         speaker = gr.Dropdown(

@@ -1,15 +1,25 @@
-/** What each system is, in a sentence when a pointer rests on its chip. */
+/** Chips of systems in groups, each ticked as a whole by its name, and what each is when a pointer rests on it. */
 
-/** Called by Gradio's component: its value says under which field, and a sentence by label. */
+import { make } from "./dom.js";
+
+/** Called by Gradio's component: its value says under which field, a sentence by label, and the labels of each group. */
 export function mountChips(element, props) {
-  const { field, about } = props.value;
-  const tell = () => {
-    for (const chip of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(`#${field} label`))) {
-      const sentence = about[chip.textContent.trim()];
-      if (sentence) chip.title = sentence;
+  const { field, about, groups } = props.value;
+  const box = document.getElementById(field);
+  const chipsOf = (labels) => /** @type {HTMLElement[]} */ ([...box.querySelectorAll("label")]).filter((chip) => labels.includes(chip.textContent.trim()));
+  const tick = (labels) => {
+    const isTicked = (chip) => chip.querySelector("input").checked;
+    const isAll = chipsOf(labels).every(isTicked);
+    for (const chip of chipsOf(labels)) if (isTicked(chip) === isAll) chip.click();
+  };
+  const arrange = () => {
+    for (const [label, sentence] of Object.entries(about)) for (const chip of chipsOf([label])) chip.title = sentence;
+    for (const [title, labels] of Object.entries(groups)) {
+      const [first] = chipsOf(labels);
+      if (!first || first.previousElementSibling?.matches("button")) continue;
+      first.before(make("button", { type: "button", title: "Tick all of them, or none", onclick: () => tick(labels) }, title));
     }
   };
-  tell();
-  const box = document.getElementById(field);
-  if (box) new MutationObserver(tell).observe(box, { childList: true, subtree: true });
+  arrange();
+  new MutationObserver(arrange).observe(box, { childList: true, subtree: true });
 }
