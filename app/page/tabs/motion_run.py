@@ -64,7 +64,7 @@ class StageLine:
     @property
     def line(self) -> str:
         if not self.fractions:
-            return text.STARTING
+            return text.STARTING_SYSTEMS
         doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
         stage = (doing or list(self.fractions))[-1]  # between two stages, the one before
         seconds = time.monotonic() - self.started
@@ -120,7 +120,7 @@ class GenerateRunner(TabRunner[None]):
         parts = self._results
         return {
             parts.message: shown(""),
-            parts.status: markup.status(text.STARTING, {}, {}),
+            parts.status: markup.status(text.STARTING_SYSTEMS, {}, {}),
             parts.empty: gr.update(visible=False),
             parts.runs: shown(""),
             **self._without_results(),

@@ -152,7 +152,7 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
         yield _Work(self, asked, browser_addresses(self._addresses, cookie))
 
     def blank(self) -> Updates:
-        return self.stopped(markup.sentence_status(text.STARTING), "")
+        return self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
 
     def stopped(self, status: str, message: str) -> Updates:
         return {

@@ -168,11 +168,16 @@ class _Work:
         updates: Updates = {}
         if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
             updates[self.parts.player] = self._played()
+            updates[self.parts.status] = markup.sentence_status(self._line)
         share = last_share(events)
         if share is not None and self.asked.ask.has_video:
             line = DRAWING.format(share=share)
             updates[self.parts.status] = markup.sentence_status(line)
         return updates
+
+    @property
+    def _line(self) -> str:
+        return DRAWN.format(noise=self.asked.noise_rad)
 
     def _played(self) -> dict[str, Any]:
         return self.showing.value() | {"plays": True}
@@ -180,16 +185,15 @@ class _Work:
     def finished(self, result: Shown) -> Updates:
         path, sentences = result
         told = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
-        line = DRAWN.format(noise=self.asked.noise_rad)
         video = ""
         if path is not None:
             source = self.addresses.address(path, self.cookie)
             video = (
                 f'<video class="mechanism" src="{source}" controls'
-                f' autoplay loop muted playsinline aria-label="{escape(line)}"></video>'
+                f' autoplay loop muted playsinline aria-label="{escape(self._line)}"></video>'
             )
         return {
-            self.parts.status: markup.sentence_status(line),
+            self.parts.status: markup.sentence_status(self._line),
             self.parts.player: self._played(),
             self.parts.says: shown(f'{video}<div class="says">{told}</div>'),
         }

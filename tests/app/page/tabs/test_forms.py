@@ -147,7 +147,7 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
         os.utime(copy, (0, 0))
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
     line = StageLine()
-    assert text.STARTING in line.html([])
+    assert text.STARTING_SYSTEMS in line.html([])
     told = line.html([Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local")])
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
 
