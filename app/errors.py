@@ -72,8 +72,9 @@ def without_folders(sentence: str) -> str:
 
 
 def page_sentence(sentence: str) -> str:
-    """A sentence without what it tells users of the command line, which stands in brackets."""
-    return _OPTIONS.sub("", sentence)
+    """A sentence without what it tells users of the command line, which stands in brackets, and
+    without signs that only a document turns into letters of code."""
+    return _OPTIONS.sub("", sentence).replace("`", "")
 
 
 def is_disk_full(error: BaseException | None) -> bool:

@@ -296,7 +296,7 @@ def launch(
             strict_cors=True,
             enable_monitoring=False,
             state_session_capacity=64,
-            footer_links=["api"],
+            footer_links=[],
             theme=make_theme(),
             css_paths=[CSS],
             head=head_style(),

@@ -331,7 +331,7 @@ def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_pl
     page: Page,
 ) -> None:
     bodies = page.get_by_label("Whose tiers are shown")
-    expect(bodies.locator("option")).to_have_count(3)
+    expect(bodies.locator("option")).to_have_text(["No gestures", *LABELS])
     bodies.select_option(SYSTEMS[0])
     right = page.get_by_role("group", name="Right hand")
     expect(right.locator(".event")).to_have_count(6)

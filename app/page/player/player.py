@@ -151,6 +151,7 @@ class Showing:
             "is_reference": row.name == REFERENCE_NAME,
             "noise": noise_of(row.take.of if row.take else row.name),
             "is_drawn": self.is_drawn,
+            "is_planned": "performed" in row.files,
             **({"assumed": _assumed(row)} if row.assumed else {}),
         }
 

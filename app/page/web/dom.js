@@ -53,6 +53,9 @@ export function clockText(seconds) {
   return `${minutes}:${String(Math.floor(rest / 100)).padStart(2, "0")}.${String(rest % 100).padStart(2, "0")}`;
 }
 
+/** Before a label in a box of one line: a word that does not fit goes to the next, out of sight, even the first. */
+export const WHOLE = "\u200b";
+
 /** A motion's name as it is shown, with its whole name on hover. */
 export function nameOf({ name, label }) {
   return make("b", { title: name }, label ?? name);

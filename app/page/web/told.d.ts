@@ -23,8 +23,9 @@ export interface Row {
   there?: There;
   poster?: string;
   video?: string;
-  /** Address of its `Plan`. */
+  /** Address of its `Plan`, and whether the system was given that. */
   plan?: string;
+  is_planned?: boolean;
   /** Number of a take of an edited plan, and the row that it is of. */
   take?: number;
   of?: string;

@@ -230,7 +230,7 @@ PLANTED = (
     planted("z up", "lying", z_up, numbers={"spine_tilt_deg": 85.6}),
     planted("trans that never changes", "still_translation",
             lambda motion: replace(motion, trans=np.zeros_like(motion.trans)),
-            says="`trans` is all zero", numbers={"trans_m": [0.0, 0.0, 0.0]}),
+            says="The translation is all zero", numbers={"trans_m": [0.0, 0.0, 0.0]}),
     planted("still jaw and face", "still_face", still_face, says="neither jaw nor expression"),
     planted("still jaw", "still_face", still_jaw, says="The jaw never moves, though"),
     planted("copied expressions", "copied_face", other_body, beside="reference",

@@ -3,7 +3,7 @@
  * the JSON of a plan. It knows no server and no clock; the time line places and lights it.
  */
 
-import { make } from "../dom.js";
+import { make, WHOLE } from "../dom.js";
 import { classOf, labelOf, ORIGINS, sentenceOf, TIERS, timesOf, within } from "./plan.js";
 
 const MOST = 600; // boxes in a tier; of more, strokes alone, and of more of these none
@@ -200,7 +200,7 @@ export class Tiers {
     return make("button", {
       type: "button", tabindex: "-1", class: `event ${list in MARK ? "mark " : ""}${classOf(list, event)}`,
       "data-list": list, "data-index": index, title: sentence, "aria-label": sentence, "aria-pressed": String(isChosen),
-    }, labelOf(list, event));
+    }, WHOLE + labelOf(list, event));
   }
 
   #lay({ style }, event) {

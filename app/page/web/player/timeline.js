@@ -1,6 +1,6 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { clockText, make, nameOf } from "../dom.js";
+import { clockText, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../rates.js";
@@ -41,7 +41,7 @@ export class Timeline {
   #accents = []; // each a moment and its mark
   #curve = "jerk_m_s3";
   #body = null; // whose tiers are shown
-  #planUrl = null;
+  #planUrl = ""; // of none
   /** Called with the row whose tiers are shown, and the event that somebody has chosen of them. */
   onchoose = (_body, _chosen, _event) => {};
   /**
@@ -94,7 +94,8 @@ export class Timeline {
     this.bodies = make("select", { "aria-label": "Whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
     this.why = make("p", { class: "why", role: "status" });
     this.more = make("button", { type: "button", title: "Head and gaze, face and weight, too", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
-    this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, legend(), this.more, this.why);
+    this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, (this.legend = legend()), this.more, this.why);
+    this.legend.hidden = this.more.hidden = true; // of no gestures
     this.cursor = make("div", { class: "cursor", "aria-hidden": "true" });
     this.range = make("div", { class: "range", hidden: true }, ...["Start", "End"].map((name, end) => this.#handle(name, end)));
     this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming)), this.tiersHead, this.lanes);
@@ -159,26 +160,26 @@ export class Timeline {
 
   // ------------------------------------------------------------------ what the bodies do
 
-  /** Whose plans there are; the first that a system performed is shown, else the first. */
+  /** Whose plans there are; the first that a system performed is shown, none that was found before somebody asks. */
   know(rows) {
     const known = rows.filter(({ plan }) => plan);
-    const isSame = known.length === this.bodies.options.length && known.every(({ name }, i) => this.bodies.options[i].value === name);
-    if (!isSame) this.bodies.replaceChildren(...known.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
-    this.plans = new Map(known.map(({ name, plan }) => [name, plan]));
-    this.bodies.hidden = known.length < 2;
+    this.plans = new Map([["", ""], ...known.map(({ name, plan }) => [name, plan])]);
+    if ([...this.plans.keys()].join() !== [...this.bodies.options].map(({ value }) => value).join()) {
+      this.bodies.replaceChildren(make("option", { value: "" }, "No gestures"), ...known.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
+    }
     this.tiersHead.hidden = !known.length;
-    if (!known.length) return;
-    const name = this.plans.has(this.#body) ? this.#body : known[0].name;
-    this.showBody(name);
+    const name = this.plans.has(this.#body) ? this.#body : known.find((row) => row.is_planned)?.name;
+    if (name !== undefined) this.showBody(name);
   }
 
   /** Show the tiers of one body, if they are known. */
   async showBody(name) {
     const url = this.plans?.get(name);
-    if (!url) return;
+    if (url === undefined) return;
     this.#body = this.bodies.value = name;
     if (url === this.#planUrl) return;
     this.#planUrl = url;
+    if (!url) return void this.#showPlan(null, null);
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer
     /** @type {import("../told").Plan} */
@@ -187,6 +188,7 @@ export class Timeline {
   }
 
   #showPlan(plan, chosen) {
+    this.legend.hidden = this.more.hidden = !plan;
     this.tiers.show(plan, this.#said, chosen);
     this.why.textContent = chosen ? this.tiers.sentence(chosen) : "";
     this.#draw();
@@ -232,10 +234,10 @@ export class Timeline {
 
   clear() {
     this.#marks = [];
-    this.#body = this.#planUrl = null;
+    this.#body = null;
+    this.#planUrl = "";
     this.know([]);
-    this.tiers.show(null);
-    this.why.textContent = "";
+    this.#showPlan(null, null);
     this.#observer.disconnect();
     this.#data = null;
     this.#lanes.clear();
@@ -261,7 +263,7 @@ export class Timeline {
    * @param {(label: string) => string} kindOf
    */
   #tier(name, intervals, kindOf = (_label) => "") {
-    const labels = intervals.map(([start, end, label]) => make("span", { class: kindOf(label), title: `${label}, ${start.toFixed(2)} to ${end.toFixed(2)} s` }, label));
+    const labels = intervals.map(([start, end, label]) => make("span", { class: kindOf(label), title: `${label}, ${start.toFixed(2)} to ${end.toFixed(2)} s` }, WHOLE + label));
     const box = make("div", { class: "plot words" }, ...labels);
     this.#tiers.push([box, intervals]);
     return this.#lane({ name }, "", box);
