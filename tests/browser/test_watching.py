@@ -156,7 +156,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
         page.evaluate(f"{SOUND}.paused && !{SOUND}.muted")
         and page.evaluate(f"{STAGE}.pictures") > 3
     )
-    waiting = page.locator("#player .stage-view .said", has_text="Waiting for the next window")
+    waiting = page.locator("#player .stage .said", has_text="Waiting for the next window")
     expect(waiting).to_be_visible()
     assert page.evaluate("document.querySelector('.lockstep').look.get('factor')") == 4
     expect(page.locator("#empty")).to_be_hidden()

@@ -30,7 +30,6 @@ import { trailCorners } from "./trail.js";
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
 const BUILDS_LATER_MS = 4000; // after the first body: nothing waits for them
 const CAPTION_PX = 8; // between the words and where bodies end
-const NOTICE_PX = 40; // of a notice and a legend at the stage's end
 const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
@@ -56,10 +55,10 @@ export class Stage {
   #labels = make("div", { class: "stage-labels" });
   #said = make("p", { class: "said", role: "status", hidden: true });
   #waiting = make("p", { class: "said", role: "status", hidden: true }, "Waiting for the next window of motion.");
-  #notice = make("p", { class: "stage-notice", hidden: true });
-  #legend = make("p", { class: "stage-legend", hidden: true });
+  #notice = make("b", { class: "stage-notice", hidden: true });
+  #scales = make("span", {});
   #caption = make("p", { class: "stage-caption", hidden: true });
-  #ghostLegend = make("p", { class: "ghost-legend", role: "note", hidden: true });
+  #ghostLegend = make("span", { class: "ghost-legend", role: "note", hidden: true });
   #apart = make("ul", { class: "apart", hidden: true, "aria-label": "By how much the two differ" });
   #difference = null; // of the two that lie over each other
   #handle;
@@ -114,14 +113,15 @@ export class Stage {
       onkeydown: (event) => this.#keyWipe(event),
     });
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
-    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#caption, this.back, this.#said, this.#waiting);
-    this.element = make("div", { class: "stage" }, this.view, this.#legend, this.#ghostLegend, this.#apart);
+    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption, this.back);
+    this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend);
+    this.element = make("div", { class: "stage" }, this.view, this.under, this.#apart);
     this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
       this.back.hidden = !this.orbit.isMoved;
-      this.#moved();
+      this.#ask();
     });
-    look.addEventListener("change", () => this.#lookChanged());
+    look.addEventListener("change", () => this.fit());
     player.addEventListener("time", () => this.#ask());
     player.addEventListener("state", () => this.#showWaiting());
     this.#unfollow = followFilter(() => this.#ask());
@@ -511,6 +511,8 @@ export class Stage {
   fit() {
     const width = this.view.clientWidth;
     if (!width || !this.#rows.size) return;
+    this.#showNotices();
+    this.#showGhostLegend();
     const isOpening = !!this.element.closest(".opening");
     const isLive = !!this.element.closest(".live");
     const timeline = this.#isNarrow ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
@@ -520,7 +522,8 @@ export class Stage {
     const beside = isLive ? above + UNDER_LIVE_PX : isOpening ? above : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
-    const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140));
+    const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
+    const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140)) - under;
     this.view.style.height = `${Math.round(height)}px`;
     this.#label();
     this.#ask();
@@ -539,14 +542,12 @@ export class Stage {
       }),
     );
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
-    this.#showGhostLegend();
-    this.#showNotices();
   }
 
   #tag(entry, wide) {
     const { row, shown } = entry;
     if (!entry.reading && row.assumed) entry.reading = readingOf(row); // once: what is open stays so
-    const swatch = make("i", { class: row.dashes?.length ? "dashed" : "solid", "aria-hidden": "true" });
+    const swatch = make("i", { "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
     if (this.#rows.size > 1) {
       const isLarge = this.#large === row.name;
@@ -590,22 +591,10 @@ export class Stage {
     const parts = [];
     if (this.#look.get("hasHeat")) parts.push(scale(this.#facts.marks.heat, `jerk: 0 to ${round(this.#look.get("heatScale"))} m/s³`));
     if (this.#look.get("hasTrail")) parts.push(scale(this.#facts.marks.speed, `0 to ${speed} m/s, dot: jerk over ${round(this.#look.get("heatScale"))} m/s³`));
-    this.#legend.replaceChildren(...parts);
-    this.#legend.hidden = !parts.length;
-  }
-
-  #lookChanged() {
-    this.#showNotices();
-    this.#showGhostLegend();
-    this.#moved();
+    this.#scales.replaceChildren(...parts);
   }
 
   // -------------------------------------------------------------- pictures
-
-  /** Something other than time: coarse at once, in full when it rests. */
-  #moved() {
-    this.#ask();
-  }
 
   /** A picture as soon as the one before is drawn. */
   #ask() {
@@ -739,8 +728,11 @@ export class Stage {
   /** By how many degrees the two differ, in each part of the body. */
   #showApart(moment) {
     const [first, second] = this.mode === "grid" ? [] : this.pair.map((name) => this.#rows.get(name));
-    this.#apart.hidden = !first?.shown || !second?.shown;
-    if (this.#apart.hidden) return;
+    const wasTold = !this.#apart.hidden;
+    const isTold = !!first?.shown && !!second?.shown;
+    this.#apart.hidden = !isTold;
+    if (wasTold !== isTold) requestAnimationFrame(() => this.fit()); // it takes or leaves room
+    if (!isTold) return;
     const { isSmoothed } = this.#motionLook;
     const [one, other] = [first, second].map(({ shown }) => shown.version(isSmoothed).motion);
     if (this.#difference?.one !== one || this.#difference.other !== other) {
@@ -886,7 +878,7 @@ export class Stage {
     this.#caption.replaceChildren(...near.flatMap((word) => [make(word === this.#words[index] ? "b" : "span", {}, word[2]), " "]));
   }
 
-  /** Over legs rather than heads: the lower end of the first row's bodies, with room for a notice. */
+  /** Over legs rather than heads: the lower end of the first row's bodies. */
   get #captionEnds() {
     const [width, height] = this.#size;
     const shots = this.#facts.close_ups;
@@ -896,7 +888,7 @@ export class Stage {
       body = panels([left, above + TAG_PX, wide, high - TAG_PX], this.closeUp, shots)[0].rect;
     }
     const [, top, , tall] = body;
-    return Math.min(top + tall - CAPTION_PX, height - NOTICE_PX);
+    return Math.min(top + tall, height) - CAPTION_PX;
   }
 
   #dragWipe(event) {
