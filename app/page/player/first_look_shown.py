@@ -12,6 +12,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import shown
 from app.page.player.player import Showing, browser_addresses
 from app.page.queue.worker import Worker
 from app.page.routes.media import MediaAddresses
@@ -67,12 +68,13 @@ class FirstLooks:
     def updates(self) -> tuple[Any, Any]:
         """Of the player and of what stands in the place of results, for a page that opens."""
         if self._shown is not None:
-            return self._shown
-        return gr.skip(), markup.empty_state(text.LOOK_COMING) if self.is_coming else gr.skip()
+            player, asked = self._shown
+            return player, shown(asked)
+        return gr.skip(), shown(markup.empty_state(text.LOOK_COMING if self.is_coming else ""))
 
     def _show(self, look: FirstLook) -> None:
         value = Showing(look.folder, browser_addresses(self._addresses, "")).value()
-        plays = {**value, "plays": True, "running": False, "begins": False}
+        plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
         self._shown = plays, question(look.facts(), look.system)
 
 

@@ -54,11 +54,12 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     Args:
         prefix: of the parts' ids on the page, with its hyphen.
         ready: the status before the first run.
-        empty: what stands in the place of results, as HTML.
+        empty: what stands in the place of results, as HTML; seen once it is known that there are
+            none.
     """
     message = gr.HTML("", visible=False, elem_id=prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
+    empty_part = gr.HTML(empty, visible=False, elem_id=prefix + "empty")
     player = player_part(prefix)
     with gr.Row(elem_classes="seen-video"):
         seen = gr.HTML("", visible=False, elem_id=prefix + "seen")

@@ -271,6 +271,7 @@ class Opening:
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
+        updates[parts.empty] = shown(parts.empty.value)
         if self._first_look is not None:
             updates[parts.player], updates[parts.empty] = self._first_look.updates()
         if tokens:
@@ -283,7 +284,6 @@ class Opening:
         return {
             **pair.updates(parts, browser_addresses(self._addresses, cookie)),
             parts.runs: shown(self._kept.html(cookie, pair.a, pair.b)),
-            parts.empty: gr.update(visible=False),
         }
 
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
@@ -294,7 +294,6 @@ class Opening:
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),
-            parts.empty: gr.update(visible=False),
             **{self._form[name]: gr.update(value=value) for name, value in run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }

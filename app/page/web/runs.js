@@ -1,9 +1,21 @@
 /**
- * The link of a run, copied on click; the times of a visitor's runs by the visitor's clock; and two
+ * The link of a run, copied on click and in the address, so that the page loads it again; the times of a visitor's runs by the visitor's clock; and two
  * of them that are ticked, which the form opens beside each other.
  */
 
 import { copyBy } from "./clipboard.js";
+
+const RUN = "run";
+
+/** Have the page's address lead to these runs. */
+function keep(runs) {
+  const url = new URL(location.href);
+  if (url.searchParams.getAll(RUN).join() === runs.join()) return;
+  url.searchParams.delete(RUN);
+  for (const run of runs) url.searchParams.append(RUN, run);
+  url.hash = "";
+  history.replaceState(history.state, "", url);
+}
 
 /** Called by Gradio's component; `watch` tells of new values. */
 export function mountRuns(element, props, watch) {
@@ -22,6 +34,8 @@ export function mountRuns(element, props, watch) {
       time.dateTime = at.toISOString();
       time.textContent = at.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
     }
+    const link = element.querySelector(".link a");
+    if (link) keep(new URL(link.href).searchParams.getAll(RUN));
     tick();
   };
   watch("value", () => requestAnimationFrame(show)); // after Gradio has put it there

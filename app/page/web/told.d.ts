@@ -135,8 +135,9 @@ export interface Value {
   sounds?: Sound[];
   /** That more of it is being made. */
   running?: boolean;
-  /** An example that plays at once. */
+  /** An example that plays at once, and whether somebody is to guess what it shows. */
   plays?: boolean;
+  guess?: boolean;
   /** That it plays as soon as it can. */
   begins?: boolean;
   paired?: boolean;

@@ -75,6 +75,7 @@ class Player {
       const isEdited = target.closest(".editing.open ~ .timeline .event"); // and keys go on with it
       if (detail > 0 && !isEdited) target.closest("button")?.blur(); // after a mouse, the space bar plays again
     });
+    document.addEventListener("toggle", this.#onGuessed, true);
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "Bodies in lock-step");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
@@ -179,7 +180,10 @@ class Player {
    */
   show(value) {
     const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, paired = false, findings = [] } = value;
-    if (run !== this.#run) this.#clear(run);
+    if (run !== this.#run) {
+      this.#clear(run);
+      if (value.guess) this.#showAnswer(false);
+    }
     this.#value = value;
     const isDrawn = this.#stage || !plays; // an example has no videos
     const isWorthIt = rows.some((row) => row.video || (isDrawn && (row.frames || row.motion)));
@@ -301,7 +305,18 @@ class Player {
     this.controls.worst.set(data.worst.map((each) => ({ ...each, name: labelOf(each.name) })));
   }
 
+  /** Where one is to guess which hand trembles: trail, time line and numbers, which tell it. */
+  #showAnswer(isShown) {
+    this.#root.classList.toggle("guess", !isShown);
+    this.#look.set("hasTrail", isShown);
+  }
+
+  #onGuessed = ({ target }) => {
+    if (this.#value.guess && target.closest(".first-look")) this.#showAnswer(target.open);
+  };
+
   #clear(run) {
+    if (this.#value.guess) this.#showAnswer(true);
     this.#run = run;
     if (this.#isExample) this.#audio.muted = false;
     this.#isExample = this.#hasBegun = false;
@@ -325,6 +340,7 @@ class Player {
     this.#clear(null);
     this.#observer.disconnect();
     this.#unfollow();
+    document.removeEventListener("toggle", this.#onGuessed, true);
     this.#stage?.dispose();
     this.#more?.end();
     this.timeline.dispose();

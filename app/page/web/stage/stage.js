@@ -482,7 +482,7 @@ export class Stage {
   // -------------------------------------------------------------- room
 
   get #isNarrow() {
-    return this.view.clientWidth < NARROW_PX && this.#rows.size > 1;
+    return this.view.clientWidth < NARROW_PX && this.#rows.size > 1 && !this.element.closest(".opening"); // which shows two
   }
 
   /** Bodies in the grid, as many as are seen. */

@@ -121,7 +121,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, t
     )
     looks = begun()
     assert not isinstance(looks.updates()[0].get("rows"), list)
-    assert looks.is_coming and text.LOOK_COMING in looks.updates()[1]
+    assert looks.is_coming and text.LOOK_COMING in looks.updates()[1]["value"]
     looks.make()
     assert not looks.is_coming
     value, told = looks.updates()
