@@ -75,8 +75,8 @@ def translation_never_changes(evidence: Evidence) -> list[Finding]:
     return [
         Finding(
             "still_translation",
-            f"The translation is {where}: the body never leaves its place, so that feet slide or float"
-            " wherever it leans. Foot measures tell of that more than of the feet.",
+            f"The translation is {where}: the body never leaves its place, so that feet slide or"
+            " float wherever it leans. Foot measures tell of that more than of the feet.",
             {"trans_m": trans[0].tolist()},
         )
     ]

@@ -63,9 +63,11 @@ export function nameOf({ name, label }) {
 
 /** What `summary` opens, until it is left or Escape is pressed. */
 export function popUp(name, summary, content) {
+  const leave = ({ target }) => !box.contains(target) && (box.open = false);
   /** @type {HTMLDetailsElement} */
   const box = make("details", {
     class: name,
+    ontoggle: () => (box.open ? document.addEventListener("pointerdown", leave) : document.removeEventListener("pointerdown", leave)),
     onfocusout: ({ relatedTarget }) => relatedTarget && !box.contains(relatedTarget) && (box.open = false),
     onkeydown: (event) => {
       if (event.key !== "Escape" || !box.open) return;

@@ -50,9 +50,10 @@ export class Controls {
     this.speed.append(...RATES.map((rate) => make("option", { value: rate, selected: rate === 1 }, `${rate}×`)));
     this.loop = button("loop", "Loop", () => this.toggleLoop());
     this.sound = button("sound", "Sound off", () => this.#toggleSound());
+    this.sound.classList.add("sound");
     this.worst = new WorstSeconds(this.#player);
     const modes = Object.entries(MODES).map(([mode, label]) =>
-      make("button", { type: "button", "data-mode": mode, onclick: () => this.#view.setMode(mode) }, label),
+      make("button", { type: "button", "data-mode": mode, onclick: () => this.#view.setMode(this.#view.mode === mode ? "grid" : mode) }, label),
     );
     this.modes = make("div", { class: "switch", role: "group", "aria-label": "How bodies are compared" }, ...modes);
     this.pair = [0, 1].map((index) =>
@@ -63,8 +64,8 @@ export class Controls {
     const { closeUp } = this.displayBar;
     this.displays = this.displayBar.element;
     this.more = this.displayBar.more;
-    const left = make("div", { class: "group" }, this.play, back, forward, this.time);
-    const middle = make("div", { class: "group" }, this.speed, this.loop, this.sound);
+    const left = make("div", { class: "group going" }, this.play, back, forward, this.time);
+    const middle = make("div", { class: "group pace" }, this.speed, this.loop, this.sound);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
     const right = make("div", { class: "group compare" }, closeUp, this.modes, this.more, keys);
     this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, right);

@@ -25,18 +25,21 @@ export class DisplayBar {
     this.closeUp = make("select", { "aria-label": "Close-up", onchange: () => viewOf().setCloseUp(this.closeUp.value) });
     this.closeUp.append(...Object.entries(CLOSE_UPS).map(([value, label]) => make("option", { value }, label)));
     this.#factor = make("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Tremble, times as large", oninput: () => look.set("factor", factorAt(Number(this.#factor.value))) });
-    this.#factorText = make("output", { class: "factor" });
+    this.#factorText = make("button", { type: "button", class: "worded factor", title: `Tremble ${STRONG} times as large`, onclick: () => this.press("e") });
     const toggle = (label, name, title) =>
       make("button", { type: "button", class: "worded", "data-look": name, title, onclick: () => this.#flip(name) }, label);
     this.#toggles = [toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk")];
-    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.#factor, this.#factorText), ...this.#toggles);
+    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.#factor), this.#factorText, ...this.#toggles);
     this.more = make("button", { type: "button", class: "more", "aria-expanded": "false", title: "More", "aria-label": "More displays and views", onclick: () => this.#fold() }, icon("more"));
     look.addEventListener("change", () => this.update());
+    for (const part of [folded, this.more]) part.addEventListener("keydown", ({ key }) => key === "Escape" && !folded.hidden && this.#fold());
   }
 
   #fold() {
     this.#folded.hidden = !this.#folded.hidden;
     this.update();
+    if (this.#folded.hidden) this.more.focus();
+    else this.#folded.scrollIntoView({ block: "nearest" });
   }
 
   #flip(name) {
@@ -52,6 +55,7 @@ export class DisplayBar {
     const factor = this.#look.get("factor");
     if (Math.abs(factorAt(Number(this.#factor.value)) - factor) > 1e-6) this.#factor.value = String(Math.log(factor) / Math.log(STRONG));
     this.#factorText.textContent = `×${factor < 9.95 ? Math.round(10 * factor) / 10 : Math.round(factor)}`;
+    this.#factorText.setAttribute("aria-pressed", String(factor !== 1));
     for (const button of this.#toggles) button.setAttribute("aria-pressed", String(this.#look.get(button.dataset.look)));
   }
 

@@ -17,6 +17,7 @@ const DRAG_PX = 6; // less is a click
 const EDGE_PX = 6; // at a phase's end, by which a mouse takes hold of it
 const EDGE_SHARE = 0.3; // of a narrow phase
 const LEAD_S = 1; // played before what has changed
+const AFTER_S = 2; // and after it
 const MAX_FILE = 2_000_000;
 const LOOKS = { "Look left": 20, "Look right": -20 };
 /** @type {Record<string, [string, number, number, number]>} */
@@ -198,11 +199,12 @@ export class Editing {
     this.#update();
   }
 
-  /** Look at what has changed as soon as it comes. */
+  /** Look at what has changed as soon as it comes, again and again. */
   #watch() {
     const [edit] = this.#asked?.edits ?? [];
     const moments = [edit?.lands, edit?.ends, edit?.at, this.#told?.words[edit?.word]?.[0]].filter(Number.isFinite);
     const from = moments.length ? Math.max(0, Math.min(...moments) - LEAD_S) : 0;
+    this.#player.setLoop(moments.length ? [from, Math.min(this.#player.duration, Math.max(...moments) + AFTER_S)] : null);
     this.#player.seek(from);
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.#player.play();
   }
