@@ -168,9 +168,8 @@ def _build_form(check: UploadCheck) -> FormParts:
         "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "own-transcript", height=120
     )
     has_words = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
-    with gr.Row(elem_classes="pair"):
-        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
+    point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+    start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
     has_videos = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )

@@ -134,6 +134,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, t
         assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
         assert not row["is_drawn"]
     assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
+    told = told["value"]
     before, after = told.split("<summary>")
     assert "Which hand trembles?" in told, "the answer is folded away and has the numbers"
     assert TREMBLING not in before.split("<p>")[0] and "2,300" not in before
