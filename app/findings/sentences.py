@@ -277,27 +277,26 @@ def _beats(diagnostics: Diagnostics) -> str:
     }
     if not beats:
         return ""
+    above = [
+        name for name, each in beats.items() if each.beat_align > each.beat_align_chance_highest
+    ]
+    if not above:
+        return (
+            f"BeatAlign tells nothing here: none is above what its beats have on {CHANCE_SHIFTS}"
+            " shifts of the speech."
+        )
     told = ", ".join(
         f"{name} {each.beat_align:.2f} (chance {each.beat_align_chance:.2f}) with"
         f" {each.beats_per_joint_s:.1f} beats a second of each joint"
         for name, each in beats.items()
     )
-    above = [
-        name for name, each in beats.items() if each.beat_align > each.beat_align_chance_highest
-    ]
-    if above:
-        verdict = (
-            f"Above what these beats have on each of {CHANCE_SHIFTS} shifts of the speech:"
-            f" {', '.join(above)}. Only what is above chance tells of this speech."
-        )
-    else:
-        verdict = (
-            f"None is above what its beats have on {CHANCE_SHIFTS} shifts of the speech: such"
-            " values tell how many beats there are, not whether they fall on the speech."
-        )
     speeds = SPEEDS_OF[next(iter(beats.values())).beat_speeds_of]
     onsets = min(each.beat_onsets for each in beats.values())
-    return f"BeatAlign over {onsets} onsets, with {speeds}: {told}. {verdict}"
+    return (
+        f"BeatAlign over {onsets} onsets, with {speeds}: {told}. Above what these beats have on"
+        f" each of {CHANCE_SHIFTS} shifts of the speech: {', '.join(above)}. Only what is above"
+        " chance tells of this speech."
+    )
 
 
 def _step(diagnostics: Diagnostics) -> str:

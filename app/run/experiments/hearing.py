@@ -185,10 +185,15 @@ class Heard:
     def sentence(self) -> str:
         """What the numbers say of the arms, for a person."""
         arms = self.parts["arms"]
+        is_more = arms.by_speech > arms.by_noise
+        hears = (
+            "It hears: speech decides more" if is_more else "It hears little: speech decides less"
+        )
         told = (
             f"{self.system}: speech decides {_percent(arms.by_speech)} of the arms' speed and"
             f" chance {_percent(arms.by_noise)}; with the same noise and other speech their"
             f" rotations correlate {self.arm_rotations_same_noise:.2f}."
+            f" {hears} than chance."
         )
         return told if self.compared is None else f"{told} {self.compared.sentence()}"
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from app.errors import RunError
+from app.findings.comparison import ALIKE
 from app.flags import a_count, written
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
@@ -87,6 +88,23 @@ class StepCurve:
 
     points: tuple[StepPoint, ...]
     files: tuple[Path, ...]
+
+    def sentences(self) -> tuple[str, ...]:
+        """Of each system the fewest steps that are as calm as the most."""
+        told = []
+        for system in dict.fromkeys(point.system for point in self.points):
+            of_it = sorted(
+                (each for each in self.points if each.system == system), key=lambda each: each.steps
+            )
+            most = of_it[-1]
+            calm = ALIKE * most.tip_jerk_m_s3
+            least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
+            told.append(
+                f"{system}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
+                f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
+                f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
+            )
+        return tuple(told)
 
 
 def measure_step_curve(

@@ -231,10 +231,11 @@ def beating(score: float, highest: float, speeds_of: BeatSpeeds = "own") -> Vers
 
 
 def test_beats_are_told_with_their_number_and_chance() -> None:
-    told = sentences_of(diagnostics_of(a=beating(0.71, 0.72, "emage")))["beats"]
+    told = sentences_of(diagnostics_of(a=beating(0.71, 0.72)))["beats"]
+    assert "tells nothing here" in told and "0.71" not in told
+    told = sentences_of(diagnostics_of(a=beating(0.71, 0.7, "emage")))["beats"]
     assert "a 0.71 (chance 0.42) with 1.5 beats a second of each joint" in told
     assert "over 120 onsets, with EMAGE's published mean speeds" in told
-    assert "None is above" in told and "how many beats there are" in told
     told = sentences_of(diagnostics_of(beating(0.4, 0.5), a=beating(0.71, 0.7)))["beats"]
     assert "the reference 0.40" in told and "20 shifts of the speech: a." in told
     assert sentences_of(diagnostics_of(a=measures()))["beats"] == ""

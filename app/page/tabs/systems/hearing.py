@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,8 +104,3 @@ class HearingRunner(FigureRunner[HearingAsk, Hearing]):
         """See `FigureRunner.told`."""
         count = len(found.systems)
         return COMPARED.format(systems=f"{count} system{'s' if count > 1 else ''}")
-
-    def details(self, found: Hearing) -> str:
-        """See `FigureRunner.details`."""
-        lines = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in found.sentences())
-        return f'<ul class="hint">{lines}</ul>'

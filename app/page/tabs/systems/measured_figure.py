@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -32,6 +33,10 @@ class Measured(Protocol):
 
     @property
     def files(self) -> tuple[Path, ...]: ...
+
+    def sentences(self) -> tuple[str, ...]:
+        """What it shows, system by system."""
+        ...
 
 
 Asked = TypeVar("Asked")
@@ -142,10 +147,6 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     def told(self, found: Found) -> str:
         """A line of what was measured."""
 
-    def details(self, found: Found) -> str:
-        """What is to be said beyond that, as HTML."""
-        return ""
-
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.request(values, job.folder / "results")
@@ -193,8 +194,9 @@ class _Work(Generic[Asked, Found]):
         return {self.runner.parts.status: markup.sentence_status(MEASURING.format(share=share))}
 
     def finished(self, result: Found) -> Updates:
+        lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in result.sentences())
         return {
             self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
-            self.runner.parts.message: shown(self.runner.details(result)),
+            self.runner.parts.message: shown(f'<ul class="hint">{lines}</ul>'),
             self.runner.parts.figure: shown(figures_html(result.files, self.address)),
         }
