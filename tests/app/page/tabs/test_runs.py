@@ -288,7 +288,7 @@ def test_without_a_cookie_no_study_is_made(study, speech):
 
 
 def test_the_plan_alone_is_checked_and_copies_no_upload(study, speech, tmp_path):
-    for changes, words in (({"length_s": 500.0}, "`length_s`"), ({"participants": 1.5}, "got 1.5")):
+    for changes, words in (({"length_s": 500.0}, "length_s"), ({"participants": 1.5}, "got 1.5")):
         with pytest.raises(gr.Error, match=words):
             study.write_plan(VISITOR, *form(speech, **changes))
     study.write_plan(VISITOR, *form(speech, 2))

@@ -111,9 +111,9 @@ class Stage:
         for path in self.files.values():
             path.write_bytes(b"")
         a, b, c = (self.addresses.address(path, COOKIE) for path in self.files.values())
-        self.asked = told(
-            bodies=[{"label": "local", "motion": a}, {"label": "full", "motion": b}], sound=c
-        )
+        self.asked = told(sound=c)
+        for body, address in zip(self.asked["bodies"], (a, b), strict=True):
+            body["motion"] = address
 
     def press(self, cookie: str = COOKIE) -> list[dict[Any, Any]]:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
