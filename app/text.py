@@ -9,7 +9,7 @@ TAGLINE = (
     "same noise. Watch them side by side and see where the jitter sits."
 )
 DEMO_WEIGHTS = (
-    "<b>Demonstration weights</b>, trained here on {data}: no number on this page is the paper's."
+    "<b>Demonstration weights</b>, trained here on {data}: no number here is the paper's."
 )
 UNTRAINED = (
     "These weights are <b>random: nothing has been trained</b>. The motion means nothing; the page "

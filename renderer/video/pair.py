@@ -162,15 +162,13 @@ _GREY = "colorchannelmixer=" + ":".join(
     for to in "rgb"
     for of, share in (("r", 0.2126), ("g", 0.7152), ("b", 0.0722))
 )
-LIGHTER = 1.1
-"""Of a body printed in one ink; as app/page/web/stage/painter.js."""
 
 
 def _printed(ink: str) -> str:
     """White paper, dark in this ink where the grey picture is dark."""
     shares = [int(ink[at : at + 2], 16) for at in (1, 3, 5)]
     return "lutrgb=" + ":".join(
-        f"{channel}='{share}+{1 - share / 255:.4f}*min(255,{LIGHTER}*val)'"
+        f"{channel}='{share}+{1 - share / 255:.4f}*val'"
         for channel, share in zip("rgb", shares, strict=True)
     )
 

@@ -207,7 +207,8 @@ def _findings(run: RunRecord) -> str:
     if not items:
         return f'<div class="findings">{clean}</div>' if clean else ""
     rest = "".join(items[GRAVEST:])
-    more = f"<h3>{text.ALSO_FOUND}</h3><ul>{rest}</ul>" if rest else ""
+    also = f"{text.ALSO_FOUND} ({len(items) - GRAVEST})"
+    more = f"<details><summary>{also}</summary><ul>{rest}</ul></details>" if rest else ""
     return (
         f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3>'
         f"<ul>{''.join(items[:GRAVEST])}</ul>{more}{clean}</div>"

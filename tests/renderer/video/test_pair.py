@@ -44,7 +44,7 @@ def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overla
         assert colour(frames, frame, SIDE // 2) == pytest.approx([LIGHT] * 3, abs=6)
         assert colour(frames, frame, WIDTH - SIDE // 2) == pytest.approx([DARK] * 3, abs=6)
         if overlay == "ghost":  # the second alone is dark: in its own ink, #0072b2
-            dark = 1.1 * DARK / 255
+            dark = DARK / 255
             inked = [255 * (ink + (1 - ink) * dark) for ink in (0, 0x72 / 255, 0xB2 / 255)]
             assert colour(frames, frame, WIDTH // 2) == pytest.approx(inked, abs=10)
     if overlay == "wipe":  # which ends where it was put
@@ -61,7 +61,7 @@ def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
     body = Panel("front", 0, 0, 64, 64)
     compose_pair(videos, ["a", "b"], "ghost", PairLayout(64, 64, body), tmp_path / "out.mp4")
     frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, band_height(32) :]
-    light = 1.1 * 140
+    light = 140
     both = [light, 0x5E + (1 - 0x5E / 255) * light, light]  # what either ink leaves least of
     assert colour(frames, 2, 32) == pytest.approx(both, abs=8)
 

@@ -32,7 +32,13 @@ export class DisplayBar {
     this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.#factor), this.#factorText, ...this.#toggles);
     this.more = make("button", { type: "button", class: "more", "aria-expanded": "false", title: "More", "aria-label": "More displays and views", onclick: () => this.#fold() }, icon("more"));
     look.addEventListener("change", () => this.update());
-    for (const part of [folded, this.more]) part.addEventListener("keydown", ({ key }) => key === "Escape" && !folded.hidden && this.#fold());
+    folded.addEventListener("keydown", ({ key }) => this.#leave(key));
+  }
+
+  #leave(key) {
+    const isLeft = key === "Escape" && !this.#folded.hidden;
+    if (isLeft) this.#fold();
+    return isLeft;
   }
 
   #fold() {
@@ -67,7 +73,7 @@ export class DisplayBar {
       j: () => this.#flip("hasHeat"),
       t: () => this.#flip("hasTrail"),
     };
-    if (!actions[key]) return false;
+    if (!actions[key]) return this.#leave(key);
     actions[key]();
     return true;
   }

@@ -5,7 +5,6 @@ import { NUM_JOINTS } from "./motion.js";
 
 const LIGHTS = ["key", "fill", "rim"];
 const LEAST_FACE = 3; // of 255
-const LIGHTER = 1.1; // of a body printed in one ink; as renderer/video/pair.py
 const SLOW_TEXELS = 64; // of a shadow's side
 const SKINNED_FLOATS = 7; // of a vertex: position, normal, jerk
 
@@ -15,14 +14,6 @@ const HEAD = (defines) => `#version 300 es
 precision highp float;
 precision highp int;
 ${Object.entries(defines).map(([name, value]) => `#define ${name} ${value}`).join("\n")}
-`;
-
-const PRINTING = `
-uniform vec4 ink;  // that a body is printed in, dark where it is dark; the last is 0 of its own colours
-vec3 printed(vec3 lit) {
-    float light = clamp(${LIGHTER.toFixed(2)} * dot(lit, vec3(0.2126, 0.7152, 0.0722)), 0.0, 1.0);
-    return mix(lit, mix(ink.rgb, vec3(1.0), light), ink.a);
-}
 `;
 
 const SKINNING = `
@@ -57,11 +48,11 @@ mat3x4 skin(out float heat) {
 const bodyShader = (lighting, defines) => `${HEAD({ MAX_DIRECTIONAL_LIGHTS: LIGHTS.length, HEATS: 6, ...defines })}
 ${lighting}
 ${SKINNING}
-${PRINTING}
 uniform mat4 clip_from_world;
 uniform vec3 shift;
 uniform vec3 heat_colors[HEATS];
 uniform float heat_scale;  // jerk at the end of the scale; 0 shows the body's own colours
+uniform vec4 ink;  // that it is printed in, dark where it is dark; the last is 0 of its own colours
 out vec3 lit;
 
 vec3 heat_color(float share) {
@@ -78,7 +69,9 @@ void main() {
     gl_Position = clip_from_world * vec4(world, 1.0);
     vec3 base = heat_scale > 0.0 ? heat_color(heat / heat_scale) : color.rgb;
     base *= material.base_color_factor.rgb;
-    lit = printed(to_display(shade(world, normalize(vec4(normal, 0.0) * rows), base)));
+    lit = to_display(shade(world, normalize(vec4(normal, 0.0) * rows), base));
+    vec3 print = mix(ink.rgb, vec3(1.0), dot(lit, vec3(0.2126, 0.7152, 0.0722)));
+    lit = mix(lit, print, ink.a);
 }`;
 
 const BODY_FRAGMENTS = `${HEAD({})}
@@ -147,7 +140,6 @@ void main() {
 }`;
 
 const GROUND_FRAGMENTS = `${HEAD({})}
-${PRINTING}
 in vec2 at;
 uniform sampler2D shadow;
 uniform vec3 background;
@@ -162,7 +154,7 @@ void main() {
     vec2 covered = texture(shadow, 0.5 * at + 0.5).rg;
     float dark = min(dot(lost.xy, covered), lost.z) * clamp((1.0 - radius) * pool.y, 0.0, 1.0);
     lit *= 1.0 - dark;
-    frag_color = vec4(printed(lit), 1.0);
+    frag_color = vec4(lit, 1.0);
 }`;
 
 const INK_VERTICES = `${HEAD({})}
@@ -492,17 +484,41 @@ export class Painter {
    * One body on its ground, in a rectangle of pixels from the upper left corner: `part` of a `level`.
    *
    * `clip` cuts the rectangle to a narrower one; `shift` moves body and ground; `heat` is the jerk
-   * at the end of the scale, 0 for none; `ink` is a colour that all is printed in, over what is there
-   * if `isOver`; null leaves its own colours.
+   * at the end of the scale, 0 for none; `ink` is a colour that the body is printed in, over what is
+   * there if `isOver`; null leaves its own colours.
    */
   panel(rect, { matrix, eye, number, level, part, ground, clip = rect, shift = [0, 0, 0], heat = 0, ink = null, isOver = false }) {
     const gl = this.#gl;
     this.#frame(rect, clip);
     gl.clear(gl.DEPTH_BUFFER_BIT);
-    if (isOver) gl.enable(gl.BLEND);
-    gl.blendEquation(gl.MIN); // where it is enabled
+    if (!isOver) this.#drawGround(matrix, ground, shift);
+    gl.enable(gl.DEPTH_TEST);
+    const { body } = this.#programs;
+    gl.useProgram(body.handle);
+    gl.uniformMatrix4fv(body.at("clip_from_world"), true, matrix);
+    gl.uniform3fv(body.at("cam_pos"), eye);
+    gl.uniform3fv(body.at("shift"), shift);
+    gl.uniform1f(body.at("heat_scale"), heat);
+    gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
+    if (isOver) {
+      gl.enable(gl.BLEND);
+      gl.blendEquation(gl.MIN);
+      gl.colorMask(false, false, false, false);
+      this.#drawBody(body, number, level, part); // its depth: nothing behind it is printed
+      gl.colorMask(true, true, true, true);
+      gl.depthFunc(gl.LEQUAL);
+    }
+    this.#drawBody(body, number, level, part);
+    gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
+    gl.blendEquation(gl.FUNC_ADD);
+  }
+
+  /** The floor with the shadow that was cast last. */
+  #drawGround(matrix, ground, shift) {
+    const gl = this.#gl;
     gl.disable(gl.DEPTH_TEST);
-    const { ground: floor, body } = this.#programs;
+    const floor = this.#programs.ground;
     gl.useProgram(floor.handle);
     gl.uniformMatrix4fv(floor.at("clip_from_world"), true, matrix);
     gl.uniform3f(floor.at("ground"), ...ground.centre, ground.floor);
@@ -513,28 +529,10 @@ export class Painter {
     gl.uniform2f(floor.at("glow"), glow, lightest);
     gl.uniform2f(floor.at("pool"), power, fade);
     gl.uniform3f(floor.at("lost"), ...lost, most);
-    gl.uniform4f(floor.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
     gl.bindVertexArray(null);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#shadow[2].texture);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
-    gl.enable(gl.DEPTH_TEST);
-    gl.useProgram(body.handle);
-    gl.uniformMatrix4fv(body.at("clip_from_world"), true, matrix);
-    gl.uniform3fv(body.at("cam_pos"), eye);
-    gl.uniform3fv(body.at("shift"), shift);
-    gl.uniform1f(body.at("heat_scale"), heat);
-    gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
-    if (isOver) {
-      gl.colorMask(false, false, false, false);
-      this.#drawBody(body, number, level, part); // its depth: nothing behind it is printed
-      gl.colorMask(true, true, true, true);
-      gl.depthFunc(gl.LEQUAL);
-    }
-    this.#drawBody(body, number, level, part);
-    gl.depthFunc(gl.LESS);
-    gl.disable(gl.BLEND);
-    gl.blendEquation(gl.FUNC_ADD);
   }
 
   /** Flat triangles over a panel: of each corner x and y (-1 to 1) and a colour. */

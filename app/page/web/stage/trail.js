@@ -11,7 +11,7 @@ const DOT_CORNERS = 10;
  */
 export function trailCorners({ places, speeds, spikes, width, height, colors, spike }) {
   const corners = [];
-  const thick = Math.max(2, width / 130);
+  const thick = Math.max(1.2, Math.min(width, height) / 150); // no dot is larger than a fingertip
   const push = (x, y, color) => corners.push((2 * x) / width - 1, 1 - (2 * y) / height, ...color);
   const dot = ([x, y], radius, color) => {
     for (let i = 0; i < DOT_CORNERS; i++) {
@@ -40,8 +40,8 @@ export function trailCorners({ places, speeds, spikes, width, height, colors, sp
   }
   for (const [i, place] of places.entries()) {
     if (!place || !spikes[i]) continue;
-    dot(place, 1.5 * thick, WHITE);
-    dot(place, 1.1 * thick, spike);
+    dot(place, 1.25 * thick, WHITE);
+    dot(place, 0.9 * thick, spike);
   }
   return corners;
 }
