@@ -29,7 +29,9 @@ NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; g
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """The modules have no imports of another form; a test holds that."""
 _STYLE = """
-body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; background: var(--body-background-fill); }
+body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
+header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
+h1 { margin: 0; font-size: 17px; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
 _SCRIPT = """
@@ -76,6 +78,10 @@ def player_alone(folder: Path, title: str = "") -> str:
     if not record.rows:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
     value = {**showing.value(), "running": False, "begins": False}
+    told, title = record.verdict, title or record.title
+    head = f"<h1>{escape(title)}</h1>" if title else ""
+    if told is not None and record.kind == "generated":
+        head += f"<b>{escape(told.numbers)}</b> {escape(told.judgement)}"
     sound = files.pop(str(value.pop("audio", "")), None)
     files |= {BODY: body_glb(), FACTS: stage_facts(), BUILDS: builds()}
     content = {
@@ -88,11 +94,10 @@ def player_alone(folder: Path, title: str = "") -> str:
     return "\n".join(
         [
             "<!doctype html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title or record.title)}'
-            "</title>",
+            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<style>{style}{_STYLE}</style></head>",
-            '<body><div class="lockstep" hidden></div>',
+            f'<body><header>{head}</header><div class="lockstep" hidden></div>',
             f'<script type="application/json" id="kept">{_in_html(content)}</script>',
             f"<script>{_SCRIPT}</script>",
             f'<script type="importmap">{_in_html({"imports": modules})}</script>',

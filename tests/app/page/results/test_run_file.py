@@ -76,4 +76,4 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     assert show(motions, speech).html == show(motions, speech).html
     folder = made_run(tmp_path / "job", "made elsewhere").folder
     assert show(folder).html == player_alone(folder)
-    assert "<title>made elsewhere</title>" in show(folder).html
+    assert "<h1>made elsewhere</h1>" in show(folder).html
