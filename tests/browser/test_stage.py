@@ -553,7 +553,9 @@ def test_three_videos_keep_within_a_frame_of_the_sound(page: Page) -> None:
     assert 500 < box_of(large.locator(".picture"))["height"] < 900, "of a window of 900"
     page.keyboard.press("2")
     expect(large).to_have_count(0)
-    expect(bar.get_by_role("button", name="Ghost")).to_have_count(0)  # the stage lays them
+    expect(bar.get_by_role("button", name="Ghost", exact=True)).to_have_count(
+        0
+    )  # the stage lays them
 
 
 # ---------------------------------------------------------------- the numbers behind the stage

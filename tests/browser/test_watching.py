@@ -212,6 +212,8 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator("#player .worst-line")).to_contain_text(re.compile(r"1 of \d"))
     press(bar, "Worst second")
     page.evaluate(f"{LOCKSTEP}.pause()")
+    if width < 600:  # the rest is behind one sign
+        bar.locator(".more").click()
     bar.get_by_label("Close-up", exact=True).select_option("face")
     press(bar, "Ghost")
     expect(page.locator("#player .stage .ghost-legend")).to_contain_text("dark where both are")
@@ -379,9 +381,7 @@ def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     show_videos(page)
     drawing = page.locator("#player .drawing:visible")
     expect(drawing).to_have_text(4 * ["no video was asked for"])
-    for mode in ("Wipe", "All"):
-        press(bar_of(page), mode)
-        expect_fit(page)
+    expect_fit(page)
 
     turn_to(page, (1280, 900, "light"))
     page.locator("#player .fold").click()  # the form had made room
