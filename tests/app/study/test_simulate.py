@@ -2,19 +2,26 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study import coverage
-from app.study.simulate import ALIKE, RaterModel, World, davidson, simulate
-from app.study.statistics.answers import collect
+from app.study.design.checked import checked
+from app.study.simulate import ALIKE, RaterModel, answers_file, davidson, simulate
+from app.study.statistics.answers import Participant, collect, fitting
+from app.study.statistics.results import analyse_participants
 from app.study.statistics.screening import screen
 from app.study.statistics.votes import MISMATCHED, between, votes_of
-from tests.app.study.made import STRENGTHS, made_key, made_participants, written_study
-
-FOUR = coverage.STRENGTHS
+from tests.app.study.made import (
+    STRENGTHS,
+    made_key,
+    made_participants,
+    made_world,
+    written_study,
+)
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
@@ -86,44 +93,25 @@ def test_lapses_fail_checks_as_often_as_said():
     assert not screen(made_participants(key, 200, RaterModel(lapse=0)), key).dropped
 
 
-def test_the_truth_of_equal_raters_is_what_was_set():
-    world = World(coverage.design("pairwise"), FOUR, ALIKE, np.random.default_rng(0))
-    chances = {pair: coverage.chances_of(world, pair) for pair in coverage.PAIRS}
-    for (a, b), both_sides in chances.items():
-        expected = davidson(FOUR[a] - FOUR[b] + ALIKE.left_advantage, ALIKE.tie)
-        assert both_sides[0] == pytest.approx(expected)
-    found = coverage.population_strengths(chances)
-    # The prior and rounding to whole votes take a little.
-    mean = np.mean(list(FOUR.values()))
-    assert found == pytest.approx({name: v - mean for name, v in FOUR.items()}, abs=2e-3)
-
-
-def test_the_truth_of_ranks_is_what_many_simulated_rankings_give():
-    key = coverage.design("ranking", num_clips=2)
-    world = World(key, FOUR, RaterModel(), np.random.default_rng(0))
-    chances = {pair: coverage.chances_of(world, pair) for pair in coverage.PAIRS}
-    places = dict.fromkeys(FOUR, 0.0)
-    for _ in range(2000):
-        for answer in world.answers(0):
-            for place, video in enumerate(answer["value"], start=1):
-                places[key.videos[video].system] += place / 4000
-    ranks = coverage.population_ranks(chances)
-    assert ranks == pytest.approx(places, abs=0.06)
-    assert sum(ranks.values()) == pytest.approx(sum(range(1, 5)))
-
-
-def test_differing_raters_pull_shares_to_the_middle():
-    key = coverage.design("pairwise")
-    alike = coverage.share_over_clips(key, ALIKE)
-    varied = coverage.share_over_clips(key, RaterModel())
-    assert all(0.5 < varied[pair] < alike[pair] for pair in coverage.PAIRS)
-    wins = davidson(0.6 + np.array([0.1, -0.1]), ALIKE.tie).mean(0) @ [1, 0.5, 0]
-    assert alike["real", "global"] == pytest.approx(wins)
-
-
-def test_intervals_are_held_against_the_truth():
-    found = coverage.coverage("ranking", RaterModel(), studies=2, seed=3)
-    by_claim = found.groupby("claim").held
-    assert set(by_claim.groups) == {"same", "other", "strength", "rank"}
-    assert (by_claim.size() == 6).all() and (by_claim.mean() >= 0.75).all()
-    assert (found.width > 0).all()
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["pairwise", "ranking"])
+def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
+    """Of raters and clips all alike, whose truth is the strengths that were set."""
+    key = replace(made_key(protocol, num_clips=10, num_lists=28), video_s=2.0)
+    side = ALIKE.left_advantage if protocol == "pairwise" else 0.0
+    tie = ALIKE.tie if protocol == "pairwise" else 0.0
+    held = []
+    for study in range(60):
+        world = made_world(key, ALIKE, seed=study)
+        files = [json.dumps(answers_file(world, rater)) for rater in range(28)]
+        people = [fitting(checked(content, Participant), key)[0] for content in files]
+        (result,) = analyse_participants(people, key)
+        for first, second in combinations(key.systems, 2):
+            gap = STRENGTHS[first] - STRENGTHS[second]
+            share = davidson(gap + np.array([side, -side]), tie).mean(0) @ [1, 0.5, 0]
+            for measure, truth in (("share", share), ("log_strength_gap", gap)):
+                number = result.one(measure, first, second)
+                assert number is not None
+                held.append((measure, number.limits[1] <= truth <= number.limits[2]))
+    for measure in ("share", "log_strength_gap"):
+        assert np.mean([is_held for name, is_held in held if name == measure]) > 0.91
