@@ -18,7 +18,7 @@ from app.findings.sentences import sentences_of
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import FigureAsked
-from app.run.videos.comparison import Snapshots
+from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
@@ -187,15 +187,14 @@ def draw_figure6(
         clip: name of the speech.
         on_piece: called at least once for each motion; what it raises ends the work.
     """
-    from renderer.figures.figure6.figure6 import figure6
-    from renderer.figures.figure6.spec import ONE_SEED_CAVEAT, WINDOW_FRAMES, check_figure6
+    from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, figure6
 
     end = start_frame + WINDOW_FRAMES
-    contents = check_figure6(
+    contents = Figure6(
         {name: tip.track(motion, end, on_piece) for name, motion in motions.items()},
-        {name: found for name, found in snapshots.pictures.items() if name in motions},
+        snapshots.pictures,
         snapshots.frames,
-        30.0,
+        marks=snapshots.marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=start_frame,
         point=tip.title,
@@ -203,8 +202,7 @@ def draw_figure6(
         post_filter=post_filter,
         clip=clip,
         caveat=ONE_SEED_CAVEAT if is_generated else "",
-        marks=snapshots.marks.of(motions) if snapshots.marks else None,
-        panels=asked.panels,
+        asked_panels=asked.panels,
         width_mm=asked.width_mm,
     )
     files = figure6(contents, folder.path("figure6.png").with_suffix(""))
@@ -259,20 +257,22 @@ def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
 
 def draw_error_growth(errors: Mapping[str, ErrorGrowth], folder: ResultFolder) -> list[Path]:
     """The experiment on the recorded motion, or on the first where there is none."""
+    from pandas import DataFrame
+
     from model.measures.error_growth import NOISE_RAD, growth_sentence
-    from renderer.figures.error_growth import Spreads, error_growth_figure
+    from renderer.figures.curves import error_growth_figure
 
     name = REFERENCE_NAME if REFERENCE_NAME in errors else next(iter(errors))
     growth = errors[name]
-    files = error_growth_figure(
-        Spreads(
-            growth.points,
-            local=growth.local_spread_m,
-            world=growth.global_spread_m,
-            predicted_local=growth.predicted_local_spread_m,
-            predicted_world=growth.predicted_global_spread_m,
-        ),
-        folder.path("error_growth.png").with_suffix(""),
-        sentence=f"{name}: {growth_sentence(growth, NOISE_RAD)}",
+    spreads = DataFrame(
+        {
+            "point": growth.points,
+            "local": growth.local_spread_m,
+            "global": growth.global_spread_m,
+            "predicted_local": growth.predicted_local_spread_m,
+            "predicted_global": growth.predicted_global_spread_m,
+        }
     )
+    sentence = f"{name}: {growth_sentence(growth, NOISE_RAD)}"
+    files = error_growth_figure(spreads, folder.path("error_growth.png").with_suffix(""), sentence)
     return [folder.path(path.name) for path in files]

@@ -6,7 +6,7 @@ generation, with the recorded reference in black. What was not measured, because
 or nothing moved, is NaN and a gap; a motion of which nothing was measured has no curve.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -18,8 +18,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from renderer.figures import style
-from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
+from renderer.figures.style import MAX_SYSTEMS, FigureError, FigureFiles, SeriesStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,15 +73,7 @@ class JitterSheet:
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        return styles_of(self.jitter, REFERENCE_NAME)
-
-    def by_depth(self, kind: Version) -> Curves:
-        """Bones from the pelvis, and the mean jerk of the joints there in m/s^3."""
-        return _curves({name: each.by_depth for name, each in self._of(kind).items()})
-
-    def by_phase(self, kind: Version) -> Curves:
-        """Frame of the window, or of the period found, and mean jerk in m/s^3."""
-        return _curves({name: each.by_phase for name, each in self._of(kind).items()})
+        return style.styles_of(self.jitter, REFERENCE_NAME)
 
     @property
     def periods(self) -> dict[str, tuple[int, str]]:
@@ -90,47 +81,37 @@ class JitterSheet:
         body that shows it."""
         if self.window_advance:
             return {}
-        return {name: each.period for name, each in self._of("raw").items() if each.period}
-
-    def by_joint(self, kind: Version) -> Curves:
-        """Place in `JOINT_ORDER`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""
-        places = np.arange(len(JOINT_ORDER), dtype=float)
-        starts = [k for k, j in enumerate(JOINT_ORDER) if JOINT_NAMES[j].endswith(_GROUP_ENDS)]
-        x = np.insert(places, starts, np.nan)
-        return _with_numbers(
-            {
-                name: (x, np.insert(each.by_joint[list(JOINT_ORDER)], starts, np.nan))
-                for name, each in self._of(kind).items()
-            }
-        )
-
-    def spectrum(self, kind: Version) -> Curves:
-        """Frequency in Hz, and share of the point's velocity power in each bin in percent."""
-        spectra = {name: each.spectrum for name, each in self._of(kind).items()}
-        return _with_numbers(
-            {name: (found[0], 100.0 * found[1]) for name, found in spectra.items() if found}
-        )
-
-    def attribution(self, kind: Version) -> Curves:
-        """Place in :attr:`chain`, and relative drop of the point's jerk in percent."""
-        found = self._of(kind).items()
-        return _curves({name: 100.0 * each.chain_drop for name, each in found})
+        return {
+            name: each["raw"].period for name, each in self.jitter.items() if each["raw"].period
+        }
 
     @property
     def chain(self) -> tuple[str, ...]:
         """The joints from the pelvis to the followed point."""
-        return next((each.chain for each in self._of("raw").values() if each.chain), ())
+        return next((each["raw"].chain for each in self.jitter.values() if each["raw"].chain), ())
 
-    def _of(self, kind: Version) -> dict[str, Jitter]:
-        return {name: versions[kind] for name, versions in self.jitter.items()}
-
-
-def _curves(values: Mapping[str, np.ndarray]) -> Curves:
-    return _with_numbers({name: (np.arange(len(y), dtype=float), y) for name, y in values.items()})
+    def curves(self, row: str, kind: Version) -> Curves:
+        """What is drawn in a row, of each motion that has a number there."""
+        found = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
+        return {name: (x, y) for name, (x, y) in found.items() if np.isfinite(y).any()}
 
 
-def _with_numbers(curves: Curves) -> Curves:
-    return {name: (x, y) for name, (x, y) in curves.items() if np.isfinite(y).any()}
+def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
+    match row:
+        case "depth":  # bones from the pelvis, and the mean jerk of the joints there
+            y = jitter.by_depth
+        case "joints":  # place in `JOINT_ORDER`, and jerk; a gap wherever a limb ends
+            starts = [k for k, j in enumerate(JOINT_ORDER) if JOINT_NAMES[j].endswith(_GROUP_ENDS)]
+            x = np.insert(np.arange(len(JOINT_ORDER), dtype=float), starts, np.nan)
+            return x, np.insert(jitter.by_joint[list(JOINT_ORDER)], starts, np.nan)
+        case "spectrum":  # frequency, and the share of the point's velocity power in percent
+            x, y = jitter.spectrum or (np.zeros(0), np.zeros(0))
+            return x, 100.0 * y
+        case "attribution":  # place in the chain, and drop of the point's jerk in percent
+            y = 100.0 * jitter.chain_drop
+        case _:  # frame of the window, or of the period found, and mean jerk
+            y = jitter.by_phase
+    return np.arange(len(y), dtype=float), y
 
 
 def _limb(joint_name: str) -> tuple[int, int]:
@@ -169,8 +150,7 @@ def jitter_sheet(
         clip: its name.
         sentence: what the numbers say, at the end of the caption.
     """
-    with matplotlib_settings():
-        return write_figure(draw_sheet(sheet), out_stem, _caption(sheet, clip, sentence))
+    return style.written(lambda: draw_sheet(sheet), out_stem, _caption(sheet, clip, sentence))
 
 
 def draw_sheet(sheet: JitterSheet) -> "Figure":
@@ -179,11 +159,12 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
     style.draw_keys(figure, sheet.styles)
     parts = figure.subfigures(len(ROWS), 1, squeeze=False, height_ratios=list(ROWS.values()))[:, 0]
     rows = {}
-    for part, (row, title, y_label, curves_of, without) in zip(parts, _rows(sheet), strict=True):
+    for part, (row, (title, y_label)) in zip(parts, _titles(sheet).items(), strict=True):
         style.write_title(part, title)
         kinds = VERSIONS[:1] if row == "joints" else VERSIONS
         rows[row] = part.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
-        curves = [curves_of(kind) for kind in kinds]
+        curves = [sheet.curves(row, kind) for kind in kinds]
+        without = NO_PERIOD if row == "seams" and not sheet.window_advance else NO_DATA
         for kind, axes, drawn in zip(kinds, rows[row], curves, strict=True):
             axes.set_label(f"{row} {kind}")
             axes.grid(True, axis="y")
@@ -217,23 +198,18 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
     return figure
 
 
-def _rows(
-    sheet: JitterSheet,
-) -> list[tuple[str, str, str, Callable[[Version], Curves], str]]:
-    """Of each measure its name, title, label along y, curves, and what a panel without any says."""
-    is_known = sheet.window_advance > 0
-    depth = "a  Jerk by depth: mean of the joints so many bones from the pelvis"
-    attribution = f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}"
+def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
+    """Of each row what stands above it, and along y."""
     seams = "e  Seams: mean jerk of all joints, folded on the windows"
     periods = "e  Periods: mean jerk of the body part that repeats, folded on the period found"
-    return [
-        ("depth", depth, _JERK, sheet.by_depth, NO_DATA),
-        ("joints", "b  Jerk of each joint, as generated", _JERK, sheet.by_joint, NO_DATA),
-        ("spectrum", f"c  Velocity spectrum: {sheet.point}", "power (%)", sheet.spectrum, NO_DATA),
-        ("attribution", attribution, "drop (%)", sheet.attribution, NO_DATA),
-        ("seams", seams if is_known else periods, _JERK, sheet.by_phase,
-         NO_DATA if is_known else NO_PERIOD),
-    ]  # fmt: skip
+    attribution = f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}"
+    return {
+        "depth": ("a  Jerk by depth: mean of the joints so many bones from the pelvis", _JERK),
+        "joints": ("b  Jerk of each joint, as generated", _JERK),
+        "spectrum": (f"c  Velocity spectrum: {sheet.point}", "power (%)"),
+        "attribution": (attribution, "drop (%)"),
+        "seams": (seams if sheet.window_advance else periods, _JERK),
+    }
 
 
 def _draw_curves(
@@ -280,14 +256,10 @@ def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
     if REFERENCE_NAME in sheet.jitter:
         parts.append("Black: the recorded reference, which has no windows and so no seams.")
-    measures = {
-        "jerk by depth": sheet.by_depth("raw"),
-        "spectrum": sheet.spectrum("raw"),
-        "attribution": sheet.attribution("raw"),
-    }
-    if sheet.window_advance:
-        measures["seams"] = sheet.by_phase("raw")
-    for title, curves in measures.items():
+    measures = {"depth": "jerk by depth", "spectrum": "spectrum", "attribution": "attribution"}
+    measures |= {"seams": "seams"} if sheet.window_advance else {}
+    for row, title in measures.items():
+        curves = sheet.curves(row, "raw")
         lacking = [name for name in sheet.jitter if name not in curves]
         if lacking and curves:
             parts.append(f"No {title} of {', '.join(lacking)}: too short, or nothing moved.")

@@ -1,17 +1,28 @@
-"""How all figures look: widths, type, colours, keys and titles; matplotlib finds the places.
+"""How all figures look (widths, type, colours, keys and titles; matplotlib finds the places), and
+how they are written: as PNG, SVG and PDF with a caption beside.
 
 Colours are Okabe and Ito's palette without its yellow, which vanishes on white; each has a marker
-of its own beside it. Lines are never dashed: a curve with holes hides how jagged it is. Importing
-this module does not import matplotlib.
+of its own beside it. Lines are never dashed: a curve with holes hides how jagged it is.
+
+matplotlib is imported at the first figure, and without pyplot: no windows, no global list of
+figures. Figures are made one at a time, because matplotlib's settings belong to the process. The
+same input gives the same bytes: no dates, a fixed salt for the names inside the SVG.
 """
 
 import math
+import os
+import threading
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+from conventions.names import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -219,3 +230,73 @@ def name_x(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> Non
     """Names that stand upright, one at each place along x."""
     axes.set_xticks(range(len(names)), names, rotation=90, size=size_pt)
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
+
+
+_MATPLOTLIB_LOCK = threading.RLock()
+
+
+class FigureError(ValueError):
+    """A figure cannot be made from what was given; the message says why."""
+
+
+class FigureFiles(NamedTuple):
+    """Where a figure was written."""
+
+    png: Path
+    svg: Path
+    pdf: Path
+    txt: Path
+    """Its caption, which stands beside a figure and not in it."""
+
+
+@contextmanager
+def matplotlib_settings() -> Iterator[None]:
+    """matplotlib with its defaults and the figures' settings, for one thread at a time."""
+    from matplotlib import style
+
+    with _MATPLOTLIB_LOCK, style.context(["default", RC_PARAMS]):
+        yield
+
+
+def written(draw: "Callable[[], Figure]", out_stem: Path, caption: str) -> FigureFiles:
+    """Draw a figure and write ``<out_stem>.png``, ``.svg`` and ``.pdf``, without dates, and the
+    caption as ``.txt``, in a folder that is made: all of them or none."""
+    caption, out_stem = printable(caption), Path(out_stem)
+    out_stem.parent.mkdir(parents=True, exist_ok=True)
+    files = FigureFiles(*(out_stem.with_name(f"{out_stem.name}.{e}") for e in FigureFiles._fields))
+    told = {
+        "png": {"Description": caption},
+        "svg": {"Date": None, "Description": caption},
+        "pdf": {"CreationDate": None, "Subject": caption},
+    }
+    with (
+        matplotlib_settings(),
+        TemporaryDirectory(dir=out_stem.parent, prefix=".figure-") as folder,
+    ):
+        figure = draw()
+        figure.set_dpi(DPI)
+        _make_printable(figure)
+        _settle(figure)
+        for ending, metadata in told.items():
+            path = Path(folder, f"figure.{ending}")
+            figure.savefig(path, format=ending, dpi=DPI, metadata=metadata)
+        Path(folder, "figure.txt").write_text(f"{caption}\n", "utf-8")
+        for path in files:
+            os.replace(Path(folder, f"figure{path.suffix}"), path)
+    return files
+
+
+def _settle(figure: "Figure") -> None:
+    """Find all places once: in each format everything stands at the same."""
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
+def _make_printable(figure: "Figure") -> None:
+    """No text of a figure may break the SVG that it is written to, or turn what is around it."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text("\n".join(map(printable, text.get_text().split("\n"))))

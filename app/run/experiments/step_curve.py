@@ -118,9 +118,11 @@ def measure_step_curve(
         CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
+    from pandas import DataFrame
+
     from conventions.rates import SAMPLE_RATE
     from model.speech.audio import SpeechLimits, load_speech
-    from renderer.figures.step_curve import Mark, step_curve_figure
+    from renderer.figures.curves import step_curve_figure
 
     on_progress = share_teller("numbers", on_event, should_cancel)
     ask = asked.ask
@@ -142,11 +144,7 @@ def measure_step_curve(
         path = folder.path("steps.json")
         path.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
         _write_csv(points, folder.path("steps.csv"))
-        marks = [
-            Mark(each.system, each.steps, each.ms_per_frame, each.tip_jerk_m_s3, each.distance_cm)
-            for each in points
-        ]
-        for file in step_curve_figure(marks, folder.path("steps.png").with_suffix("")):
+        for file in step_curve_figure(DataFrame(points), folder.path("steps.png").with_suffix("")):
             folder.path(file.name)
         return StepCurve(tuple(points), folder.publish())
 

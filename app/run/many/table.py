@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.findings.measure_rows import MEASURES, written
+from app.findings.measure_rows import MEASURES, Measure, written
 from app.run.many.distances import distance_rows
 from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
@@ -329,29 +329,34 @@ def draw_spread(
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []
-    from renderer.figures.distributions import SpreadPanel, distributions_figure
+    from pandas import DataFrame
+
+    from renderer.figures.curves import distributions_figure
     from renderer.figures.style import SYSTEM_STYLES
 
     generated = [name for name in systems if name != REFERENCE_NAME]
     left_out = generated[len(SYSTEM_STYLES) :]
     shown = [name for name in systems if name not in left_out]
-    panels = []
-    for place, row in enumerate(MEASURES):
-        values = {
-            name: [
-                value
-                for each in numbers
-                if (value := each["systems"][name]["values"][place]) is not None
-            ]
+    values = DataFrame(
+        [
+            (f"{row.title}{_whose(row)}", name, value)
+            for place, row in enumerate(MEASURES)
+            if row.is_first
             for name in shown
-        }
-        if row.is_first and any(values.values()):
-            whose = " of the point" if row.group == "Followed point" else ""
-            unit = f" ({row.unit})" if row.unit else ""
-            panels.append(SpreadPanel(f"{row.title}{whose}{unit}", values))
-    if not panels:
+            for each in numbers
+            if (value := each["systems"][name]["values"][place]) is not None
+        ],
+        columns=["measure", "system", "value"],
+    )
+    if values.empty:
         return (), []
-    files = distributions_figure(panels, out / "distributions", REFERENCE_NAME)
+    files = distributions_figure(values, shown, out / "distributions", REFERENCE_NAME)
     if not left_out:
         return tuple(files), []
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]
+
+
+def _whose(row: Measure) -> str:
+    """What stands behind the title of a measure."""
+    whose = " of the point" if row.group == "Followed point" else ""
+    return f"{whose} ({row.unit})" if row.unit else whose

@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES, wrap_text
+from renderer.figures.style import (
+    REFERENCE_STYLE,
+    SYSTEM_STYLES,
+    FigureFiles,
+    wrap_text,
+    written,
+)
 
 
 def small_figure() -> Any:
@@ -26,8 +31,7 @@ def small_figure() -> Any:
 
 
 def write(stem: Path) -> FigureFiles:
-    with matplotlib_settings():
-        return write_figure(small_figure(), stem, "What it shows.")
+    return written(small_figure, stem, "What it shows.")
 
 
 def test_three_whole_files_need_no_font_and_nothing_else(tmp_path):
@@ -55,7 +59,7 @@ def test_a_failure_leaves_old_files_and_no_half_ones(tmp_path, monkeypatch):
     def full_disk(*args: object, **kwargs: object) -> None:
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(FigureCanvasPdf, "print_figure", full_disk)
+    monkeypatch.setattr(FigureCanvasPdf, "print_pdf", full_disk)
     with pytest.raises(OSError, match="No space"):
         write(tmp_path / "figure")
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

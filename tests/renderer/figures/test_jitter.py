@@ -11,7 +11,6 @@ from PIL import Image
 
 from conventions.joints import JOINT_DEPTH, JOINT_INDEX
 from conventions.names import VERSIONS, Version
-from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.jitter import (
     NO_DATA,
     NO_PERIOD,
@@ -21,6 +20,7 @@ from renderer.figures.jitter import (
     draw_sheet,
     jitter_sheet,
 )
+from renderer.figures.style import FigureError, matplotlib_settings
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
 
 CHAIN = (

@@ -1,28 +1,52 @@
-"""Figure 6 of the GlobalDiff paper for any motions: a fingertip's path beside snapshots.
+"""Figure 6 of the GlobalDiff paper for any motions: a fingertip's path beside snapshots, and what
+trembles in it.
 
 Up to two systems share plots, as in the paper; of more, each has a row of small ones, with the
-reference or the first faint behind. Nothing here knows where the positions or the pictures come
-from.
+reference or the first faint behind. A path of 30 cm hides a tremble of 2 mm; on a scale of its own
+one sees which motion has more. Nothing here knows where the positions or the pictures come from.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.signal import butter, sosfiltfilt
 
+from conventions.names import PostFilter
 from renderer.figures import style
-from renderer.figures.figure6.spec import COORDINATES, CUT_OFF_HZ, FAINTEST, PANELS, Figure6
-from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.style import MAX_HEIGHT_MM, SMALL_PT
+from renderer.figures.style import (
+    MAX_HEIGHT_MM,
+    MAX_SYSTEMS,
+    PAGE_MM,
+    SMALL_PT,
+    FigureError,
+    FigureFiles,
+    SeriesStyle,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+CUT_OFF_HZ, ORDER = 5.0, 4
+MIN_FRAMES = 32
+"""About a second; fewer frames cannot tell 5 Hz from what lies below it."""
+WINDOW_FRAMES = 300
+SNAPSHOT_EVERY, MAX_SNAPSHOTS = 50, 7
+COORDINATES = ("x", "y", "z")
+PANELS = ("a", "b", "c", "d")
+"""Coordinates, snapshots, path in space, tremble."""
+MOST_IN_ONE_PLOT = 2
+"""Systems whose curves share a plot, as in the paper; each of more has a row of its own."""
+ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
+FAINTEST = 0.12
+"""Share of the full scale below which no mark is drawn: every joint of a moving body has some."""
 MIN_SPAN_M = 0.02
 """A point that stands still is drawn on an axis of two centimetres."""
 MARK_RGB = (0.29, 0.08, 0.43)
@@ -31,12 +55,212 @@ _FAINT = 0.3
 _KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 """What a body has beyond its outermost joints, as shares of the height of all of them."""
+_FILTERED: dict[PostFilter, str] = {
+    "none": "Raw motion, no filter.",
+    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
+}
+
+
+def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
+    """Positions less those below 5 Hz (Butterworth of order 4, forwards and backwards), in
+    millimetres for metres."""
+    low = butter(ORDER, CUT_OFF_HZ, fs=fps, output="sos")
+    exact = np.asarray(positions, np.float64)
+    return 1000.0 * (exact - sosfiltfilt(low, exact, axis=0))
+
+
+@dataclass(frozen=True)
+class JointMarks:
+    """Where each joint is in each snapshot, and a value for it."""
+
+    pixels: Mapping[str, np.ndarray]
+    """By name, (N, J, 2) from the upper left corner; NaN draws nothing."""
+    values: Mapping[str, np.ndarray]
+    """By name, (N, J) in ``unit``; NaN draws nothing."""
+    full_scale: float
+    """Value of the strongest mark; larger ones look the same."""
+    quantity: str = "jerk"
+    unit: str = "m/s³"
+
+    @property
+    def caption(self) -> str:
+        return (
+            f"Marks: {self.quantity} of each joint around the frame, largest and darkest at"
+            f" {self.full_scale:g} {self.unit} and above, none below"
+            f" {FAINTEST * self.full_scale:g} {self.unit}."
+        )
+
+
+def choose_snapshot_frames(
+    num_frames: int,
+    start_frame: int = 0,
+    window_frames: int = WINDOW_FRAMES,
+    every: int = SNAPSHOT_EVERY,
+) -> tuple[int, ...]:
+    """Frames to take snapshots at: from the start of the window, every 50 frames, at most 7."""
+    end = min(num_frames, start_frame + window_frames)
+    return tuple(range(start_frame, end, every))[:MAX_SNAPSHOTS]
+
+
+@dataclass(frozen=True)
+class Figure6:
+    """What one Figure 6 shows.
+
+    Raises:
+        FigureError: with one sentence that names the limit and what was found.
+    """
+
+    trajectories: Mapping[str, np.ndarray]
+    """Name to positions (T, 3) of the point in metres, y up, from the clip's first frame: of one to
+    six systems, and the reference. Of different length they are cut to the shortest."""
+    snapshots: Mapping[str, np.ndarray]
+    """Pictures (N, H, W, 3) uint8 of one camera for the same names, or for more; may be empty."""
+    snapshot_frames: Sequence[int]
+    """Where they were taken, see :func:`choose_snapshot_frames`."""
+    fps: float = 30.0
+    marks: JointMarks | None = None
+    """Around the joints snapshots are cut."""
+    reference: str | None = None
+    """Which of the names is recorded motion; drawn first and in black."""
+    start_frame: int = 0
+    window_frames: int = WINDOW_FRAMES
+    point: str = "Right middle fingertip"
+    tip_source: str = ""
+    """Where the point sits on the body, such as ``rigid`` or ``vertex 7794``."""
+    post_filter: PostFilter = "none"
+    """That all trajectories have been through; only named here."""
+    clip: str = ""
+    caveat: str = ONE_SEED_CAVEAT
+    asked_panels: Sequence[str] = PANELS
+    """Those of which there is nothing to show are left out."""
+    width_mm: float = PAGE_MM
+
+    def __post_init__(self) -> None:
+        if self.reference is not None and self.reference not in self.trajectories:
+            raise FigureError(
+                f"The reference {self.reference!r} has no trajectory; there are"
+                f" {', '.join(map(repr, self.trajectories))}."
+            )
+        count = len(self.trajectories) - (self.reference is not None)
+        if not 1 <= count <= MAX_SYSTEMS:
+            raise FigureError(
+                f"Figure 6 holds 1 to {MAX_SYSTEMS} systems beside the reference; got {count}."
+            )
+        for name, positions in self.trajectories.items():
+            if len(positions) <= self.start_frame:
+                raise FigureError(
+                    f"The window starts at frame {self.start_frame}, but {name!r} has only"
+                    f" {len(positions)} frames; choose an earlier start."
+                )
+            if not np.isfinite(self.paths[name]).all():
+                bad = int(np.flatnonzero(~np.isfinite(self.paths[name]).all(axis=1))[0])
+                raise FigureError(
+                    f"The trajectory of {name!r} is not a number at frame {self.start_frame + bad}."
+                )
+        if self.snapshots and (self.marks is None or set(self.names) - set(self.snapshots)):
+            raise FigureError(
+                f"Snapshots, their marks and trajectories must be of the same systems; got"
+                f" snapshots of {', '.join(map(repr, self.snapshots))} and trajectories of"
+                f" {', '.join(map(repr, self.names))}."
+            )
+        if not self.panels:
+            raise FigureError(
+                f"Of the panels {', '.join(self.asked_panels)} none has anything to show: snapshots"
+                f" (b) need pictures, and tremble (d) needs {MIN_FRAMES} frames."
+            )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The reference comes first."""
+        return tuple(sorted(self.trajectories, key=lambda name: name != self.reference))
+
+    @cached_property
+    def paths(self) -> dict[str, np.ndarray]:
+        """Name to positions (T, 3) in metres inside the window."""
+        end = self.start_frame + min(self._lengths)
+        return {name: np.asarray(self.trajectories[name])[self.start_frame : end]
+                for name in self.names}  # fmt: skip
+
+    @cached_property
+    def _lengths(self) -> list[int]:
+        """Frames inside the window."""
+        lengths = (len(each) - self.start_frame for each in self.trajectories.values())
+        return [min(length, self.window_frames) for length in lengths]
+
+    @cached_property
+    def tremble(self) -> dict[str, np.ndarray]:
+        """Name to millimetres (T, 3) off its slow path; empty where the window is too short."""
+        if min(self._lengths) < MIN_FRAMES:
+            return {}
+        inside = slice(self.start_frame, self.start_frame + self.num_frames)
+        return {
+            name: off_the_slow_path(self.trajectories[name], self.fps)[inside]
+            for name in self.names
+        }
+
+    @cached_property
+    def panels(self) -> tuple[str, ...]:
+        """Of `PANELS`, those asked for of which there is something to show."""
+        has = {"b": bool(self.snapshots), "d": min(self._lengths) >= MIN_FRAMES}
+        return tuple(
+            letter for letter in PANELS if letter in self.asked_panels and has.get(letter, True)
+        )
+
+    @property
+    def num_frames(self) -> int:
+        return min(self._lengths)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Seconds of the window's frames."""
+        return (self.start_frame + np.arange(self.num_frames)) / self.fps
+
+    @property
+    def styles(self) -> dict[str, SeriesStyle]:
+        return style.styles_of(self.names, self.reference)
+
+    @property
+    def is_in_one_plot(self) -> bool:
+        """Whether curves share plots; otherwise each motion has small ones of its own."""
+        return len(self.names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
+
+    @property
+    def shown_frames(self) -> tuple[int, ...]:
+        """Frames of the snapshots inside the window, counted from its start."""
+        if "b" not in self.panels:
+            return ()
+        inside = (frame - self.start_frame for frame in self.snapshot_frames)
+        return tuple(frame for frame in inside if 0 <= frame < self.num_frames)
+
+    @property
+    def marker_frames(self) -> list[int]:
+        """Frames of the curves' markers: those of the snapshots, or six where there are none."""
+        evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
+        return list(self.shown_frames) or sorted({int(frame) for frame in evenly})
+
+    @property
+    def caption(self) -> str:
+        last_frame = self.start_frame + self.num_frames - 1
+        clip = f" of {self.clip}" if self.clip else ""
+        told = {
+            f"{self.point}, frames {self.start_frame} to {last_frame}{clip}"
+            f" at {self.fps:g} frames per second; metres, y up, one scale for x, y and z.": True,
+            f"A row for each motion; faint behind it: {self.names[0]}.": not self.is_in_one_plot,
+            "The motions differ in length and are cut to the shortest.":
+                max(self._lengths) > min(self._lengths),
+            "Grey lines and markers: the frames of the snapshots.": self.shown_frames,
+            self.marks.caption if self.marks else "": "b" in self.panels,
+            "Tremble: x, y and z less what lies below 5 Hz; one scale.": "d" in self.panels,
+            f"Tip source: {self.tip_source}.": self.tip_source,
+            _FILTERED[self.post_filter]: True,
+            self.caveat: self.caveat,
+        }  # fmt: skip
+        return " ".join(sentence for sentence, is_true in told.items() if is_true)
 
 
 def figure6(contents: Figure6, out_stem: Path) -> FigureFiles:
     """Write ``<out_stem>.png``, ``.svg``, ``.pdf`` and the caption."""
-    with matplotlib_settings():
-        return write_figure(draw_figure6(contents), out_stem, contents.caption)
+    return style.written(lambda: draw_figure6(contents), out_stem, contents.caption)
 
 
 @dataclass(frozen=True)
@@ -90,7 +314,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
 
 def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
     """The rows, from above; ``aspect`` is the width of a row of snapshots over its height."""
-    names, width = tuple(contents.trajectories), contents.width_mm
+    names, width = contents.names, contents.width_mm
     count, is_wide = len(names), contents.width_mm > 1.5 * style.COLUMN_MM
 
     def rows(panels: str, groups: Sequence[tuple[str, ...]], height: float, *widths: float) -> Any:
@@ -141,7 +365,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
 
 def _curves(contents: Figure6, row: Row) -> Iterator[tuple[str, dict[str, Any]]]:
     """The motions of a row with how their lines look, behind them the first one of all, faint."""
-    first = next(iter(contents.trajectories))
+    first = contents.names[0]
     if first not in row.names:
         looks = contents.styles[first].line_properties
         yield first, looks | {"marker": "", "alpha": _FAINT, "zorder": 1.5, "linewidth": 0.7}
@@ -152,7 +376,7 @@ def _curves(contents: Figure6, row: Row) -> Iterator[tuple[str, dict[str, Any]]]
 def _limits(contents: Figure6, room: float, least: float) -> np.ndarray:
     """Limits of x, y and z in metres (3, 2): all that is drawn, with some room, and the flattest
     with a share of the others."""
-    positions = np.concatenate(list(contents.trajectories.values())).astype(np.float64)
+    positions = np.concatenate(list(contents.paths.values())).astype(np.float64)
     low, high = positions.min(axis=0), positions.max(axis=0)
     spans = np.maximum(room * (high - low), MIN_SPAN_M)
     spans = np.maximum(spans, least * spans.sum())
@@ -174,7 +398,7 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: Row) -> None:
         for frame in contents.shown_frames:
             axes.axvline(times[frame], color=style.SNAPSHOT_INK, linewidth=0.5, zorder=0.5)
         for name, looks in _curves(contents, row):
-            axes.plot(times, contents.trajectories[name][:, k], label=name, clip_on=False, **looks)
+            axes.plot(times, contents.paths[name][:, k], label=name, clip_on=False, **looks)
         axes.set_xlim(times[0] - margin, times[-1] + 3 * margin)
         axes.set_ylim(*limits[k])
         axes.grid(True, axis="y")
@@ -248,7 +472,7 @@ def _path(part: "SubFigure", contents: Figure6, row: Row) -> None:
                 ha="right" if axis else "center", va="center", annotation_clip=False,
             )  # fmt: skip
     for name, looks in _curves(contents, row):
-        axes.plot(*(contents.trajectories[name] @ PROJECTION).T, label=name, **looks)
+        axes.plot(*(contents.paths[name] @ PROJECTION).T, label=name, **looks)
 
 
 @dataclass(frozen=True)

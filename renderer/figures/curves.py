@@ -1,0 +1,292 @@
+"""The figures of one kind of panel, drawn from data frames: how measures are spread over clips,
+quality against time, error along the chain, and what speech and chance decide."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from conventions.rates import FPS
+from renderer.figures import style
+from renderer.figures.style import FigureError, FigureFiles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+SHOWN_PERCENT = 99.0
+"""Of all values of a panel: its axis ends there, so that one clip does not decide what is seen."""
+_COLUMNS = 3
+_SPREAD = (
+    "Height is the share of clips at or below a value; a curve further to the right has more of"
+    f" it. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does not"
+    " reach 1 has clips beyond. Each clip as it is, never filtered."
+)
+
+
+def distributions_figure(
+    values: "DataFrame", systems: Sequence[str], out_stem: Path, reference: str | None = None
+) -> FigureFiles:
+    """Write how measures are spread: of each, the share of clips at or below a value.
+
+    Args:
+        values: a row for each clip that has one: ``measure`` with its unit, ``system``, ``value``.
+        systems: in the order of their colours.
+        reference: name of the recorded motion's values, drawn black.
+
+    Raises:
+        FigureError: if there is nothing to draw, a value is no number, or systems are too many.
+    """
+    if values.empty:
+        raise FigureError("There is no value to draw.")
+    most = len(style.SYSTEM_STYLES)
+    if len([name for name in systems if name != reference]) > most:
+        raise FigureError(f"There are {len(systems)} systems; at most {most} can be told apart.")
+    if not np.isfinite(values["value"]).all():
+        raise FigureError("A value is no number.")
+    return style.written(lambda: draw_distributions(values, systems, reference), out_stem, _SPREAD)
+
+
+def draw_distributions(
+    values: "DataFrame", systems: Sequence[str], reference: str | None = None
+) -> "Figure":
+    """The figure, without a canvas."""
+    styles = style.styles_of(systems, reference)
+    panels = list(values.groupby("measure", sort=False))
+    num_rows = -(-len(panels) // _COLUMNS)
+    figure = style.new_figure(style.PAGE_MM, 10.0 + 42.0 * num_rows)
+    style.draw_keys(figure, styles)
+    grid = figure.subplots(num_rows, _COLUMNS, sharey=True, squeeze=False).ravel()
+    for number, ((title, panel), axes) in enumerate(zip(panels, grid, strict=False)):
+        axes.set_label(title)
+        axes.set_title(title, size=style.TITLE_PT, weight="bold")
+        for name, series in styles.items():
+            own = np.sort(panel.loc[panel["system"] == name, "value"].astype(float))
+            if len(own):  # from 0 at the least value up to 1 at the greatest
+                x, y = np.r_[own[0], own], np.arange(len(own) + 1) / len(own)
+                looks = series.line_properties | {"marker": ""}
+                axes.plot(x, y, label=name, drawstyle="steps-post", **looks)
+        low, high = panel["value"].min(), panel["value"].quantile(SHOWN_PERCENT / 100)
+        room = 0.04 * (high - low) or 0.04 * abs(high) or 1.0
+        axes.set_xlim(low - room, high + room)
+        axes.grid(True, axis="y")
+        axes.locator_params(axis="x", nbins=4)
+        if number % _COLUMNS == 0:
+            axes.set_ylabel("share of clips")
+    grid[0].set_ylim(0.0, 1.02)
+    grid[0].set_yticks([0.0, 0.5, 1.0])
+    for axes in grid[len(panels) :]:
+        axes.remove()
+    return figure
+
+
+STEP_PANELS = {
+    "tip_jerk_m_s3": "a  Fingertip jerk (m/s\N{SUPERSCRIPT THREE})",
+    "distance_cm": "b  From the result of most steps (cm)",
+}
+REAL_TIME_MS = 1000.0 / FPS
+_STEPS = (
+    "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
+    " the clock of this machine, one motion at a time, features of the speech included."
+    " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
+    " with every number of steps. One clip and one noise seed."
+)
+
+
+def step_curve_figure(points: "DataFrame", out_stem: Path) -> FigureFiles:
+    """Write quality against time: a curve for each system, a mark for each number of steps.
+
+    Args:
+        points: ``system``, ``steps``, ``ms_per_frame`` and the columns of `STEP_PANELS`; those of
+            one system by rising steps.
+
+    Raises:
+        FigureError: if there is no point, or one with a number that cannot be drawn.
+    """
+    if points.empty:
+        raise FigureError("There is no point to draw.")
+    is_good = np.isfinite(points[["ms_per_frame", *STEP_PANELS]]).all(axis=1)
+    for _, point in points[~is_good | (points["ms_per_frame"] <= 0)].iterrows():
+        raise FigureError(
+            f"{point['system']} with {point['steps']} steps has a number that cannot be drawn."
+        )
+    return style.written(lambda: draw_step_curve(points), out_stem, _STEPS)
+
+
+def draw_step_curve(points: "DataFrame") -> "Figure":
+    """The figure, without a canvas."""
+    styles = style.styles_of(points["system"].unique(), None)
+    figure = style.new_figure(style.PAGE_MM, 75.0)
+    style.draw_keys(figure, styles)
+    times = points["ms_per_frame"]
+    for axes, (quantity, title) in zip(figure.subplots(1, 2), STEP_PANELS.items(), strict=True):
+        axes.set_label(quantity)
+        axes.set_title(title, size=style.TITLE_PT, weight="bold")
+        for name, series in styles.items():
+            own = points[points["system"] == name]
+            axes.plot(own["ms_per_frame"], own[quantity], label=name, **series.line_properties)
+            for steps, x, y in zip(own["steps"], own["ms_per_frame"], own[quantity], strict=True):
+                axes.annotate(
+                    str(steps), (x, y), xytext=(2.5, 2.5), textcoords="offset points",
+                    size=style.SMALL_PT, color=series.color,
+                )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_xlim(times.min() / 1.3, times.max() * 1.5)
+        style.from_zero(axes, points[quantity])
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlabel("milliseconds a frame")
+        if axes.get_xlim()[1] > REAL_TIME_MS:
+            axes.axvline(REAL_TIME_MS, color=style.FAINT_INK, linewidth=0.5)
+            axes.annotate(
+                "real time", (REAL_TIME_MS, 1.0), xycoords=("data", "axes fraction"), va="top",
+                ha="right", size=style.SMALL_PT, rotation=90, color=style.FAINT_INK,
+            )  # fmt: skip
+    return figure
+
+
+def error_growth_figure(spreads: "DataFrame", out_stem: Path, sentence: str = "") -> FigureFiles:
+    """Write how far points along the chain move by noise on local and on global rotations.
+
+    Args:
+        spreads: in metres by ``point``: ``local``, ``global``, ``predicted_local`` and
+            ``predicted_global``; marks are measured, lines are the closed form.
+        sentence: what the numbers say, as its caption.
+    """
+    return style.written(lambda: draw_error_growth(spreads), out_stem, sentence)
+
+
+def draw_error_growth(spreads: "DataFrame") -> "Figure":
+    """The figure, without a canvas."""
+    figure = style.new_figure(style.COLUMN_MM, 70.0)
+    axes = figure.subplots()
+    for form, series in (("local", style.SYSTEM_STYLES[0]), ("global", style.SYSTEM_STYLES[2])):
+        looks = series.line_properties
+        line: dict[str, Any] = looks | {"marker": ""}
+        marks: dict[str, Any] = looks | {"linestyle": "none"}
+        axes.plot(
+            100.0 * spreads[f"predicted_{form}"].to_numpy(),
+            label=f"{form} noise, predicted",
+            **line,
+        )
+        axes.plot(100.0 * spreads[form].to_numpy(), label=f"{form} noise, measured", **marks)
+    style.from_zero(axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines()))
+    style.name_x(axes, [style.short_joint(point) for point in spreads["point"]])
+    axes.set_ylabel("root mean square shift (cm)")
+    figure.legend(loc="outside upper left", ncols=2, fontsize=style.SMALL_PT)
+    return figure
+
+
+SHOWN_S = 20.0
+SPEECH_COLORS = ("#0072b2", "#d55e00")
+NOISE_LINES = ("-", (0, (3, 1.5)))
+BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
+_HEARING = (
+    "Arm speed: angular speeds of both shoulders and elbows, summed, over {seconds:.0f} s. Lines "
+    "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. Where the "
+    "system hears, lines of one colour rise and fall together; where it is deaf, lines of one "
+    "kind. "
+    "Shares: correlation of two motions with the same speech (or noise) and other noise (or "
+    "speech), less that of two that share neither, over all speeches and seeds."
+)
+
+
+@dataclass(frozen=True)
+class HearingRow:
+    """One system."""
+
+    name: str
+    arm_speed: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
+    """Degrees a second by speech and seed; the first two of each are shown."""
+    shares: Mapping[str, tuple[float, float]]
+    """By part of the body: decided by speech, and by noise."""
+
+    @property
+    def compared(self) -> tuple[list[str], list[int]]:
+        """The speeches and seeds that are shown."""
+        speeches = list(dict.fromkeys(speech for speech, _ in self.arm_speed))
+        seeds = sorted({seed for _, seed in self.arm_speed})
+        return speeches[: len(SPEECH_COLORS)], seeds[: len(NOISE_LINES)]
+
+
+def hearing_figure(rows: Sequence[HearingRow], out_stem: Path) -> FigureFiles:
+    """Write what speech and what chance decide, a row for each system: on the left the speed of the
+    arms of two speeches with two noise seeds each, on the right the shares by part of the body.
+
+    Raises:
+        FigureError: if there is no row.
+    """
+    if not rows:
+        raise FigureError("There is no system to draw.")
+    caption = _HEARING.format(seconds=_shown_s(rows))
+    return style.written(lambda: draw_hearing(rows), out_stem, caption)
+
+
+def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
+    """The figure, without a canvas."""
+    figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
+    cut = round(SHOWN_S * FPS)
+    highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed.values())
+    pairs = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(2.0, 1.0))
+    for number, (row, (speeds, shares)) in enumerate(zip(rows, pairs, strict=True)):
+        speeds.set_label(f"speed {number}")
+        shares.set_label(f"shares {number}")
+        title = style.cut_text(row.name, style.TITLE_PT, 75.0)
+        speeds.set_title(title, size=style.TITLE_PT, weight="bold")
+        speeches, seeds = row.compared
+        for (speech, seed), speed in row.arm_speed.items():
+            if speech in speeches and seed in seeds:
+                color, line = SPEECH_COLORS[speeches.index(speech)], NOISE_LINES[seeds.index(seed)]
+                times = np.arange(len(speed[:cut])) / FPS
+                speeds.plot(times, speed[:cut], linewidth=0.8, color=color, linestyle=line)
+        speeds.set_xlim(0.0, _shown_s(rows))
+        speeds.set_ylim(0.0, 1.05 * highest)
+        speeds.set_ylabel("arm speed (\N{DEGREE SIGN}/s)")
+        speeds.grid(True, axis="y")
+        _draw_shares(shares, row)
+    pairs[-1][0].set_xlabel("time (s)")
+    pairs[-1][1].set_xlabel("share")
+    _write_keys(figure, rows[0])
+    return figure
+
+
+def _shown_s(rows: Sequence[HearingRow]) -> float:
+    longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
+    return min(SHOWN_S, longest / FPS)
+
+
+def _draw_shares(axes: "Axes", row: HearingRow) -> None:
+    places = np.arange(len(row.shares))[::-1]
+    for offset, which, color in ((0.19, 0, BY_SPEECH), (-0.19, 1, BY_NOISE)):
+        values = [max(share[which], 0.0) for share in row.shares.values()]
+        axes.barh(places + offset, values, height=0.34, color=color)
+        for place, value in zip(places + offset, values, strict=True):
+            axes.annotate(
+                f"{value:.2f}".lstrip("0") if value < 1 else "1", (value, place),
+                xytext=(2, 0), textcoords="offset points", va="center", size=style.SMALL_PT,
+            )  # fmt: skip
+    axes.set_yticks(places, list(row.shares), size=style.SMALL_PT)
+    axes.set_xlim(0.0, 1.12)
+    axes.set_xticks([0.0, 0.5, 1.0])
+
+
+def _write_keys(figure: "Figure", row: HearingRow) -> None:
+    """What colours and kinds of line are, above the first row."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    speeches, seeds = row.compared
+    handles: list[Any] = [
+        Line2D([], [], color=color, label=style.cut_text(name, style.LABEL_PT, 30.0))
+        for color, name in zip(SPEECH_COLORS, speeches, strict=False)
+    ]
+    handles += [
+        Line2D([], [], color=style.INK, linewidth=0.8, linestyle=line, label=f"seed {seed}")
+        for line, seed in zip(NOISE_LINES, seeds, strict=False)
+    ]
+    handles += [Patch(color=BY_SPEECH, label="decided by speech")]
+    handles += [Patch(color=BY_NOISE, label="by chance")]
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), handlelength=1.4)

@@ -1,1 +1,0 @@
-"""Figure 6 of the GlobalDiff paper; may import `figures`."""
