@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from app.bench.measured import Figure, served_page
+from model.systems.registry import list_systems, usual_systems
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -22,6 +26,8 @@ WITHOUT = (
 )
 _FIRST_S, _LATER_S = 4.0, 6.0
 """To settle on how coarsely to draw, and to count pictures."""
+WARM_UP_S = 30.0
+"""In which a page that nobody uses has read all models."""
 _PATIENCE_MS = 300_000
 _NOTE = """() => {
     const times = (window.benchTimes = {});
@@ -72,7 +78,7 @@ def chromium_path() -> str | None:
 
 
 @contextmanager
-def browser() -> Iterator[Browser | None]:
+def opened_browser() -> Iterator[Browser | None]:
     """Chromium, or None where it or what steers it is missing."""
     path = chromium_path()
     try:
@@ -173,3 +179,41 @@ def pictures_per_second(page: Page, level: int | None = None) -> tuple[float, di
     (begun, first), (ended, last) = counts
     found = page.evaluate("document.querySelector('#player .lockstep').stage.pace.level")
     return 1000 * (last - first) / (ended - begun), found
+
+
+def time_browser(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """What a visitor waits for and sees in a Chromium that draws on the processor: from the address
+    to the example that moves, from the click to the first movement and to the end, and pictures a
+    second of one body and of five; each beside what it would be without windows, and without
+    coarser bodies."""
+    five = [name for name in usual_systems("bench-browser") if name in list_systems(weights)]
+    with opened_browser() as browser:
+        if browser is None:
+            sys.stderr.write(WITHOUT + "\n")
+            return []
+        with served_page(weights, folder) as address:
+            fresh = opening_s(browser, address)
+            figures = [Figure("opening a fresh page to movement", fresh, "s", "at most 10 s")]
+            time.sleep(WARM_UP_S)
+            warm = opening_s(browser, address)
+            figures.append(Figure("opening the page again to movement", warm, "s", "at most 3 s"))
+            page = opened_page(browser, address)
+            run_waits(page, clip, five)  # each family's first motion takes longer
+            for systems in (five[-1:], five):
+                waits = run_waits(page, clip, systems)
+                what = f"{len(systems)} system{'s' if len(systems) > 1 else ''}, 10 s clip"
+                finest, _ = pictures_per_second(page, level=0)
+                rate, level = pictures_per_second(page)
+                whose = f"stage, {len(systems)} of {WINDOW['width']} px"
+                coarse = f"{whose}, at {level['pixels']:g} of the pixels"
+                figures += [
+                    Figure(f"click to movement, {what}", waits.moves, "s", "at most 2 s"),
+                    Figure(f"click to a first whole motion, {what}", waits.whole, "s"),
+                    Figure(f"click to all motion, {what}", waits.all, "s"),
+                    Figure(f"click to measures, {what}", waits.measured, "s", "at most 6 s"),
+                    Figure(f"click to figures, {what}", waits.done, "s", "at most 11 s"),
+                    Figure(f"{whose}, whole meshes", finest, "pictures/s"),
+                    Figure(coarse, rate, "pictures/s", "at least 15"),
+                ]
+            sys.stderr.write(gpu_sentence(page, len(five)) + "\n")
+    return figures

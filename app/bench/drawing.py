@@ -1,29 +1,29 @@
-"""What each stage of rendering costs, measured apart, on one clip."""
+"""What drawing costs: finished videos, each stage apart, and the usual loop beside."""
 
+import os
 import resource
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
-from renderer.body.body import Body, BodyMotion
+from app.bench.measured import Figure
+from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
-from renderer.draw.offscreen import OffscreenRenderer
-from renderer.draw.probe import choose_backend
+from renderer.draw.offscreen import GLError, OffscreenRenderer
+from renderer.draw.probe import choose_backend, probe_backends
 from renderer.scene.stage import set_stage
 from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.naive import draw_naively
-from renderer.video.pool import RenderPool
-from renderer.video.settings import RenderSettings
-from renderer.video.worker_process import RenderJob
+from renderer.video.render import PIECE_FRAMES, RenderSettings
+from renderer.video.workers import RenderJob, draw_jobs
 
-_CHUNK_FRAMES = 16
+NAIVE_FRAMES = 30
+"""The usual loop is slow."""
 Result = TypeVar("Result")
 
 
@@ -38,8 +38,66 @@ class Cost:
     machine is busy."""
 
 
+def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """Frames of finished video in a second, as the app draws them."""
+    return [
+        _rate(title, end_to_end_cost([motion] * count, folder, settings), aim)
+        for title, count, settings, aim in (
+            ("video, 512 x 512", 1, RenderSettings(512, 512), "at least 30"),
+            ("video, 720 x 720", 1, RenderSettings(720, 720), "at least 20"),
+            ("five side by side, 320 x 480 each", 5, RenderSettings(320, 480), "at least 12"),
+            ("draft, 512 x 512", 1, RenderSettings(512, 512, antialias=False), "at least 60"),
+        )
+    ]
+
+
+def backend_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """The same video by each backend that works, whichever is used here."""
+    return [
+        _rate(
+            f"video, 512 x 512, {report.name}",
+            end_to_end_cost([motion], folder, RenderSettings(512, 512, backend=report.name)),
+        )
+        for report in probe_backends()
+        if report.works
+    ]
+
+
+def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """What each stage costs, with and without anti-aliasing, against the usual loop."""
+    body = load_body()
+    try:
+        naive = naive_cost(body, motion, RenderSettings(512, 512))
+    except GLError:  # it is a loop over OpenGL
+        naive = None
+    figures = []
+    for kind, is_smooth, aim in (("", True, "at least 4"), (", draft", False, "at least 8")):
+        costs = stage_costs(body, motion, folder, RenderSettings(512, 512, antialias=is_smooth))
+        figures += [
+            Figure(f"{cost.stage}, 512 x 512{kind}", cost.wall_ms, "ms/frame", cpu=cost.cpu_ms)
+            for cost in costs
+            if is_smooth or cost.stage == "drawing"
+        ]
+        if naive is not None:
+            # The loop has its vertices ready, and encodes nothing: compared with the same part.
+            ours = [cost for cost in costs if cost.stage not in ("skinning", "encoding")]
+            wall, cpu = sum(c.wall_ms for c in ours), sum(c.cpu_ms for c in ours)
+            title = f"naive loop over normals, shadow and drawing{kind}"
+            figures.append(Figure(title, naive.wall_ms / wall, "x", aim, naive.cpu_ms / cpu))
+    return figures
+
+
+ALL = (video_rates, backend_rates, stages)
+
+
+def _rate(title: str, cost: Cost, aim: str = "") -> Figure:
+    """Frames in a second by the clock, and by the CPU time if all cores had been free."""
+    cores = len(os.sched_getaffinity(0))
+    return Figure(title, 1e3 / cost.wall_ms, "frames/s", aim, cores * 1e3 / cost.cpu_ms)
+
+
 def stage_costs(
-    body: Body, motion: BodyMotion, folder: Path, settings: RenderSettings | None = None
+    body: Body, motion: BodyMotion, folder: Path, settings: RenderSettings
 ) -> tuple[Cost, ...]:
     """Cost of skinning, normals, ground shadow, drawing and encoding, one after the other.
 
@@ -51,105 +109,70 @@ def stage_costs(
     Raises:
         GLError, VideoError: as ``render_video``.
     """
-    settings = settings or RenderSettings()
     stage = set_stage(body, [motion], settings.view, settings.aspect)
-    num_frames = motion.num_frames
-    chunks, skinning = _timed(
-        "skinning", num_frames, lambda: list(body.vertices(motion, chunk=_CHUNK_FRAMES))
-    )
+    count, size = motion.num_frames, (settings.width, settings.height)
+    chunks, skinning = _timed("skinning", count, lambda: list(body.vertices(motion, PIECE_FRAMES)))
     frames = list(chain.from_iterable(chunks))
-    normals = VertexNormals(body.faces, body.num_vertices)
-    _, normals_cost = _timed("normals", num_frames, lambda: [normals(each) for each in frames])
+    normals_of = VertexNormals(body.faces, body.num_vertices)
+    _, normals = _timed("normals", count, lambda: [normals_of(each) for each in frames])
     prepare = FramePreparer(body.faces, body.num_vertices, stage, settings.studio)
-    _, shadow = _timed(
-        "ground shadow", num_frames, lambda: [prepare.ground.texture(each) for each in frames]
-    )
+    texture = prepare.ground.texture
+    _, shadow = _timed("ground shadow", count, lambda: [texture(each) for each in frames])
+    posed = [prepare(each) for each in frames]
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners(), settings.studio)
-    with OffscreenRenderer(
-        *(subject, settings.width, settings.height, settings.backend or choose_backend()),
-        antialias="supersample" if settings.antialias else "none",
-    ) as renderer:
-        posed = [prepare(each) for each in frames]
-        renderer.draw(posed[0], stage.camera)  # compiles what draws
-
-        def draw() -> list[np.ndarray]:
-            return [renderer.draw(frame, stage.camera).copy() for frame in posed]
-
-        pictures, drawing = _timed("drawing", num_frames, draw)
+    backend = settings.backend or choose_backend()
+    with OffscreenRenderer(backend, is_smooth=settings.antialias) as renderer:
+        canvas = renderer.canvas(subject, *size)
+        canvas.draw(posed[0], stage.camera)  # compiles what draws
+        pictures, drawing = _timed(
+            "drawing", count, lambda: [canvas.draw(each, stage.camera).copy() for each in posed]
+        )
 
     def encode() -> None:
-        size = (settings.width, settings.height)
-        with VideoWriter(folder / "bench.mp4", *size, num_frames, crf=settings.crf) as video:
+        with VideoWriter(folder / "bench.mp4", *size, count, crf=settings.crf) as video:
             for picture in pictures:
                 video.write(picture)
 
-    _, encoding = _timed("encoding", num_frames, encode)
-    return skinning, normals_cost, shadow, drawing, encoding
+    _, encoding = _timed("encoding", count, encode)
+    return skinning, normals, shadow, drawing, encoding
 
 
-def end_to_end_cost(
-    motions: Sequence[BodyMotion],
-    folder: Path,
-    settings: RenderSettings | None = None,
-    body_path: Path | None = None,
-) -> Cost:
-    """Cost of one frame of a finished comparison: a video of each motion, then all side by side.
-
-    As the app does it, with processes that have to start. One motion is not compared with itself.
-
-    Args:
-        motions: of equal length.
-
-    Raises:
-        BodyError, GLError, VideoError: as ``render_video``.
-    """
-    settings = settings or RenderSettings()
-    settings = replace(settings, backend=settings.backend or choose_backend())
-    paths = [folder / f"bench{number}.mp4" for number in range(len(motions))]
+def end_to_end_cost(motions: Sequence[BodyMotion], folder: Path, settings: RenderSettings) -> Cost:
+    """Cost of one frame of a finished comparison of motions of one length: a video of each, then
+    all side by side, as the app does it, with processes that have to start. One motion is not
+    compared with itself."""
+    choose_backend()  # which is asked once
 
     def draw() -> None:
-        with RenderPool(min(len(motions), 2)) as pool:
-            tasks = [
-                pool.submit(RenderJob(motion, path, settings=settings, body_path=body_path))
-                for motion, path in zip(motions, paths, strict=True)
-            ]
-            for task in tasks:
-                task.result()
-        if len(paths) > 1:
-            compose_videos(paths, [path.stem for path in paths], folder / "comparison.mp4")
+        jobs = {
+            f"bench{i}": RenderJob(motion, folder / f"bench{i}.mp4", settings=settings)
+            for i, motion in enumerate(motions)
+        }
+        draw_jobs(jobs)
+        if len(jobs) > 1:
+            paths = [folder / f"{name}.mp4" for name in jobs]
+            compose_videos(paths, list(jobs), folder / "comparison.mp4")
 
     _, cost = _timed("end to end", motions[0].num_frames, draw)
     return cost
 
 
 def naive_cost(
-    body: Body,
-    motion: BodyMotion,
-    settings: RenderSettings | None = None,
-    max_frames: int = 30,
+    body: Body, motion: BodyMotion, settings: RenderSettings, max_frames: int = NAIVE_FRAMES
 ) -> Cost:
     """Cost of the usual pyrender loop on ready vertices, without skinning and encoding.
-
-    Args:
-        max_frames: it is slow, so only so many frames are drawn.
 
     Raises:
         GLError: where there is no OpenGL.
     """
-    settings = settings or RenderSettings()
     backend = choose_backend()
     stage = set_stage(body, [motion], settings.view, settings.aspect)
-    chunks = body.vertices(motion, chunk=_CHUNK_FRAMES)
-    frames = list(islice(chain.from_iterable(chunks), max_frames))
-    colors = body.vertex_colors
-
-    def draw() -> None:
-        for _ in draw_naively(
-            frames, body.faces, colors, settings=settings, stage=stage, backend=backend
-        ):
-            pass
-
-    _, cost = _timed("naive pyrender loop", len(frames), draw)
+    vertices = chain.from_iterable(body.vertices(motion, PIECE_FRAMES))
+    frames = list(islice(vertices, max_frames))
+    pictures = draw_naively(
+        *(frames, body.faces, body.vertex_colors), settings=settings, stage=stage, backend=backend
+    )
+    _, cost = _timed("naive pyrender loop", len(frames), lambda: [None for _ in pictures])
     return cost
 
 

@@ -6,15 +6,14 @@ import av
 import numpy as np
 import pytest
 
-from app.bench import generation as bench
+from app.bench import runs as bench
 from app.bench.drawing import end_to_end_cost, naive_cost, stage_costs
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.naive import draw_naively
-from renderer.video.render import render_stills
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, render_stills
 from tests.renderer.scene.test_camera import waving_motion
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,277 @@
+"""What speech, generation, training and whole runs cost."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from app.bench.measured import Figure, peak_mb, told
+from app.run.models import get_system
+from app.run.output.run_folder import read_run
+from app.run.pipeline import do
+from app.run.requests.request import SIZES_PX, Ask, Event, Grown, Progress
+from conventions.rates import FPS
+from conventions.views import CLOSE_UPS
+from model.data.prepared import Clip, PreparedData
+from model.data.recordings import NUM_FACE_UNITS
+from model.systems.registry import families, family_of, list_systems, usual_systems
+from model.training.parallel import WHOLE
+from model.training.task import TaskSetup
+
+SAMPLES = 5
+PAGE_SIZE_PX = 640
+"""Height of a body in the page's player."""
+SHORT_S, LONG_S = 60.0, 600.0
+BATCH, WARM_STEPS = 64, 2
+SPEECH_DIMS = {"mel64": 68, "wavlm": 1024}
+_FRAMES = 600
+
+
+def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
+    """Speech of exactly that length, made by cutting or repeating ``path``."""
+    from conventions.rates import SAMPLE_RATE
+    from model.speech.audio import load_speech, write_wav
+
+    waveform = load_speech(path).waveform
+    num_samples = round(duration_s * SAMPLE_RATE)
+    write_wav(out, np.resize(waveform, num_samples))
+    return out
+
+
+def time_motion(clip: Path, weights: Path) -> list[Figure]:
+    """Features, generation of each system at the default number of steps, and five samples."""
+    from model.generation.cost import generation_ms
+    from model.speech.audio import load_speech
+
+    speech = load_speech(clip)
+    systems = [get_system(name, weights) for name in list_systems(weights)]
+    started = time.perf_counter()
+    systems[0].encoder.encode(speech.waveform, speech.num_frames)
+    features_ms = 1000 * (time.perf_counter() - started) / speech.num_frames
+    figures = [Figure("speech features", features_ms, "ms/frame")]
+    for system in systems:
+        steps = system.samplers[0].steps
+        each = generation_ms(system, speech, steps) - features_ms
+        title = f"generation, {system.name}, {steps} steps"
+        figures.append(Figure(title, each, "ms/frame", "at most 4"))
+    each = generation_ms(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
+    title = f"one of {SAMPLES} samples, {systems[-1].name}"
+    return [*figures, Figure(title, each, "ms/frame", "at most 2")]
+
+
+def time_families() -> list[Figure]:
+    """What families measure of their own networks, each in a process of its own."""
+    figures = []
+    for family in families():
+        if family.has_cost:
+            code = f"import json; from {family.package}.cost import measured; "
+            rows = json.loads(told("-c", code + "print(json.dumps(measured()))"))
+            figures += [Figure(*row) for row in rows]
+    return figures
+
+
+def time_training(weights: Path) -> list[Figure]:
+    """Training at the demo's and at the paper's size as it is done here, and as it was before: in
+    fp32 and not compiled."""
+    name, *others = usual_systems("bench-training")
+    figures = []
+    for config, aim in (("demo", 150), ("paper", 40)):
+        for is_fast, kind in ((False, "fp32, not compiled"), (True, "as trained")):
+            rate = training_rate(name, weights, config, fast=is_fast)
+            title = f"training, {name}, {config} size, {kind}"
+            figures.append(Figure(title, rate, "windows/s", f"at least {aim}" if is_fast else ""))
+    for other in others:
+        rate = training_rate(other, weights)
+        figures.append(Figure(f"training, {other}, demo size, as trained", rate, "windows/s"))
+    for instructions, capability in (("AVX512_CORE", "avx512"), ("AVX2", "avx2")):
+        # Of processors without AMX, and without AVX-512.
+        code = (
+            "from pathlib import Path; from app.bench.runs import training_rate; "
+            f"print(training_rate({name!r}, Path({str(weights.resolve())!r})))"
+        )
+        with tempfile.TemporaryDirectory(prefix="bench-compiled-") as compiled:
+            environment = {
+                "ONEDNN_MAX_CPU_ISA": instructions,
+                "ATEN_CPU_CAPABILITY": capability,
+                "TORCHINDUCTOR_CACHE_DIR": compiled,  # code kept for other instructions crashes
+            }
+            rate = float(told("-c", code, **environment))
+        title = f"training, {name}, demo size, {instructions}"
+        figures.append(Figure(title, rate, "windows/s"))
+    return figures
+
+
+def time_beside_busy_cores(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """The command line with three systems: alone, beside one busy process, and beside one on each
+    core."""
+    figures = []
+    for busy in (0, 1, os.cpu_count() or 1):
+        out = folder / f"beside-{busy}"
+        flags = ["--systems", ",".join(usual_systems("bench-busy")), "--no-video"]
+        flags += ["--panels", "a,c,d", "--out", str(out)]
+        loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+        try:
+            started = time.perf_counter()
+            told("-m", "app", "generate", str(clip), *flags, "--weights", str(weights.resolve()))
+            wall_s = time.perf_counter() - started
+        finally:
+            for loop in loops:
+                loop.kill()
+                loop.wait()
+        figures.append(Figure(f"three systems beside {busy} busy processes", wall_s, "s"))
+    return figures
+
+
+def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """A whole run of all systems, as after a click on the warm page, and Figure 6 in it; its files
+    stay."""
+    figure_times: dict[float, float] = {}
+
+    def watch(event: Event) -> None:
+        if isinstance(event, Progress) and event.stage == "figure":
+            figure_times[event.fraction] = time.monotonic()
+
+    started = time.monotonic()
+    do(Ask(speech=clip, out=folder / "run", weights=weights, has_video=True), watch)
+    seconds = time.monotonic() - started
+    return [
+        Figure("whole run, 10 s clip, all systems", seconds, "s", "at most 45 s"),
+        Figure("Figure 6 of it", figure_times[0.5] - figure_times[0.0], "s", "at most 6 s"),
+        Figure("jitter sheet of it", figure_times[1.0] - figure_times[0.5], "s"),
+    ]
+
+
+def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """A run as the page asks for it, of the ladder of systems, in a process that is warm: until the
+    first of them moves on the stage, until all of its motion is there, as a stage without windows
+    begins with, and until everything is there."""
+    moving_at: list[float] = []
+    whole_at: list[float] = []
+
+    def watch(event: Event) -> None:
+        if isinstance(event, Grown):
+            rows = read_run(event.folder).rows
+            if any("frames" in row.files for row in rows):
+                moving_at.append(time.monotonic())
+            if any("motion" in row.files for row in rows):
+                whole_at.append(time.monotonic())
+
+    explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
+    ladder = tuple(name for name in list_systems(weights) if name in explained)
+    started = time.monotonic()
+    ask = Ask(
+        speech=clip,
+        out=folder / "page",
+        weights=weights,
+        has_video=True,
+        systems=ladder,
+        size=PAGE_SIZE_PX,
+        close_ups=CLOSE_UPS,
+    )
+    do(ask, watch)
+    seconds = time.monotonic() - started
+    first = moving_at[0] - started
+    whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"
+    return [
+        Figure("first window for the stage, 10 s clip", first, "s", "at most 2 s"),
+        Figure("first whole motion, 10 s clip", whole_at[0] - started, "s"),
+        Figure(whole, seconds, "s", "at most 30 s"),
+    ]
+
+
+def time_measures(motion_file: Path) -> list[Figure]:
+    """All measures of a motion of a minute, raw and filtered."""
+    from model.diagnostics import diagnose
+    from model.motion.kinematics import open_body_skeleton
+    from model.motion.motion import load_motion
+
+    motion = load_motion(motion_file)
+    frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * FPS))
+    minute = motion.part(frames)
+    started = time.perf_counter()
+    diagnose({"motion": minute}, open_body_skeleton())
+    seconds = time.perf_counter() - started
+    return [Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")]
+
+
+def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
+    """Peak memory of any process of a run of one system, for a long clip against a short one."""
+    system = list_systems(weights)[-1]
+    imports = (
+        "import app.run.pipeline, model.diagnostics, model.generation.windows, "
+        "renderer.figures.figure6"
+    )
+    imports_mb = peak_mb("-c", imports)
+    peaks_mb = []
+    for duration_s in (SHORT_S, LONG_S):
+        clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
+        out = folder / f"{duration_s:g}"
+        flags = ["--systems", system, "--steps", "1", "--size", str(SIZES_PX[0])]
+        command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
+        peaks_mb.append(peak_mb(*command, "--weights", str(weights.resolve())))
+    short_mb, long_mb = peaks_mb
+    return [
+        Figure("peak memory, 1-minute clip", short_mb, "MB"),
+        Figure("peak memory, 10-minute clip", long_mb, "MB"),
+        Figure("10-minute clip above the imports", long_mb - imports_mb, "MB", "at most 600 MB"),
+        Figure("10-minute over 1-minute clip", long_mb / short_mb, "x", "at most 1.3"),
+    ]
+
+
+def training_rate(
+    system: str, helpers: Path, config_name: str = "demo", *, fast: bool = True, num_steps: int = 8
+) -> float:
+    """Windows a second in training a system, in one process.
+
+    The data is made up: only its shape costs time.
+
+    Args:
+        helpers: folder of networks that the system needs.
+        config_name: whose size; a preset of its family.
+        fast: with bf16 and compiled where this machine gains by them, as `model.train` does;
+            otherwise in fp32 and not compiled.
+
+    Raises:
+        CheckpointError: if an encoder is missing.
+    """
+    family = family_of(system)
+    config = replace(family.config(config_name, system), batch_size=BATCH)
+    shard = replace(WHOLE, bf16=fast)
+    with tempfile.TemporaryDirectory(prefix="training-rate-") as folder:
+        data = _made_up_data(Path(folder), SPEECH_DIMS[config.encoder])
+        task = family.make_task(config, data, TaskSetup(helpers, None, shard, may_compile=fast))
+        started = 0.0
+        for step in range(WARM_STEPS + num_steps):
+            if step == WARM_STEPS:
+                started = time.perf_counter()
+            rng = np.random.default_rng(step)
+            batch = data.window_batch(data.clips, task.window_frames, BATCH, rng)
+            task.step(step, batch, torch.Generator().manual_seed(step))
+        return num_steps * BATCH / (time.perf_counter() - started)
+
+
+def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
+    rng = np.random.default_rng(0)
+
+    def noise(columns: int, spread: float) -> np.ndarray:
+        return rng.normal(0, spread, (_FRAMES, columns)).astype(np.float32)
+
+    return PreparedData(
+        folder,
+        folder,
+        clips=(Clip("1_made_0", 1, "train", 0, _FRAMES),),
+        poses=noise(165, 0.1),
+        transl=noise(3, 0.01),
+        expression=noise(NUM_FACE_UNITS, 0.1),
+        speech=noise(speech_dim, 1.0),
+        speakers={1: "made"},
+    )
