@@ -150,7 +150,7 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
 def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
-    from renderer.files.bvh import write_bvh
+    from renderer.files.exports import write_bvh
     from renderer.files.glb import write_glb
 
     reading = read_any_motion(path, request.told, request.body, name)

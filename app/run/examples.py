@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import EXAMPLES
+from app.run.body_motion import picture_motions
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter, picture_layout
-from app.run.videos.own_videos import picture_motions
 from conventions.names import file_stem
 from model.speech.transcript import NOTHING_SAID
 

@@ -9,13 +9,14 @@ import ctypes
 import json
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.run.body_motion import body_motion
+from app.run.body_motion import body_motion, in_register
 from app.run.diagnostics import (
     draw_error_growth,
     draw_figure6,
@@ -33,13 +34,13 @@ from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel, check
 from app.run.requests.settings import settings_of, title_of
 from app.run.rows import Rows
 from app.run.run_writer import RunWriter, picture_layout
-from app.run.videos.comparison import Snapshots, draw_all, draw_poses, joined_side_by_side
-from app.run.videos.own_videos import VideoOptions, draw_own_videos, in_register
+from app.run.videos.videos import POSES, Snapshots, VideoOptions, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
+    from model.motion.motion import Motion
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -172,20 +173,24 @@ def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diag
 
 
 def _draw_videos(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Snapshots | None:
-    """Of each motion; with poses for Figure 6 that were taken on the way, if any were."""
-    if rows.inputs is not None:
-        return draw_all(ask, rows, folder, run)
+    """Of each motion; with poses for Figure 6 where they were made here."""
+    is_made = rows.inputs is not None
+    placed = {name: in_register(each) if is_made else each for name, each in rows.staged.items()}
 
     def on_share(part: float) -> None:
         run.stop_if_asked()
         run.progress("video", part)
 
-    options = VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups)
-    draw_own_videos(
-        *(rows.staged, options, rows.body, ask.body, rows.tip, rows.sound, folder, on_share),
-        lambda made: run.file(made.kind, made.name, made.path),
+    on_share(0.0)
+    options = VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups, ask.views, ask.look)
+    snapshots = draw_rows(
+        *(placed, options, rows.body, ask.body, rows.tip, on_share),
+        folder=folder,
+        speech=rows.sound,
+        frames=_pose_frames(ask, placed) if is_made else (),
+        on_file=run.file,
     )
-    return None
+    return snapshots if is_made else None
 
 
 def _draw_figures(
@@ -221,19 +226,26 @@ def _draw_figures(
 
 def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
     """For Figure 6, without any video."""
-    from renderer.figures.figure6.spec import choose_snapshot_frames
 
     def on_share(part: float) -> None:
         run.stop_if_asked()
         run.progress("figure", _POSES * part)
 
-    shortest = min(motion.num_frames for motion in rows.drawn.values())
-    frames = ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
+    frames = _pose_frames(ask, rows.drawn)
     if not ask.has_poses or "b" not in ask.figure.panels:
         return Snapshots(frames)
     is_made = rows.inputs is not None
     placed = {name: in_register(each) if is_made else each for name, each in rows.drawn.items()}
-    return draw_poses(placed, ask.body, frames, on_share)
+    options = replace(POSES, look=ask.look)
+    arguments = (placed, options, rows.body, ask.body, rows.tip, on_share)
+    return draw_rows(*arguments, frames=frames)
+
+
+def _pose_frames(ask: Ask, motions: Mapping[str, Motion]) -> tuple[int, ...]:
+    from renderer.figures.figure6 import choose_snapshot_frames
+
+    shortest = min(motion.num_frames for motion in motions.values())
+    return ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
 
 
 def _line(ask: Ask, num_rows: int, num_frames: int, seconds: float) -> str:

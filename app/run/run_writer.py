@@ -15,6 +15,7 @@ from app.errors import CancelledRun, sentence_of
 from app.findings.measure_rows import numbers_of
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
+from app.run.body_motion import Register, register_of
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     MAX_ROWS,
@@ -43,7 +44,6 @@ from app.run.timeline import (
     waveform_of,
     waveform_peaks,
 )
-from app.run.videos.own_videos import Register, register_of
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem
 from conventions.views import CloseUp, Framing, View
 
@@ -319,10 +319,11 @@ def picture_layout(
         ``aspect``, width by height of the whole; for ``body`` and for each close-up by its name
         its upper and lower edge, as shares of the height.
     """
-    from app.run.videos.export import render_settings
-    from renderer.scene.panels import CLOSE_UP_VIEWS
+    from app.run.videos.videos import VideoOptions
+    from renderer.scene.stage import CLOSE_UP_VIEWS
 
-    settings = render_settings(view, size, close_ups=close_ups, framing=framing)
+    options = VideoOptions(size=size, framing=framing, close_ups=close_ups, views=(view,))
+    settings = options.settings(view)
     width, height = settings.picture_size
     body, *beside = settings.panels
     edges = {

@@ -1,4 +1,4 @@
-"""BVH: our own files (`renderer.files.bvh`), and any skeleton of two legs, a trunk and two arms.
+"""BVH: our own files (`renderer.files`), and any skeleton of two legs, a trunk and two arms.
 
 Joints are known by their tree, whatever they are called; names tell sides and fingers. The rest
 pose says which way is up and forward; where its limbs and fingers rest at other angles than ours

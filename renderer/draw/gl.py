@@ -9,10 +9,12 @@ from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 from trimesh.visual import TextureVisuals
 
-from renderer.draw.antialias import SUPERSAMPLE, Antialias
-from renderer.draw.light import SHADERS
+from renderer.draw.offscreen import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.studio import ROUGHNESS, Light, PosedFrame, Subject
+
+SUPERSAMPLE = 2
+"""Samples along each side of a pixel."""
 
 
 class FrameRenderer(pyrender.Renderer):
@@ -22,26 +24,29 @@ class FrameRenderer(pyrender.Renderer):
     of that. The context must be current when this is made and whenever it is used.
     """
 
-    def __init__(
-        self, width: int, height: int, antialias: Antialias, *, has_alpha: bool = False
-    ) -> None:
-        scale = 1 if antialias == "none" else SUPERSAMPLE
+    def __init__(self, width: int, height: int, *, is_smooth: bool, has_alpha: bool) -> None:
+        scale = SUPERSAMPLE if is_smooth else 1
         super().__init__(width * scale, height * scale)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
         self._picture_size = (width, height)
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
         self._canvas = _Framebuffer(width * scale, height * scale, depth=True)
-        self._picture = (
-            self._canvas if antialias == "none" else _Framebuffer(width, height, depth=False)
-        )
+        self._picture = _Framebuffer(width, height, depth=False) if is_smooth else self._canvas
 
-    def draw(self, scene: pyrender.Scene) -> UInt8[np.ndarray, "H W C"]:
-        """The picture of the scene, upper row first. The array is reused by the next call.
+    def begin(self, scene: pyrender.Scene) -> None:
+        """Have the driver draw the scene, and do not wait for it."""
+        self.render(scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
+
+    def picture(self) -> UInt8[np.ndarray, "H W C"]:
+        """What was begun last, upper row first. The array is reused by the next call.
 
         A fourth channel says how much of each pixel is covered; colours are multiplied by it.
         """
-        self.render(scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
+        width, height = self._picture_size
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
         return self._pixels[::-1]
 
     def delete(self) -> None:
@@ -67,9 +72,7 @@ class FrameRenderer(pyrender.Renderer):
                 GL.GL_COLOR_BUFFER_BIT,
                 GL.GL_LINEAR,
             )
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
-        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
+        GL.glFlush()
 
     def _delete_main_framebuffer(self) -> None:
         self._main_fb_ms = None

@@ -13,12 +13,14 @@ import os
 import sys
 import threading
 import types
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 
-from renderer.draw.antialias import Antialias, check_picture_size
 from renderer.scene.camera import Camera
 from renderer.scene.studio import PosedFrame, Subject
 
@@ -29,9 +31,19 @@ Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 """In the order in which they are reported; `renderer.draw.probe.choose_backend` chooses."""
 
+SHADERS = Path(__file__).with_name("shaders")
+_BEGIN, _END = "// Browsers light bodies by the same lines, from here on:", "// As far as here."
+
 _in_use = threading.Lock()
 """Held while a context lives: pyrender ends the driver's display with the first context that is
 closed, and what PyOpenGL keeps of a context is not told apart by thread."""
+
+
+def lighting_source() -> str:
+    """How a body is lit, in what the shading languages of OpenGL and WebGL have in common: pyrender
+    and the bodies that move in a browser (``app/page/web/stage``) compile the same lines."""
+    shader = (SHADERS / "mesh.vert").read_text("utf-8")
+    return shader.partition(_BEGIN)[2].partition(_END)[0].partition("\n")[2]
 
 
 class GLError(RuntimeError):
@@ -67,51 +79,40 @@ def open_gl(backend: Backend) -> None:
 
 
 class OffscreenRenderer:
-    """One OpenGL context and framebuffer, kept for a whole job. Use it in ``with``, in one thread.
+    """One OpenGL context, kept for a whole job, and the canvases in it. Use it in ``with``, in one
+    thread.
 
     Raises on entering:
         GLError: if the backend gives no usable context, or another renderer of this process is
             open.
     """
 
-    def __init__(
-        self,
-        subject: Subject,
-        width: int,
-        height: int,
-        backend: Backend,
-        antialias: Antialias = "supersample",
-    ) -> None:
-        check_picture_size(width, height)
-        self.width, self.height = width, height
-        self.backend: Backend = backend
-        self.antialias: Antialias = antialias
-        self._subject = subject
+    def __init__(self, backend: Backend, *, is_smooth: bool = True) -> None:
+        """
+        Args:
+            is_smooth: with four samples a pixel.
+        """
+        self._backend: Backend = backend
+        self._is_smooth = is_smooth
         self._canvases: list[Canvas] = []
 
     def __enter__(self) -> "OffscreenRenderer":
-        open_gl(self.backend)
+        open_gl(self._backend)
         if not _in_use.acquire(blocking=False):
             raise GLError(
                 "Another picture is being drawn in this process, and OpenGL serves one at a time "
-                "here; let that end first, or draw in processes of their own (renderer.video.pool)."
+                "here; let that end first, or draw in processes of their own "
+                "(renderer.video.workers)."
             )
         try:
-            self._open()
-        except Exception as error:  # PyOpenGL and pyrender raise whatever the driver does
+            with self._told("gives no context"):
+                self._platform = _new_platform(self._backend)
+                self._platform.init_context()
+                self._platform.make_current()
+        except BaseException:
             _in_use.release()
-            reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
-            raise GLError(
-                f"OpenGL through {self.backend} gives no context for "
-                f"{self.width} x {self.height} pixels ({reason})."
-            ) from error
+            raise
         return self
-
-    def _open(self) -> None:
-        self._platform = _new_platform(self.backend, self.width, self.height)
-        self._platform.init_context()
-        self._platform.make_current()
-        self._canvases = [Canvas(self._subject, self.width, self.height, self.antialias)]
 
     def __exit__(self, *exception: object) -> None:
         try:
@@ -121,15 +122,27 @@ class OffscreenRenderer:
         finally:
             _in_use.release()
 
-    def beside(self, subject: Subject, width: int, height: int) -> "Canvas":
-        """What draws another subject in another size, for as long as this renderer is open."""
-        check_picture_size(width, height)
-        self._canvases.append(Canvas(subject, width, height, self.antialias))
-        return self._canvases[-1]
+    @contextmanager
+    def _told(self, failure: str) -> Iterator[None]:
+        """What PyOpenGL and pyrender raise, which is whatever the driver does, as a `GLError`."""
+        try:
+            yield
+        except Exception as error:
+            reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
+            raise GLError(f"OpenGL through {self._backend} {failure} ({reason}).") from error
 
-    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
-        """The picture, upper row first; overwritten by the next call."""
-        return self._canvases[0].draw(frame, camera)
+    def canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
+        """What draws a subject, for as long as this renderer is open.
+
+        Raises:
+            ValueError: if there is no pixel.
+            GLError: if the driver has no room for so many.
+        """
+        if width < 1 or height < 1:
+            raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
+        with self._told(f"gives no picture of {width} x {height} pixels"):
+            self._canvases.append(Canvas(subject, width, height, self._is_smooth))
+        return self._canvases[-1]
 
     @property
     def driver(self) -> str:
@@ -143,38 +156,50 @@ class OffscreenRenderer:
 class Canvas:
     """One subject and its framebuffer, within the context of an open renderer."""
 
-    def __init__(self, subject: Subject, width: int, height: int, antialias: Antialias) -> None:
+    def __init__(self, subject: Subject, width: int, height: int, is_smooth: bool) -> None:
         from renderer.draw.gl import FrameRenderer
 
         self._subject = subject
         self._aspect = width / height
         self._scene: BodyScene | None = None
-        self._renderer = FrameRenderer(width, height, antialias, has_alpha=subject.is_transparent)
+        self._renderer = FrameRenderer(
+            width, height, is_smooth=is_smooth, has_alpha=subject.is_transparent
+        )
 
-    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
-        """The picture, upper row first; overwritten by the next call."""
+    def begin(self, frame: PosedFrame, camera: Camera) -> None:
+        """Have the driver draw, which goes on while this process does something else."""
         if self._scene is None:
             from renderer.draw.gl import BodyScene
 
             self._scene = BodyScene(self._subject, frame, camera, self._aspect)
         self._scene.show(frame, camera)
-        picture = self._renderer.draw(self._scene.scene)
+        self._renderer.begin(self._scene.scene)
+
+    def picture(self) -> UInt8[np.ndarray, "H W C"]:
+        """What was begun last, upper row first; overwritten by the next call."""
+        picture = self._renderer.picture()
         return _undarkened(picture) if self._subject.is_transparent else picture
+
+    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
+        """Begin a picture and wait for it."""
+        self.begin(frame, camera)
+        return self.picture()
 
     def delete(self) -> None:
         """Free what the driver holds."""
         self._renderer.delete()
 
 
-def _new_platform(backend: Backend, width: int, height: int):
-    """pyrender's context for a backend; EGL on its first device."""
+def _new_platform(backend: Backend):
+    """pyrender's context for a backend; EGL on its first device. Framebuffers have sizes of their
+    own."""
     if backend == "egl":
         from pyrender.platforms import egl
 
-        return egl.EGLPlatform(width, height, device=egl.get_default_device())
+        return egl.EGLPlatform(1, 1, device=egl.get_default_device())
     from pyrender.platforms.osmesa import OSMesaPlatform
 
-    return OSMesaPlatform(width, height)
+    return OSMesaPlatform(1, 1)
 
 
 def _undarkened(picture: UInt8[np.ndarray, "H W 4"]) -> UInt8[np.ndarray, "H W 4"]:

@@ -117,13 +117,13 @@ def try_backend(name: Backend) -> BackendReport:
     prepare = FramePreparer(faces, len(vertices), stage, Studio())
     subject = Subject(faces, None, prepare.ground.corners())
     frame = prepare(vertices)
-    size = (_PROBE_SIZE_PX, _PROBE_SIZE_PX)
     try:
-        with OffscreenRenderer(subject, *size, name) as renderer:
-            picture = renderer.draw(frame, camera)
+        with OffscreenRenderer(name) as renderer:
+            canvas = renderer.canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
+            picture = canvas.draw(frame, camera)
             started = time.perf_counter()
             for _ in range(_TIMED_FRAMES):
-                picture = renderer.draw(frame, camera)
+                picture = canvas.draw(frame, camera)
             ms_per_frame = 1e3 * (time.perf_counter() - started) / _TIMED_FRAMES
             driver = renderer.driver
     except (GLError, ImportError) as error:

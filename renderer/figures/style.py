@@ -134,7 +134,7 @@ def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesSt
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":
     """A white figure whose parts find their places by themselves; call under the settings of
-    `renderer.figures.files`."""
+    :func:`written`."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

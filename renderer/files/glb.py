@@ -28,7 +28,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
-from renderer.files.written import written_whole
+from renderer.files.exports import written_whole
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import camera_track, set_stage
 

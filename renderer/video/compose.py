@@ -1,25 +1,22 @@
-"""Several videos side by side in lock-step, and pictures of one motion on a contact sheet."""
+"""Several videos in one: side by side in lock-step, or two of one place laid over each other, as a
+ghost, behind a wipe or taking turns; and pictures of one motion on a contact sheet.
+
+ffmpeg decodes and encodes in its own process, so memory does not grow with the length.
+"""
 
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from conventions.rates import FPS
-from renderer.video.encoder import (
-    DEFAULT_CRF,
-    Cancelled,
-    Encoder,
-    VideoError,
-    VideoFacts,
-    check_sound,
-    encoding,
-    read_facts,
-)
+from renderer.scene.stage import Panel
+from renderer.video.encoder import Encoder, VideoError, check_size, read_facts
 
 MAX_VIDEOS = 12
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
@@ -27,6 +24,7 @@ MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
 _SMALLEST_LABEL = 0.35
 """Letters this high, as a share of the band, can still be read; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
+_TO_VIDEO = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
 
 def compose_videos(
@@ -34,16 +32,14 @@ def compose_videos(
     labels: Sequence[str],
     out: Path,
     speech_wav: Path | None = None,
-    crf: int = DEFAULT_CRF,
-    on_progress: Callable[[float], None] | None = None,
-    should_cancel: Callable[[], bool] | None = None,
+    on_progress: Callable[[float], None] = lambda share: None,
+    should_cancel: Callable[[], bool] = lambda: False,
     num_columns: int | None = None,
 ) -> None:
     """Write videos beside one another, each row with a band of labels above its pictures.
 
     Rows, about equally long, are as many as leave the pictures largest on a screen. Frame n of the
-    result shows frame n of every video; a shorter video holds its last frame. ffmpeg decodes and
-    encodes in its own process, so memory does not grow with the length.
+    result shows frame n of every video; a shorter video holds its last frame.
 
     Args:
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
@@ -68,51 +64,113 @@ def compose_videos(
                 f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} "
                 f"{first.width} x {first.height}; only equal sizes can stand side by side."
             )
-    check_sound(speech_wav)
-    num_frames = max(each.num_frames for each in facts)
+    lengths = [each.num_frames for each in facts]
     grid = fit_grid(len(videos), first.width, first.height, num_columns)
-    with tempfile.TemporaryDirectory() as folder:
-        inputs = [part for video in videos for part in ("-i", str(video))]
-        for number, row in enumerate(grid.rows):
-            path = Path(folder) / f"labels{number}.png"
-            names = [labels[i] for i in row]
-            shorter = min(grid.picture_width, grid.picture_height)
-            band = label_band(names, grid.picture_width, shorter, grid.width)
-            Image.fromarray(band).save(path)
-            inputs += ["-i", str(path)]
-        if speech_wav is not None:
-            inputs += ["-i", str(speech_wav)]
-        sound_input = None if speech_wav is None else len(videos) + len(grid.rows)
-        encoder = Encoder(
-            out,
-            [
-                *inputs,
-                *("-filter_complex", _filter(facts, grid, num_frames), "-map", "[out]"),
-                *encoding(num_frames, crf, sound_input),
-            ],
-            stdin=False,
-        )
-        run_encoder(encoder, num_frames, on_progress, should_cancel)
+    shorter = min(grid.picture_width, grid.picture_height)
+    bands = [
+        label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
+        for row in grid.rows
+    ]
+    graph = _beside(_held(lengths), grid, is_smaller=grid.picture_width != first.width)
+    _join(videos, bands, graph, max(lengths), out, speech_wav, on_progress, should_cancel)
 
 
-def run_encoder(
-    encoder: Encoder,
-    num_frames: int,
-    on_progress: Callable[[float], None] | None,
-    should_cancel: Callable[[], bool] | None,
+Overlay = Literal["ghost", "wipe", "flicker"]
+OVERLAYS: tuple[Overlay, ...] = get_args(Overlay)
+FLICKER_FRAMES = 15
+"""One change in half a second: far below what can do harm to anyone."""
+
+
+@dataclass(frozen=True)
+class PairLayout:
+    """How two pictures share one."""
+
+    width: int
+    height: int
+    body: Panel
+    """Where both bodies stand, in each of the pictures and in the whole."""
+    beside: tuple[Panel, ...] = ()
+    """Close-ups of the second, which its picture has where the whole has them."""
+    edge: int = 0
+    """Of a wipe: so many columns of the body's panel show the first."""
+
+    @property
+    def shorter(self) -> int:
+        """Side of half the picture, by which names are as large as they are."""
+        return min(self.width // 2, self.height)
+
+
+def compose_pair(
+    videos: Sequence[Path],
+    labels: Sequence[str],
+    overlay: Overlay,
+    layout: PairLayout,
+    out: Path,
+    speech_wav: Path | None = None,
+    on_progress: Callable[[float], None] = lambda share: None,
+    should_cancel: Callable[[], bool] = lambda: False,
+    inks: Sequence[str] = ("#d55e00", "#0072b2"),
 ) -> None:
-    """See an encoder that is fed nothing through to its end; arguments as of `compose_videos`."""
-    encoder.start()
-    try:
-        for num_done in encoder.progress():
-            if should_cancel is not None and should_cancel():
-                raise Cancelled(f"Composing {encoder.out.name} was cancelled.")
-            if on_progress is not None:
-                on_progress(min(num_done / num_frames, 1.0))
-    except BaseException:
-        encoder.abort()
-        raise
-    encoder.finish()
+    """Write the first of two videos with the second laid over its body and beside it.
+
+    A ghost has each printed in its own ink, one over the other. A shorter video holds its last
+    frame.
+
+    Args:
+        labels: of both, in a band above.
+        inks: of a ghost, as #rrggbb.
+
+    Raises:
+        Cancelled, ValueError, VideoError: as `compose_videos`.
+    """
+    check_size(layout.width, layout.height)
+    facts = [read_facts(video) for video in videos]
+    for video, each in zip(videos, facts, strict=True):
+        if each.width > layout.width or each.height > layout.height:
+            raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
+    lengths = [each.num_frames for each in facts]
+    written = inks if overlay == "ghost" else None
+    band = label_band(labels, layout.width // 2, layout.shorter, layout.width, written)
+    graph = _over(_held(lengths), overlay, layout, inks)
+    _join(videos, [band], graph, max(lengths), out, speech_wav, on_progress, should_cancel)
+
+
+def _join(
+    videos: Sequence[Path],
+    bands: Sequence[UInt8[np.ndarray, "B W 3"]],
+    graph: Sequence[str],
+    num_frames: int,
+    out: Path,
+    speech_wav: Path | None,
+    on_progress: Callable[[float], None],
+    should_cancel: Callable[[], bool],
+) -> None:
+    """Run ffmpeg over videos and the bands with their labels, which are its next inputs."""
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = [Path(folder, f"labels{number}.png") for number in range(len(bands))]
+        for band, path in zip(bands, pictures, strict=True):
+            Image.fromarray(band).save(path)
+        inputs = [part for each in (*videos, *pictures) for part in ("-i", str(each))]
+        joined = ("-filter_complex", ";".join(graph), "-map", "[out]")
+        with Encoder(out, inputs, joined, num_frames, speech_wav) as encoder:
+            encoder.follow(on_progress, should_cancel)
+
+
+def _held(lengths: Sequence[int]) -> list[str]:
+    """Each input video from its beginning, its last frame held until the longest ends."""
+    return [
+        f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={max(lengths) - length}:stop_mode=clone"
+        for i, length in enumerate(lengths)
+    ]
+
+
+def _named(picture: str, band_input: int, out: str, width: int, band: int, left: int = 0) -> str:
+    """A picture on white under its band of labels."""
+    return (
+        f"{picture}pad={width}:ih+{band}:{left}:{band}:white[under{band_input}];"
+        f"[{band_input}:v]format=rgb24,{_TO_VIDEO}[band{band_input}];"
+        f"[under{band_input}][band{band_input}]overlay=0:0:eof_action=repeat{out}"
+    )
 
 
 @dataclass(frozen=True)
@@ -168,34 +226,83 @@ def _rows(count: int, num_columns: int) -> tuple[range, ...]:
     return tuple(range(i, min(i + num_columns, count)) for i in range(0, count, num_columns))
 
 
-def _filter(facts: Sequence[VideoFacts], grid: Grid, num_frames: int) -> str:
-    """ffmpeg's filter graph: hold last frames, stack rows, lay each row's band above it."""
-    picture_width, band, width, rows = grid.picture_width, grid.band, grid.width, grid.rows
-    fitted = f"scale={picture_width}:{grid.picture_height}:flags=bicubic"
-    shrink = "" if picture_width == facts[0].width else f",{fitted}"
-    parts = [
-        f"[{i}:v]setpts=PTS-STARTPTS{shrink},"
-        f"tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
-        for i, each in enumerate(facts)
-    ]
-    for number, row in enumerate(rows):
+def _beside(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
+    """ffmpeg's filter graph: rows stacked, each under its band."""
+    fitted = f",scale={grid.picture_width}:{grid.picture_height}:flags=bicubic" * is_smaller
+    parts = [f"{each}{fitted}[v{i}]" for i, each in enumerate(held)]
+    for number, row in enumerate(grid.rows):
         joined = "".join(f"[v{i}]" for i in row)
-        joined += f"hstack=inputs={len(row)}" if len(row) > 1 else "null"
-        left = _left_edge(len(row), picture_width, width)
-        colours = "format=rgb24,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
-        parts += [
-            f"{joined},pad={width}:ih+{band}:{left}:{band}:white[room{number}]",
-            f"[{len(facts) + number}:v]{colours}[band{number}]",
-            f"[room{number}][band{number}]overlay=0:0:eof_action=repeat[row{number}]",
-        ]
-    stack = "".join(f"[row{number}]" for number in range(len(rows)))
-    parts.append(stack + (f"vstack=inputs={len(rows)}" if len(rows) > 1 else "null") + "[out]")
-    return ";".join(parts)
+        joined += f"hstack=inputs={len(row)}," if len(row) > 1 else ""
+        left = _left_edge(len(row), grid.picture_width, grid.width)
+        parts.append(
+            _named(joined, len(held) + number, f"[row{number}]", grid.width, grid.band, left)
+        )
+    stack = "".join(f"[row{number}]" for number in range(len(grid.rows)))
+    how = f"vstack=inputs={len(grid.rows)}" if len(grid.rows) > 1 else "null"
+    return [*parts, f"{stack}{how}[out]"]
 
 
 def _left_edge(count: int, picture_width: int, width: int) -> int:
     """Where a row begins that stands in the middle; even, as yuv420p halves both axes."""
     return 2 * ((width - count * picture_width) // 4)
+
+
+def _over(
+    held: Sequence[str], overlay: Overlay, layout: PairLayout, inks: Sequence[str]
+) -> list[str]:
+    """ffmpeg's filter graph: both padded to the whole; what the second has in it laid over it."""
+    whole = [f"{each},pad={layout.width}:{layout.height}:0:0:white" for each in held]
+    body = layout.body
+    sides = [f"[side{i}]" for i in range(len(layout.beside))]
+    parts = [
+        f"{whole[0]},split=2[first][base]",
+        f"{whole[1]},split={1 + len(sides)}[second]{''.join(sides)}",
+    ]
+    where, when = (body.left, body.top), ""
+    match overlay:
+        case "ghost":
+            grey = f"{_crop(body)},scale=in_color_matrix=bt709:in_range=tv,format=gbrp,{_GREY}"
+            parts += [
+                f"[first]{grey},{_printed(inks[0])}[under]",
+                f"[second]{grey},{_printed(inks[1])}[upper]",
+                f"[under][upper]blend=all_mode=darken,{_TO_VIDEO}[over]",
+            ]
+        case "wipe":
+            edge = max(0, min(layout.edge, body.width - 2)) // 2 * 2
+            right = Panel("", body.left + edge, body.top, body.width - edge, body.height)
+            line = f"drawbox=0:0:2:{right.height}:white:fill"
+            parts += ["[first]nullsink", f"[second]{_crop(right)},{line}[over]"]
+            where = (right.left, right.top)
+        case "flicker":
+            turn = FLICKER_FRAMES / FPS
+            parts += ["[first]nullsink", f"[second]{_crop(body)}[over]"]
+            when = f":enable='gte(mod(t+{0.5 / FPS:.6f},{2 * turn:g}),{turn:g})'"
+    laid = f"[base][over]overlay={where[0]}:{where[1]}{when}"
+    for side, panel in zip(sides, layout.beside, strict=True):
+        parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
+        laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
+    band = band_height(layout.shorter)
+    return [*parts, _named(f"{laid},", len(held), "[out]", layout.width, band)]
+
+
+_GREY = "colorchannelmixer=" + ":".join(
+    f"{to}{of}={share}"
+    for to in "rgb"
+    for of, share in (("r", 0.2126), ("g", 0.7152), ("b", 0.0722))
+)
+
+
+def _printed(ink: str) -> str:
+    """White paper, dark in this ink where the grey picture is dark."""
+    shares = [int(ink[at : at + 2], 16) for at in (1, 3, 5)]
+    return "lutrgb=" + ":".join(
+        f"{channel}='{share}+{1 - share / 255:.4f}*val'"
+        for channel, share in zip("rgb", shares, strict=True)
+    )
+
+
+def _crop(panel: Panel) -> str:
+    return f"crop={panel.width}:{panel.height}:{panel.left}:{panel.top}"
 
 
 def band_height(picture_height: int) -> int:

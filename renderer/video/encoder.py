@@ -9,10 +9,11 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 import imageio_ffmpeg
 import numpy as np
@@ -22,6 +23,7 @@ from conventions.rates import FPS
 from processes.ended import Ended
 
 DEFAULT_CRF = 20
+Own = TypeVar("Own", bound="Encoder")
 
 # What ffmpeg prints -> what a person can do about it.
 _KNOWN_FAILURES = (
@@ -49,75 +51,6 @@ def partial_path(out: Path, process_id: int) -> Path:
     return out.with_name(f".{out.stem}.{process_id}.part{out.suffix}")
 
 
-class VideoWriter:
-    """Streams frames into one mp4 file of exactly ``num_frames`` frames at 30 fps.
-
-    Use it in ``with``. Leaving the block normally completes the file; leaving it by an exception
-    ends ffmpeg and leaves no file.
-    """
-
-    def __init__(
-        self,
-        out: Path,
-        width: int,
-        height: int,
-        num_frames: int,
-        speech_wav: Path | None = None,
-        crf: int = DEFAULT_CRF,
-    ) -> None:
-        """
-        Args:
-            speech_wav: sound from the first frame on; cut or padded with silence to the frames.
-            crf: x264's constant quality; lower is better and larger.
-
-        Raises:
-            ValueError: if the size is odd or there is no frame.
-            VideoError: if the sound file is missing.
-        """
-        check_size(width, height)
-        check_sound(speech_wav)
-        if num_frames < 1:
-            raise ValueError(f"A video needs at least one frame; {num_frames} were asked for.")
-        self._shape = (height, width, 3)
-        self._num_frames, self._num_written = num_frames, 0
-        inputs = [
-            *("-f", "rawvideo", "-pixel_format", "rgb24"),
-            *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),
-            *(("-i", str(speech_wav)) if speech_wav else ()),
-            *("-map", "0:v:0", "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
-        ]
-        self._encoder = Encoder(
-            out, [*inputs, *encoding(num_frames, crf, 1 if speech_wav else None)], stdin=True
-        )
-
-    def __enter__(self) -> "VideoWriter":
-        self._encoder.start()
-        return self
-
-    def write(self, frame: UInt8[np.ndarray, "H W 3"]) -> None:
-        """Append one RGB frame, upper row first.
-
-        Raises:
-            VideoError: if ffmpeg has ended.
-        """
-        if frame.shape != self._shape:
-            raise ValueError(f"A frame has shape {frame.shape}; the video wants {self._shape}.")
-        self._encoder.feed(np.ascontiguousarray(frame).data)
-        self._num_written += 1
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is not None:
-            self._encoder.abort()
-        elif self._num_written != self._num_frames:
-            self._encoder.abort()
-            raise VideoError(
-                f"{self._num_written} frames came for {self._encoder.out.name}; "
-                f"{self._num_frames} were promised."
-            )
-        else:
-            self._encoder.finish()
-
-
 def check_size(width: int, height: int) -> None:
     """yuv420p halves both axes, so both must be even.
 
@@ -128,39 +61,6 @@ def check_size(width: int, height: int) -> None:
         raise ValueError(
             f"A video of {width} x {height} pixels cannot be encoded; both sizes must be even."
         )
-
-
-def check_sound(speech_wav: Path | None) -> None:
-    """
-    Raises:
-        VideoError: if a sound file is named and does not exist.
-    """
-    if speech_wav is not None and not speech_wav.is_file():
-        raise VideoError(f"The sound of the video is missing: there is no file {speech_wav}.")
-
-
-def encoding(num_frames: int, crf: int, sound_input: int | None) -> list[str]:
-    """ffmpeg's output options for exactly ``num_frames`` frames and as much sound.
-
-    Args:
-        sound_input: which of ffmpeg's inputs is the sound; None for a silent video.
-    """
-    duration_s = num_frames / FPS
-    video = [
-        *("-c:v", "libx264", "-preset", "veryfast", "-crf", str(crf), "-pix_fmt", "yuv420p"),
-        # A key frame each second: the page scrubs through the videos in lock-step.
-        *("-g", str(FPS), "-frames:v", str(num_frames), "-r", str(FPS)),
-        # Without these tags each player guesses how to turn yuv420p back into colours.
-        *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"),
-    ]
-    if sound_input is None:
-        return [*video, "-an", "-movflags", "+faststart"]
-    exact = f"apad=whole_dur={duration_s:.6f},atrim=end={duration_s:.6f}"
-    return [
-        *video,
-        *("-map", f"{sound_input}:a:0", "-af", exact, "-c:a", "aac", "-b:a", "128k"),
-        *("-movflags", "+faststart"),
-    ]
 
 
 def ffmpeg_path() -> str:
@@ -208,24 +108,61 @@ def read_facts(video: Path) -> VideoFacts:
 
 
 class Encoder:
-    """One run of ffmpeg that makes one file, whole or not at all."""
+    """One run of ffmpeg that makes one mp4 of so many frames at 30 fps, whole or not at all.
 
-    def __init__(self, out: Path, arguments: list[str], *, stdin: bool) -> None:
+    Use it in ``with``. Leaving the block normally completes the file; leaving it by an exception
+    ends ffmpeg and leaves no file.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        inputs: Sequence[str],
+        filters: Sequence[str],
+        num_frames: int,
+        speech_wav: Path | None = None,
+        crf: int = DEFAULT_CRF,
+    ) -> None:
         """
         Args:
-            arguments: inputs and output options, without the output's name.
-            stdin: whether bytes will be fed to it.
+            inputs, filters: of ffmpeg's command line; the picture comes from them.
+            speech_wav: sound from the first frame on; cut or padded with silence to the frames.
+            crf: x264's constant quality; lower is better and larger.
+
+        Raises:
+            ValueError: if there is no frame.
+            VideoError: if the sound file is missing.
         """
+        if num_frames < 1:
+            raise ValueError(f"A video needs at least one frame; {num_frames} were asked for.")
+        if speech_wav is not None and not speech_wav.is_file():
+            raise VideoError(f"The sound of the video is missing: there is no file {speech_wav}.")
         self.out = out.absolute()
+        self._num_frames = num_frames
         self._partial = partial_path(self.out, os.getpid())
-        self._arguments = arguments
-        self._stdin = stdin
+        exact_s = f"{num_frames / FPS:.6f}"
+        sound = (
+            *("-map", f"{inputs.count('-i')}:a:0"),
+            *("-af", f"apad=whole_dur={exact_s},atrim=end={exact_s}", "-c:a", "aac"),
+            *("-b:a", "128k"),
+        )
+        self._arguments = [
+            *inputs,
+            *(("-i", str(speech_wav)) if speech_wav else ()),
+            *filters,
+            *("-c:v", "libx264", "-preset", "veryfast", "-crf", str(crf), "-pix_fmt", "yuv420p"),
+            # A key frame each second: the page scrubs through the videos in lock-step.
+            *("-g", str(FPS), "-frames:v", str(num_frames), "-r", str(FPS)),
+            # Without these tags each player guesses how to turn yuv420p back into colours.
+            *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"),
+            *(sound if speech_wav else ("-an",)),
+            *("-movflags", "+faststart"),
+        ]
         self._messages: IO[bytes]
         self._process: subprocess.Popen[bytes]
 
-    def start(self) -> None:
-        """Run ffmpeg.
-
+    def __enter__(self: Own) -> Own:
+        """
         Raises:
             VideoError: if there is no ffmpeg, or the folder cannot take the file.
         """
@@ -235,36 +172,40 @@ class Encoder:
             *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
             *("-progress", "pipe:1", "-stats_period", "0.2", *self._arguments, str(self._partial)),
         ]
+        is_fed = "pipe:0" in self._arguments
         self._messages = tempfile.TemporaryFile()
         self._process = subprocess.Popen(
             command,
-            stdin=subprocess.PIPE if self._stdin else subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL if self._stdin else subprocess.PIPE,
+            stdin=subprocess.PIPE if is_fed else subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL if is_fed else subprocess.PIPE,
             stderr=self._messages,
         )
+        return self
 
-    def feed(self, data: memoryview) -> None:
-        """Write to ffmpeg's standard input; waits while ffmpeg is busy."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(data)
-        except OSError as error:  # a broken pipe: ffmpeg has ended
-            raise self._failure() from error
+    def follow(
+        self, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
+    ) -> None:
+        """Tell the share done several times a second, until ffmpeg ends.
 
-    def progress(self) -> Iterator[int]:
-        """Yield the number of frames done, each time ffmpeg tells it, until it ends."""
+        Raises:
+            Cancelled: if ``should_cancel`` said so.
+        """
         assert self._process.stdout is not None
         for line in self._process.stdout:
             key, _, value = line.decode(errors="replace").strip().partition("=")
             if key == "frame" and value.isdigit():
-                yield int(value)
+                if should_cancel():
+                    raise Cancelled(f"Composing {self.out.name} was cancelled.")
+                on_progress(min(int(value) / self._num_frames, 1.0))
 
-    def finish(self) -> None:
-        """Wait for the end and give the file its name.
-
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """
         Raises:
             VideoError: if ffmpeg failed; then there is no file.
         """
+        if kind is not None:
+            self._abort()
+            return
         try:
             if self._process.stdin is not None:
                 self._process.stdin.close()
@@ -281,16 +222,14 @@ class Encoder:
                 f"{self.out.name} cannot be written: {error.strerror}; choose another name."
             ) from error
 
-    def abort(self) -> None:
+    def _abort(self) -> None:
         """End ffmpeg at once and leave no file."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                try:
+            with suppress(OSError):  # bytes that can no longer be delivered
+                if pipe is not None:
                     pipe.close()
-                except OSError:  # bytes that can no longer be delivered
-                    pass
         self._messages.close()
         self._partial.unlink(missing_ok=True)
 
@@ -302,7 +241,7 @@ class Encoder:
             self._process.kill()
         self._messages.seek(0)
         said = self._messages.read().decode(errors="replace").strip()
-        self.abort()
+        self._abort()
         for message, meaning in _KNOWN_FAILURES:
             if message in said:
                 reason = meaning.format(folder=self.out.parent)
@@ -310,3 +249,55 @@ class Encoder:
         last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
         end = Ended(self._process.returncode).how
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")
+
+
+class VideoWriter(Encoder):
+    """Streams frames into an mp4 file of exactly ``num_frames`` frames."""
+
+    def __init__(
+        self,
+        out: Path,
+        width: int,
+        height: int,
+        num_frames: int,
+        speech_wav: Path | None = None,
+        crf: int = DEFAULT_CRF,
+    ) -> None:
+        """As `Encoder`.
+
+        Raises:
+            ValueError: if the size is odd or there is no frame.
+            VideoError: if the sound file is missing.
+        """
+        check_size(width, height)
+        self._shape, self._num_written = (height, width, 3), 0
+        inputs = [
+            *("-f", "rawvideo", "-pixel_format", "rgb24"),
+            *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),
+        ]
+        colors = ("-map", "0:v:0", "-vf", "scale=out_color_matrix=bt709:out_range=tv")
+        super().__init__(out, inputs, colors, num_frames, speech_wav, crf)
+
+    def write(self, frame: UInt8[np.ndarray, "H W 3"]) -> None:
+        """Append one RGB frame, upper row first; waits while ffmpeg is busy.
+
+        Raises:
+            VideoError: if ffmpeg has ended.
+        """
+        if frame.shape != self._shape:
+            raise ValueError(f"A frame has shape {frame.shape}; the video wants {self._shape}.")
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(np.ascontiguousarray(frame).data)
+        except OSError as error:  # a broken pipe: ffmpeg has ended
+            raise self._failure() from error
+        self._num_written += 1
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is None and self._num_written != self._num_frames:
+            self._abort()
+            raise VideoError(
+                f"{self._num_written} frames came for {self.out.name}; "
+                f"{self._num_frames} were promised."
+            )
+        super().__exit__(kind, *rest)

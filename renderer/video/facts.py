@@ -3,9 +3,9 @@
 from dataclasses import asdict
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
-from renderer.draw.light import lighting_source
+from renderer.draw.offscreen import lighting_source
 from renderer.scene import camera, stage, studio
-from renderer.scene.panels import CLOSE_UP_VIEWS, drawn_joints
+from renderer.scene.stage import CLOSE_UP_VIEWS, drawn_joints
 from renderer.scene.studio import ROUGHNESS, Studio
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 

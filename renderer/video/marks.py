@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from renderer.body.body import Body
 from renderer.scene.camera import Camera
-from renderer.scene.panels import Panel
+from renderer.scene.stage import Panel
 
 TRAIL_FRAMES = 30
 """A trail is the last second, where nothing else is asked for."""
@@ -118,30 +118,33 @@ class MarkPainter:
         Args:
             cameras: of the panels in this frame.
         """
-        painted = np.array(picture)
-        if self._trail is not None:
-            for i in self._with_trail:
-                panel = self._panels[i]
-                _draw_trail(painted[panel.box], self._trail, frame, cameras[i])
-        for (top, left), plate in self._plates:
-            _lay_over(painted, plate, top, left)
-        return painted
+        painted = Image.fromarray(picture)
+        for i in self._with_trail:
+            assert self._trail is not None
+            drawn = _drawn_trail(self._panels[i], self._trail, frame, cameras[i])
+            if drawn is not None:
+                painted.paste(drawn[1], drawn[0], drawn[1])
+        for place, plate in self._plates:
+            painted.paste(plate, place, plate)
+        return np.asarray(painted)
 
 
-def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, camera: Camera) -> None:
-    """Paint the way up to a frame into a panel; what lies outside is cut off."""
-    height, width = part.shape[:2]
+Plate = tuple[tuple[int, int], Image.Image]
+"""What is laid over a picture, and where its upper left corner is."""
+
+
+def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> Plate | None:
+    """The way up to a frame within a panel; what lies outside is cut off."""
     frames = np.arange(max(0, frame - trail.num_frames), frame + 1)
-    way = camera.project(trail.points[frames], width, height)
+    way = camera.project(trail.points[frames], panel.width, panel.height)
     if not np.isfinite(way).all():
-        return
-    thick = max(2.0, width / 130)
-    low = np.floor(way.min(axis=0) - 3 * thick).clip(0, (width, height)).astype(int)
-    high = np.ceil(way.max(axis=0) + 3 * thick).clip(0, (width, height)).astype(int)
+        return None
+    thick, size = max(2.0, panel.width / 130), (panel.width, panel.height)
+    low = np.floor(way.min(axis=0) - 3 * thick).clip(0, size).astype(int)
+    high = np.ceil(way.max(axis=0) + 3 * thick).clip(0, size).astype(int)
     if (high <= low).any():
-        return
-    size = tuple(_SMOOTH * (high - low))
-    layer = Image.new("RGBA", size, (255, 255, 255, 0))
+        return None
+    layer = Image.new("RGBA", tuple(_SMOOTH * (high - low)), (255, 255, 255, 0))
     draw = ImageDraw.Draw(layer)
     places = [tuple(place) for place in (way - low) * _SMOOTH]
     colors = _along(SPEED_COLORS, trail.speeds[frames]).astype(int)
@@ -156,7 +159,7 @@ def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, came
             _dot(draw, place, _SMOOTH * 1.5 * thick, (255, 255, 255, 255))
             _dot(draw, place, _SMOOTH * 1.1 * thick, (*SPIKE_COLOR, 255))
     small = layer.resize((int(high[0] - low[0]), int(high[1] - low[1])), Image.Resampling.BOX)
-    _lay_over(part, np.asarray(small), int(low[1]), int(low[0]))
+    return (panel.left + int(low[0]), panel.top + int(low[1])), small
 
 
 def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
@@ -164,57 +167,52 @@ def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
 
 
-def _plates(
-    marks: Marks, panels: Sequence[Panel]
-) -> list[tuple[tuple[int, int], UInt8[np.ndarray, "h w 4"]]]:
-    """What stays the same in all pictures, with its upper left corner."""
+def _plates(marks: Marks, panels: Sequence[Panel]) -> list[Plate]:
+    """What stays the same in all pictures."""
     body = panels[0]
     size = max(11.0, 0.036 * body.width)
-    plates = []
+    plates: list[Plate] = []
     bottom = body.top + body.height
     if marks.notice:
         band = _band(marks.notice, body.width, 1.5 * size)
-        bottom -= band.shape[0]
-        plates.append(((bottom, body.left), band))
+        bottom -= band.height
+        plates.append(((body.left, bottom), band))
     if marks.tag:
-        for panel in panels[1:]:
-            tag = _band(marks.tag, None, 1.1 * size)
-            plates.append(((panel.top + 4, panel.left + 4), tag))
+        tag = _band(marks.tag, None, 1.1 * size)
+        plates += [((panel.left + 4, panel.top + 4), tag) for panel in panels[1:]]
     legends = []
     if marks.heat is not None:
         legends.append(_legend(HEAT_COLORS * 255, marks.heat.legend, size, body.width))
     if marks.trail is not None and marks.trail.is_on_body:
         legends.append(_legend(SPEED_COLORS, marks.trail.legend, size, body.width))
     for legend in legends:
-        bottom -= legend.shape[0] + 4
-        plates.append(((bottom, body.left + 4), legend))
+        bottom -= legend.height + 4
+        plates.append(((body.left + 4, bottom), legend))
     return plates
 
 
-def _band(words: str, width: int | None, size: float) -> UInt8[np.ndarray, "h w 4"]:
+def _band(words: str, width: int | None, size: float) -> Image.Image:
     """Letters that cannot be overlooked; as wide as they are where no width is given."""
     font = _fitting(words, size, width)
-    length = font.getlength(words)
-    box = (width or int(length + size), int(1.5 * size))
+    box = (width or int(font.getlength(words) + size), int(1.5 * size))
     band = Image.new("RGBA", box, (*_LOUD, 255))
     middle = (box[0] / 2, box[1] / 2)
     ImageDraw.Draw(band).text(middle, words, fill=(*_ON_LOUD, 255), font=font, anchor="mm")
-    return np.asarray(band)
+    return band
 
 
-def _legend(colors: np.ndarray, words: str, size: float, width: int) -> UInt8[np.ndarray, "h w 4"]:
+def _legend(colors: np.ndarray, words: str, size: float, width: int) -> Image.Image:
     """A bar of a scale and what it means, on a plate."""
-    bar = int(3.2 * size)
+    bar, high = int(3.2 * size), int(0.6 * size)
     font = _fitting(words, size, int(width - bar - 2 * size))
     box = (int(bar + font.getlength(words) + 1.5 * size), int(1.5 * size))
     plate = Image.new("RGBA", box, _PLATE)
     ramp = _along(colors, np.linspace(0.0, 1.0, bar)).astype(np.uint8)
-    high = int(0.6 * size)
     strip = Image.fromarray(np.tile(ramp[None], (high, 1, 1)))
     plate.paste(strip, (int(0.4 * size), (box[1] - high) // 2))
     left = (bar + 0.9 * size, box[1] / 2)
     ImageDraw.Draw(plate).text(left, words, fill=(*_INK, 255), font=font, anchor="lm")
-    return np.asarray(plate)
+    return plate
 
 
 def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFont:
@@ -231,15 +229,3 @@ def _font_file() -> str:
     found = importlib.util.find_spec("matplotlib")
     assert found is not None and found.origin is not None
     return str(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
-
-
-def _lay_over(
-    picture: UInt8[np.ndarray, "H W C"], plate: UInt8[np.ndarray, "h w 4"], top: int, left: int
-) -> None:
-    """Blend a plate into a picture; what would lie outside is cut off."""
-    rows = min(plate.shape[0], picture.shape[0] - top)
-    columns = min(plate.shape[1], picture.shape[1] - left)
-    under = picture[top : top + rows, left : left + columns, :3]
-    alpha = plate[:rows, :columns, 3:].astype(np.float32) / 255.0
-    blended = under + alpha * (plate[:rows, :columns, :3].astype(np.float32) - under)
-    under[:] = blended.round().astype(np.uint8)

@@ -12,7 +12,7 @@ from jaxtyping import Float, UInt8
 from renderer.draw.offscreen import Backend, open_gl
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import Stage
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings
 
 
 def draw_naively(

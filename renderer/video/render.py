@@ -1,4 +1,4 @@
-"""A body and its motion into pictures, a video or stills: posed, lit, drawn, put together.
+"""A body and its motion into pictures: posed, lit, drawn in panels, as a stream, a video or stills.
 
 Everything streams: vertices come in chunks, each frame is drawn and handed to the encoder before
 the next is touched, so memory does not grow with the length of a clip.
@@ -6,24 +6,34 @@ the next is touched, so memory does not grow with the length of a clip.
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from conventions.views import VIEWS, Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.draw.offscreen import OffscreenRenderer
+from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
-from renderer.scene.panels import Cutout, Panel, cut_out
-from renderer.scene.stage import Stage, camera_track, close_up_tracks, frames_of, set_stage
-from renderer.scene.studio import FramePreparer, Subject
-from renderer.video.encoder import Cancelled, VideoWriter
+from renderer.scene.stage import (
+    Cutout,
+    Panel,
+    Stage,
+    camera_track,
+    close_up_tracks,
+    cut_out,
+    frames_of,
+    lay_out,
+    set_stage,
+)
+from renderer.scene.studio import FramePreparer, Studio, Subject
+from renderer.video.encoder import DEFAULT_CRF, Cancelled, VideoWriter, check_size
 from renderer.video.marks import MarkPainter, Marks, heat_colors
-from renderer.video.settings import RenderSettings
 
+MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
 PIECE_FRAMES = 16
 """Frames that are skinned at once."""
 _LINE_PX, _LINE = 2, 255
@@ -31,14 +41,72 @@ _LINE_PX, _LINE = 2, 255
 
 
 @dataclass(frozen=True)
-class CloseUp:
-    """What one panel beside the body shows."""
+class RenderSettings:
+    """How pictures are made. Equal settings and an equal ``Stage`` give comparable pictures."""
 
-    panel: Panel
-    camera: Camera
-    track: Float[np.ndarray, "T 3"]
-    """Where the camera stands in each frame, relative to ``camera``."""
-    part: Cutout
+    width: int = 512
+    height: int = 512
+    view: str = "front"
+    """One of ``conventions.views.VIEWS``."""
+    framing: Framing = "whole"
+    """How much of the body a view shows that is no close-up."""
+    close_ups: tuple[str, ...] = ()
+    """Of `CLOSE_UPS`, beside the picture, in the same video."""
+    antialias: bool = True
+    """Four samples a pixel; off is for drafts."""
+    crf: int = DEFAULT_CRF
+    """x264's constant quality, 0 to 51; lower is better and larger."""
+    backend: Backend | None = None
+    """What draws; None takes the first that works here."""
+    studio: Studio = field(default_factory=Studio)
+    layout: tuple[Panel, ...] | None = None
+    """Where the body, which comes first and is as large as ``width`` and ``height`` say, and the
+    close-ups stand; None as ``close_ups`` are laid out."""
+    is_transparent: bool = False
+    """Pictures of the body alone, with a fourth channel for what it covers; no videos and no
+    close-ups."""
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        if min(self.width, self.height) < MIN_SIZE_PX or max(self.width, self.height) > MAX_SIZE_PX:
+            raise ValueError(
+                f"A picture of {self.width} x {self.height} pixels is outside the limits; "
+                f"each side may have {MIN_SIZE_PX} to {MAX_SIZE_PX}."
+            )
+        if self.view not in VIEWS:
+            raise ValueError(f"View {self.view!r} is unknown; choose one of {', '.join(VIEWS)}.")
+        if not 0 <= self.crf <= 51:
+            raise ValueError(f"`crf` is {self.crf}; it must lie between 0 and 51.")
+        if self.close_ups and self.is_transparent:
+            raise ValueError("A picture without a background has no close-ups beside it.")
+        body = self.panels[0]
+        has_both = self.layout is not None and bool(self.close_ups)
+        if has_both or (body.width, body.height) != (self.width, self.height):
+            raise ValueError("A layout begins with the body's panel and holds all close-ups.")
+        check_size(*self.picture_size)
+
+    @property
+    def aspect(self) -> float:
+        """Of the body's own panel."""
+        return self.width / self.height
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """The body's, and after it those of the close-ups."""
+        return self.layout or lay_out(self.view, self.width, self.height, self.close_ups)
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of all panels together."""
+        panels = self.panels
+        width = max(panel.left + panel.width for panel in panels)
+        return width, max(panel.top + panel.height for panel in panels)
+
+    @property
+    def picture_shape(self) -> tuple[int, int, int]:
+        """Of a picture's array."""
+        width, height = self.picture_size
+        return height, width, 4 if self.is_transparent else 3
 
 
 def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSettings) -> Stage:
@@ -49,75 +117,85 @@ def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSetting
     )
 
 
-def draw_motion(
-    body: Body,
-    motion: BodyMotion,
-    settings: RenderSettings,
-    stage: Stage | None = None,
-    marks: Marks | None = None,
-) -> Generator[UInt8[np.ndarray, "H W C"]]:
-    """Yield the picture of each frame. Each is overwritten by the next; close it to stop early."""
-    stage = stage or stage_for(body, [motion], settings)
-    return draw_frames(body, motion, slice(None), settings, stage, marks)
+@dataclass(frozen=True)
+class Shown:
+    """What one panel shows, from frame to frame."""
+
+    panel: Panel
+    camera: Camera
+    track: Float[np.ndarray, "T 3"] | None = None
+    """Where the camera stands in each frame, relative to ``camera``; None, as it is."""
+    part: Cutout | None = None
+    """Of the body; None is all of it."""
+
+    def camera_at(self, index: int) -> Camera:
+        return self.camera if self.track is None else self.camera.moved(self.track[index])
 
 
 def draw_frames(
     body: Body,
     motion: BodyMotion,
-    frames: slice | Sequence[int],
     settings: RenderSettings,
-    stage: Stage,
+    stage: Stage | None = None,
     marks: Marks | None = None,
+    frames: slice | Sequence[int] = slice(None),
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
-    """Yield the pictures of some frames of a motion. Each is overwritten by the next.
+    """Yield the pictures of some frames of a motion. Each is overwritten by the next; close it to
+    stop early.
+
+    Args:
+        stage: camera and floor; by default made for this motion alone.
 
     Raises:
-        ValueError: if the stage was set for other close-ups than the settings name.
+        ValueError: if a frame lies outside the motion, or the stage was set for other close-ups
+            than the settings name.
     """
+    if not isinstance(frames, slice):
+        _check_frames(frames, motion)
+        if not len(frames):
+            return
+    stage = stage or stage_for(body, [motion], settings)
     frames = frames if isinstance(frames, slice) else list(frames)
-    track = camera_track(body, motion, settings.view, stage)[frames]
-    close_ups = _close_ups(body, motion, frames, settings, stage)
+    shown = _shown(body, motion, frames, settings, stage)
+    heat = marks and marks.heat
     pictures = draw_vertices(
-        *(body.vertices(frames_of(motion, frames), chunk=PIECE_FRAMES), body.faces),
-        colors=body.vertex_colors,
-        settings=settings,
-        stage=stage,
-        track=track,
-        close_ups=close_ups,
-        moving_colors=None if marks is None else _heat(body, marks, frames),
+        body.vertices(frames_of(motion, frames), chunk=PIECE_FRAMES),
+        body.faces,
+        body.vertex_colors,
+        settings,
+        stage,
+        shown,
+        heat and heat_colors(body, heat.shares[frames]),
     )
-    if marks is None:
-        yield from pictures
-        return
-    painter = MarkPainter(marks, settings.panels)
-    numbers = np.arange(motion.num_frames)[frames]
-    for index, picture in enumerate(pictures):
-        cameras = [stage.camera.moved(track[index])]
-        cameras += [each.camera.moved(each.track[index]) for each in close_ups]
-        yield painter.paint(picture, int(numbers[index]), cameras)
+    painter = MarkPainter(marks, settings.panels) if marks else None
+    with closing(pictures):
+        for index, frame in enumerate(np.arange(motion.num_frames)[frames]):
+            picture = next(pictures)
+            if painter is not None:
+                cameras = [each.camera_at(index) for each in shown]
+                picture = painter.paint(picture, int(frame), cameras)
+            yield picture
 
 
-def _heat(
-    body: Body, marks: Marks, frames: slice | list[int]
-) -> Iterable[Float[np.ndarray, "V 3"]] | None:
-    return None if marks.heat is None else heat_colors(body, marks.heat.shares[frames])
-
-
-def _close_ups(
+def _shown(
     body: Body,
     motion: BodyMotion,
     frames: slice | list[int],
     settings: RenderSettings,
     stage: Stage,
-) -> list[CloseUp]:
-    panels = settings.panels[1:]
-    shots = stage.close_ups
-    if [shot.view for shot in shots] != [panel.view for panel in panels]:
+) -> list[Shown]:
+    """Of each panel, in the order of the panels."""
+    panel, *beside = settings.panels
+    if [shot.view for shot in stage.close_ups] != [each.view for each in beside]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
+    track = camera_track(body, motion, settings.view, stage)
     tracks = close_up_tracks(body, motion, stage)
     return [
-        CloseUp(panel, shot.camera, track[frames], cut_out(body, panel.view))
-        for panel, shot, track in zip(panels, shots, tracks, strict=True)
+        Shown(panel, stage.camera, track[frames]),
+        *(
+            Shown(each, shot.camera, track[frames], cut_out(body, each.view))
+            for each, shot, track in zip(beside, stage.close_ups, tracks, strict=True)
+        ),
     ]
 
 
@@ -125,66 +203,65 @@ def draw_vertices(
     chunks: Iterable[Float[np.ndarray, "chunk V 3"]],
     faces: np.ndarray,
     colors: Float[np.ndarray, "V 3"] | None,
-    *,
     settings: RenderSettings,
     stage: Stage,
-    track: Float[np.ndarray, "T 3"] | None = None,
-    close_ups: Sequence[CloseUp] = (),
+    shown: Sequence[Shown] = (),
     moving_colors: Iterable[Float[np.ndarray, "V 3"]] | None = None,
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each set of vertices, with one context, and a scene and buffer for each
-    panel.
+    panel. Each is overwritten by the next.
 
     Args:
-        track: where the camera stands in each frame, relative to ``stage.camera``; None, as it is.
+        shown: of each panel; none is the body alone before the camera of the stage.
         moving_colors: of each frame; None, ``colors`` in all.
     """
     frames = chain.from_iterable(chunks)
     first = next(frames, None)
     if first is None:
         return
+    shown = shown or [Shown(settings.panels[0], stage.camera)]
     prepare = FramePreparer(faces, len(first), stage, settings.studio)
     subject = Subject(
         *(faces, colors, prepare.ground.corners(), settings.studio, settings.is_transparent)
     )
     colors_of_frame = None if moving_colors is None else iter(moving_colors)
-    with OffscreenRenderer(
-        *(subject, settings.width, settings.height, settings.backend or choose_backend()),
-        antialias="supersample" if settings.antialias else "none",
-    ) as renderer:
-        beside = [
-            renderer.beside(_part_of(subject, each.part), each.panel.width, each.panel.height)
-            for each in close_ups
+    backend = settings.backend or choose_backend()
+    with OffscreenRenderer(backend, is_smooth=settings.antialias) as renderer:
+        canvases = [
+            renderer.canvas(_part_of(subject, each.part), each.panel.width, each.panel.height)
+            for each in shown
         ]
-        whole = _empty_picture(settings)
+        whole = np.full(settings.picture_shape, _LINE, np.uint8)
+
+        def finished() -> UInt8[np.ndarray, "H W C"]:
+            for each, canvas in zip(shown, canvases, strict=True):
+                whole[each.panel.box] = canvas.picture()
+            _rule_off(whole, [each.panel for each in shown])
+            return whole
+
         for index, vertices in enumerate(chain([first], frames)):
+            # While the driver draws the picture before, which the caller takes while it draws this.
             posed = prepare(vertices, None if colors_of_frame is None else next(colors_of_frame))
-            camera = stage.camera if track is None else stage.camera.moved(track[index])
-            picture = renderer.draw(posed, camera)
-            if not close_ups:
-                yield picture
-                continue
-            whole[settings.panels[0].box] = picture
-            for each, canvas in zip(close_ups, beside, strict=True):
-                near = each.camera.moved(each.track[index])
-                drawn = canvas.draw(posed.part(each.part.vertices), near)
-                whole[each.panel.box] = drawn
-            _rule_off(whole, settings.panels)
-            yield whole
+            before = finished() if index else None
+            for each, canvas in zip(shown, canvases, strict=True):
+                part = posed if each.part is None else posed.part(each.part.vertices)
+                canvas.begin(part, each.camera_at(index))
+            if before is not None:
+                yield before
+        yield finished()
 
 
-def _part_of(subject: Subject, part: Cutout) -> Subject:
+def _part_of(subject: Subject, part: Cutout | None) -> Subject:
+    if part is None:
+        return subject
     colors = None if subject.colors is None else subject.colors[part.vertices]
-    return Subject(part.faces, colors, subject.ground_corners, subject.studio)
+    return replace(subject, faces=part.faces, colors=colors)
 
 
-def _empty_picture(settings: RenderSettings) -> UInt8[np.ndarray, "H W C"]:
-    width, height = settings.picture_size
-    return np.full((height, width, settings.num_channels), _LINE, np.uint8)
-
-
-def _rule_off(picture: UInt8[np.ndarray, "H W 3"], panels: Sequence[Panel]) -> None:
+def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:
     """A white line above and left of every panel that has a neighbour there."""
+    if len(panels) == 1:
+        return
     for panel in panels:
         rows, columns = panel.box
         if panel.top:
@@ -193,18 +270,14 @@ def _rule_off(picture: UInt8[np.ndarray, "H W 3"], panels: Sequence[Panel]) -> N
             picture[rows, panel.left - _LINE_PX // 2 : panel.left + _LINE_PX // 2] = _LINE
 
 
-OnProgress = Callable[[float], None]
-ShouldCancel = Callable[[], bool]
-
-
 def render_video(
     body: Body,
     motion: BodyMotion,
     out: Path,
     speech_wav: Path | None = None,
     settings: RenderSettings | None = None,
-    on_progress: OnProgress | None = None,
-    should_cancel: ShouldCancel | None = None,
+    on_progress: Callable[[float], None] = lambda share: None,
+    should_cancel: Callable[[], bool] = lambda: False,
     *,
     stage: Stage | None = None,
     marks: Marks | None = None,
@@ -219,13 +292,9 @@ def render_video(
         should_cancel: asked before every frame.
         stage: camera and floor; by default made for this motion alone. Give the same one to all
             videos of a comparison.
-        marks: what else is shown in the pictures.
         still_frames: frames that are also returned as pictures, in this order.
         pictures: of all frames in order, drawn elsewhere; by default they are drawn here. Closed
             in any case.
-
-    Returns:
-        The pictures of ``still_frames``.
 
     Raises:
         Cancelled: if ``should_cancel`` said so; no file is left.
@@ -233,20 +302,22 @@ def render_video(
         ValueError: if a still lies outside the motion.
     """
     settings = settings or RenderSettings()
-    stills = _Stills(still_frames, motion.num_frames, settings)
-    size = settings.picture_size
+    _check_frames(still_frames, motion)
+    stills: dict[int, np.ndarray] = {}
     with (
-        closing(pictures or draw_motion(body, motion, settings, stage, marks)) as pictures,
-        VideoWriter(out, *size, motion.num_frames, speech_wav, settings.crf) as video,
+        closing(pictures or draw_frames(body, motion, settings, stage, marks)) as pictures,
+        VideoWriter(
+            out, *settings.picture_size, motion.num_frames, speech_wav, settings.crf
+        ) as video,
     ):
         for index, picture in enumerate(pictures):
-            if should_cancel is not None and should_cancel():
+            if should_cancel():
                 raise Cancelled(f"Rendering {out.name} was cancelled.")
             video.write(picture)
-            stills.offer(index, picture)
-            if on_progress is not None:
-                on_progress((index + 1) / motion.num_frames)
-    return stills.pictures
+            if index in still_frames:
+                stills[index] = picture.copy()
+            on_progress((index + 1) / motion.num_frames)
+    return stacked([stills[frame] for frame in still_frames], settings)
 
 
 def render_stills(
@@ -265,31 +336,19 @@ def render_stills(
         ValueError: if a frame lies outside the motion.
     """
     settings = settings or RenderSettings()
-    stills = _Stills(frames, motion.num_frames, settings)
-    if not len(frames):
-        return stills.pictures
-    stage = stage or stage_for(body, [motion], settings)
-    pictures = draw_frames(body, motion, frames, settings, stage, marks)
-    for picture, frame in zip(pictures, frames, strict=True):
-        stills.offer(frame, picture)
-    return stills.pictures
+    pictures = draw_frames(body, motion, settings, stage, marks, frames)
+    return stacked([picture.copy() for picture in pictures], settings)
 
 
-class _Stills:
-    """Collects pictures of chosen frames out of a stream."""
+def _check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
+    for frame in frames:
+        if not 0 <= frame < motion.num_frames:
+            raise ValueError(f"Frame {frame} was asked for; the motion has {motion.num_frames}.")
 
-    def __init__(self, frames: Sequence[int], num_frames: int, settings: RenderSettings) -> None:
-        for frame in frames:
-            if not 0 <= frame < num_frames:
-                raise ValueError(f"Frame {frame} was asked for; the motion has {num_frames}.")
-        self._frames = np.asarray(frames, dtype=np.intp)
-        width, height = settings.picture_size
-        size = (height, width, settings.num_channels)
-        self.pictures = np.zeros((len(frames), *size), np.uint8)
 
-    def offer(self, index: int, picture: UInt8[np.ndarray, "H W C"]) -> None:
-        for slot in np.flatnonzero(self._frames == index):
-            self.pictures[slot] = picture
+def stacked(pictures: Iterable[np.ndarray], settings: RenderSettings) -> np.ndarray:
+    """Pictures as one array, also where there is none."""
+    return np.reshape(list(pictures), (-1, *settings.picture_shape)).astype(np.uint8, copy=False)
 
 
 def projected_joints(

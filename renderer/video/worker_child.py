@@ -1,38 +1,43 @@
-"""The child's side of ``renderer.video.worker_process``: read jobs, do them, tell how each went."""
+"""The child's side of ``renderer.video.workers``: take jobs, do them, tell how each went."""
 
 import queue
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
-
-import numpy as np
-from jaxtyping import UInt8
+from typing import Any
 
 from processes.child import parent_channel
 from renderer.body.body import load_body
-from renderer.video.parallel import draw_in_processes
-from renderer.video.render import render_stills, render_video
-from renderer.video.worker_process import KNOWN_ERRORS, RenderJob, RenderResult
+from renderer.body.body_file import BodyError
+from renderer.draw.offscreen import GLError
+from renderer.video.encoder import Cancelled, VideoError
+from renderer.video.render import PIECE_FRAMES, draw_frames, render_video, stage_for
+from renderer.video.workers import RenderJob, drawn_by_several
+
+_KNOWN_ERRORS = (BodyError, Cancelled, GLError, ValueError, VideoError)
+"""Each holds one sentence."""
+
+Tell = Callable[[str, Any], None]
 
 
 def main() -> int:
-    """Messages leave as ``(kind, value)``: progress, done, or the name of an error."""
+    """Messages leave as ``(kind, value)``: share, picture, done, failed."""
     channel, _ = parent_channel()
     jobs: queue.SimpleQueue[RenderJob | None] = queue.SimpleQueue()
+    # Who draws pictures may be ahead by one piece of who takes them.
+    told: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=PIECE_FRAMES)
     parent_hung_up = threading.Event()
     threading.Thread(target=_listen, args=(channel, jobs, parent_hung_up), daemon=True).start()
+    threading.Thread(target=_tell_all, args=(channel, told), daemon=True).start()
     while (job := jobs.get()) is not None:
         try:
-            stills = _run(
-                job, lambda share: channel.send(("progress", share)), parent_hung_up.is_set
-            )
-            channel.send(("done", RenderResult(job.out, stills)))
-        except ConnectionError:  # the parent is gone
-            return 1
-        except tuple(KNOWN_ERRORS.values()) as error:
-            name = type(error).__name__
-            channel.send((name if name in KNOWN_ERRORS else ValueError.__name__, str(error)))
+            _do(job, lambda kind, value: told.put((kind, value)), parent_hung_up.is_set)
+            told.put(("done", None))
+        except _KNOWN_ERRORS as error:
+            told.put(("failed", error))
     return 0
 
 
@@ -50,25 +55,36 @@ def _listen(
         jobs.put(None)
 
 
-def _run(
-    job: RenderJob, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
-) -> UInt8[np.ndarray, "N H W 3"]:
+def _tell_all(channel: Connection, told: queue.Queue[tuple[str, Any]]) -> None:
+    while True:
+        message = told.get()
+        with suppress(OSError):  # nobody wants the rest
+            channel.send(message)
+
+
+def _do(job: RenderJob, tell: Tell, should_cancel: Callable[[], bool]) -> None:
     body = load_body(job.body_path, job.look)
+    looks = (job.stage or stage_for(body, [job.motion], job.settings), job.marks)
     if job.out is None:
-        return render_stills(
-            *(body, job.motion, job.still_frames, job.settings), stage=job.stage, marks=job.marks
-        )
+        for picture in draw_frames(body, job.motion, job.settings, *looks, job.still_frames):
+            if should_cancel():
+                return
+            tell("picture", picture.copy())
+        return
     pictures = None
     if job.num_processes and job.num_processes > 1:
-        shared = (body, job.motion, job.settings, job.stage)
-        pictures = draw_in_processes(*shared, count=job.num_processes, marks=job.marks)
-    return render_video(
-        *(body, job.motion, job.out, job.speech_wav, job.settings, on_progress, should_cancel),
-        stage=job.stage,
-        marks=job.marks,
+        pictures = drawn_by_several(replace(job, stage=looks[0]), job.num_processes)
+    stills = render_video(
+        *(body, job.motion, job.out, job.speech_wav, job.settings),
+        on_progress=lambda share: tell("share", share),
+        should_cancel=should_cancel,
+        stage=looks[0],
+        marks=looks[1],
         still_frames=job.still_frames,
         pictures=pictures,
     )
+    for picture in stills:
+        tell("picture", picture)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from app.run.requests.request import (
 )
 from app.run.run_writer import RunWriter
 from app.run.timeline import make_timeline
-from app.run.videos.behind import VideosRequest
+from app.run.videos.videos import VideosRequest
 from app.run.words import given_words
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem

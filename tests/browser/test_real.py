@@ -21,8 +21,8 @@ from app import text
 from app.page.tabs import live as live_tab
 from app.page.tabs.own_motion import TAB
 from app.page.tabs.study_run import PREVIEW
+from app.run.body_motion import in_register
 from app.run.examples import CLEAN, slide
-from app.run.videos.own_videos import in_register
 from app.study.leaks import check_study
 from conventions.joints import HANDS
 from model.formats.judged import RELAXED_HANDS

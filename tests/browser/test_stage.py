@@ -33,8 +33,7 @@ from renderer.scene.camera import (
     view_axes,
 )
 from renderer.scene.stage import set_stage
-from renderer.video.render import render_stills
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, render_stills
 from tests.app import fakes
 from tests.browser.conftest import (
     AT_REST,

@@ -23,7 +23,7 @@ from model.plan.files import ENDINGS, read_plan_file, write_plan_file
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript
 from renderer.body.body import load_body
-from renderer.files.bvh import write_bvh
+from renderer.files.exports import write_bvh
 from tests.app.study.made import made_files, made_key
 from tests.fuzz.clock import is_done_or_refused, run_by_the_clock
 from tests.fuzz.damage import damaged, wild_npz, with_wild_values

@@ -17,8 +17,7 @@ from conventions.views import LOOKS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.draw.offscreen import BACKENDS, Backend
 from renderer.draw.probe import choose_backend
-from renderer.video.render import render_stills
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, render_stills
 
 GOLDEN = Path(__file__).parent
 ROOT = GOLDEN.parents[1]

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from renderer.files.written import written_whole
+from renderer.files.exports import written_whole
 from tools.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
 
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)

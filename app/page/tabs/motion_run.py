@@ -38,8 +38,7 @@ from app.run.requests.request import (
     ShouldCancel,
     Stage,
 )
-from app.run.videos.behind import VideosRequest
-from app.run.videos.own_videos import VideoOptions
+from app.run.videos.videos import VideoOptions, VideosRequest
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""

@@ -30,7 +30,6 @@ from app.page.visitors.visitors import visitor_of
 from app.run.output.run_folder import add_files
 from app.run.requests.display import Display, finite, whole
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
-from app.run.videos.behind import VideosRequest, draw_behind
 from app.run.videos.seen_video import (
     BODY,
     MAX_BODIES,
@@ -41,6 +40,7 @@ from app.run.videos.seen_video import (
     SeenVideo,
     draw_seen,
 )
+from app.run.videos.videos import VideosRequest, draw_behind
 from conventions.names import printable
 from renderer.scene.camera import Orbit
 

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from app.errors import RunError
 from app.flags import written
-from app.run.body_motion import body_motion
+from app.run.body_motion import in_register
+from app.run.followed_point import choose_tip_source
 from app.run.made import options_of
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import share_teller
+from app.run.requests.display import Display
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
-from app.run.videos.export import render_settings
-from app.run.videos.own_videos import in_register
-from app.run.videos.videos import draw_videos
+from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
 from conventions.names import file_stem
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -59,30 +59,25 @@ def draw_hearing_videos(
     from model.motion.motion import first_frames
     from model.speech.audio import write_wav
     from renderer.video.compose import compose_videos
-    from renderer.video.render import stage_for
-    from renderer.video.worker_process import RenderJob
 
     names = list(speeches)[:EACH_WAY]
     seconds = min(SHOWN_S, *(speeches[name].duration_s for name in names))
-    posed = {}
+    drawn = folder.scratch("bodies")
+    drawn.mkdir()
+    shown, files = {}, {}
     for system, grid in grids.items():
         for (speech, seed), motion in grid.items():
             if speech in names and seed < EACH_WAY:
-                shown = first_frames(motion, min(motion.num_frames, round(seconds * FPS)))
-                posed[system, speech, seed] = body_motion(in_register(shown))
-    settings = render_settings("front", SIZE_PX, framing="knees")
-    stage = stage_for(get_body(None), list(posed.values()), settings)
-    drawn = folder.scratch("bodies")
-    drawn.mkdir()
-    files = {
-        (system, speech, seed): drawn / f"{file_stem(system)}__{speech}__{seed}.mp4"
-        for system, speech, seed in posed
-    }
-    jobs = {
-        files[key].stem: RenderJob(motion, files[key], settings=settings, stage=stage)
-        for key, motion in posed.items()
-    }
-    draw_videos(jobs, on_share, on_done=lambda name: None, should_cancel=lambda: False)
+                name = f"{file_stem(system)}__{speech}__{seed}"
+                part = first_frames(motion, min(motion.num_frames, round(seconds * FPS)))
+                shown[name] = in_register(part)
+                files[system, speech, seed] = drawn / f"{name}.mp4"
+    body = get_body(None)
+    jobs = jobs_of(
+        *(shown, VideoOptions(Display(), SIZE_PX, "knees", ()), body, None),
+        *(choose_tip_source(body, None), lambda name, _: drawn / f"{name}.mp4"),
+    )
+    draw_videos(jobs, on_share)
     for sounding in names:
         sound = drawn / f"{sounding}.wav"
         write_wav(sound, speeches[sounding].waveform[: round(seconds * SAMPLE_RATE)])
@@ -376,7 +371,7 @@ def _write_numbers(heard: tuple[Heard, ...], folder: ResultFolder) -> None:
 
 def _draw(heard: tuple[Heard, ...], grids: Mapping[str, Grid], folder: ResultFolder) -> None:
     from model.measures.hearing import arm_speed
-    from renderer.figures.hearing import HearingRow, hearing_figure
+    from renderer.figures.curves import HearingRow, hearing_figure
 
     rows = [
         HearingRow(

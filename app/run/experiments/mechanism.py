@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.output.telling import share_teller
-from app.run.requests.display import Display, marks_of
+from app.run.requests.display import Display
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter, picture_layout
-from app.run.videos.export import render_settings
-from app.run.videos.videos import draw_videos
+from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
 from model.speech.transcript import NOTHING_SAID
 
 if TYPE_CHECKING:
@@ -107,31 +105,17 @@ def _draw(
     on_progress: Callable[[float], None],
 ) -> None:
     from renderer.video.compose import compose_videos
-    from renderer.video.render import stage_for
-    from renderer.video.worker_process import RenderJob
 
     body = get_body(ask.body)
     tip = choose_tip_source(body, ask.body, ask.joint)
-    settings = render_settings("front", ask.size, close_ups=("hands",), framing="knees")
-    stage = stage_for(body, [body_motion(clean)], settings)  # the noise moves no camera
+    options = VideoOptions(Display(has_trail=True), ask.size, "knees", ("hands",))
     with tempfile.TemporaryDirectory() as folder:
-        jobs = {
-            name: RenderJob(
-                motion=body_motion(motion),
-                out=Path(folder, f"{number}.mp4"),
-                settings=settings,
-                body_path=ask.body,
-                stage=stage,
-                marks=marks_of(motion, Display(has_trail=True), tip, body),
-            )
-            for number, (name, motion) in enumerate(noisy.items())
-        }
-        draw_videos(
-            jobs,
-            on_progress=lambda part: on_progress(_DRAWN * part),
-            on_done=lambda name: None,
-            should_cancel=lambda: False,  # on_progress ends it
+        jobs = jobs_of(
+            *(noisy, options, body, ask.body, tip),
+            lambda name, _: Path(folder, f"{list(noisy).index(name)}.mp4"),
+            staged=[clean],  # the noise moves no camera
         )
+        draw_videos(jobs, lambda part: on_progress(_DRAWN * part))
         compose_videos(
             [Path(folder, f"{number}.mp4") for number in range(len(jobs))],
             [f"{noise_rad:g} rad of noise on {name}" for name in noisy],

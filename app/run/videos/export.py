@@ -13,9 +13,10 @@ from tyro.conf import Positional, arg
 from app.errors import RunError
 from app.flags import File, written
 from app.run.body_motion import body_motion
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.telling import share_teller
-from app.run.requests.display import Display, check_display, displayed, marks_of
+from app.run.requests.display import Display, check_display
 from app.run.requests.request import (
     Assumed,
     CloseUps,
@@ -26,7 +27,8 @@ from app.run.requests.request import (
     Views,
     check_size,
 )
-from conventions.views import LOOKS, CloseUp, Framing, View
+from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
+from conventions.views import LOOKS, Framing, View
 from model.formats.reading import Told, lengths_apart
 
 if TYPE_CHECKING:
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from renderer.body.body import Body, BodyMotion
-    from renderer.video.settings import RenderSettings
 
 Background = Literal["studio", "transparent"]
 MAX_STILLS = 64
@@ -181,43 +182,11 @@ def _check(request: RenderRequest) -> None:
         raise RunError(f"There is no speech file at {request.speech}.")
 
 
-def render_settings(
-    view: View,
-    size: int,
-    is_draft: bool = False,
-    is_transparent: bool = False,
-    close_ups: tuple[CloseUp, ...] = (),
-    framing: Framing = "whole",
-) -> RenderSettings:
-    """Pictures of that height, and close-ups beside them: square ones of the whole body, and ones
-    of three quarters of the width where it stands from the knees up.
-
-    Raises:
-        RunError: if the size cannot be drawn or encoded.
-    """
-    from renderer.video.settings import RenderSettings
-
-    try:
-        return RenderSettings(
-            width=size if framing == "whole" else 2 * (3 * size // 8),
-            height=size,
-            view=view,
-            antialias=not is_draft,
-            is_transparent=is_transparent,
-            close_ups=close_ups,
-            framing=framing,
-        )
-    except ValueError as error:
-        raise RunError(str(error)) from error
-
-
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
     from model.plan.files import markers_csv, markers_of
     from model.storage.files import written_atomically
-    from renderer.files.blender import write_blender
-    from renderer.files.bvh import write_bvh
+    from renderer.files.exports import write_blender, write_bvh, write_still
     from renderer.files.glb import write_glb
-    from renderer.files.still import write_still
 
     plan = _plan(request)
     markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
@@ -258,48 +227,30 @@ def _plan(request: RenderRequest) -> GesturePlan | None:
 def _draw(
     request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
-    from app.run.followed_point import choose_tip_source
-    from renderer.video.pool import RenderPool
-    from renderer.video.render import stage_for
-    from renderer.video.worker_process import RenderJob
+    options = VideoOptions(
+        *(request.display, request.size, request.framing, request.close_ups, request.views),
+        look=request.look,
+        is_draft=request.is_draft,
+        is_transparent=request.background == "transparent",
+    )
+    stills, sheet = _chosen_frames(request, read.num_frames)
 
-    tip = choose_tip_source(body, request.body, request.joint)
-    motion = body_motion(displayed(read, request.display))
-    marks = marks_of(read, request.display, tip, body)
-    stills, sheet = _chosen_frames(request, motion.num_frames)
+    def named(view: View) -> Path:
+        is_first = view == request.views[0]
+        return request.out if is_first else request.out.with_suffix(f".{view}{request.out.suffix}")
+
+    jobs = jobs_of(
+        *({"": read}, options, body, request.body),
+        choose_tip_source(body, request.body, request.joint),
+        lambda _, view: named(view) if request.ending == ".mp4" else None,
+        *(request.speech, (*stills, *sheet)),
+    )
     files: list[Path] = []
-    with RenderPool(max_workers=1) as pool:
-        for done, view in enumerate(request.views):
-            out = request.out if done == 0 else _named(request.out, view)
-            settings = render_settings(
-                *(view, request.size, request.is_draft, request.background == "transparent"),
-                close_ups=request.close_ups if done == 0 else (),
-                framing=request.framing,
-            )
-            job = RenderJob(
-                motion=motion,
-                out=out if request.ending == ".mp4" else None,
-                speech_wav=request.speech,
-                settings=settings,
-                stage=stage_for(body, [body_motion(read)], settings),
-                marks=marks,
-                body_path=request.body,
-                look=request.look,
-                still_frames=(*stills, *sheet),
-            )
-            task = pool.submit(
-                job, lambda part, done=done: on_progress((done + part) / len(request.views))
-            )
-            result = task.result()
-            files += [] if result.out is None else [result.out]
-            files += _write_stills(out, result.stills[: len(stills)], has_sheet=bool(sheet))
-            files += _write_sheet(out, result.stills[len(stills) :], sheet)
+    for (_, view), pictures in draw_videos(jobs, on_progress, parallel=1).items():
+        files += [named(view)] if request.ending == ".mp4" else []
+        files += _write_stills(named(view), pictures[: len(stills)], has_sheet=bool(sheet))
+        files += _write_sheet(named(view), pictures[len(stills) :], sheet)
     return tuple(files)
-
-
-def _named(out: Path, view: View) -> Path:
-    """The file of a view that is not the first."""
-    return out.with_suffix(f".{view}{out.suffix}")
 
 
 def _chosen_frames(

@@ -10,26 +10,22 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from app.errors import RunError
-from app.run.body_motion import body_motion
-from app.run.followed_point import TIP, TipSource, choose_tip_source
+from app.run.body_motion import MAX_FRAMES, body_motion, in_register
+from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import share_teller
-from app.run.requests.display import Display, check_display, displayed, marks_of
+from app.run.requests.display import Display, check_display
 from app.run.requests.request import OnEvent, ShouldCancel
-from app.run.videos.own_videos import MAX_FRAMES, in_register
-from app.run.videos.videos import draw_videos
-from conventions.views import BUILDS, TONES
+from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
+from conventions.views import BUILDS, LOOKS, TONES
 from renderer.scene.camera import Orbit
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion
-    from renderer.body.body import Body
-    from renderer.scene.panels import Panel
-    from renderer.scene.stage import Stage
-    from renderer.video.marks import Marks
-    from renderer.video.settings import RenderSettings
-    from renderer.video.worker_process import RenderJob
+    from renderer.body.body import Body, BodyMotion
+    from renderer.scene.stage import Panel
+    from renderer.video.workers import RenderJob
 
 Mode = Literal["grid", "ghost", "wipe", "flicker"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -126,7 +122,7 @@ class Seen:
             raise RunError(str(error)) from error
 
     def _check_room(self, is_pair: bool) -> None:
-        from renderer.scene.panels import CLOSE_UP_VIEWS  # only now: it brings scipy
+        from renderer.scene.stage import CLOSE_UP_VIEWS  # only now: it brings scipy
 
         known = {BODY, *(view for views in CLOSE_UP_VIEWS.values() for view in views)}
         least, most = SIDES_PX
@@ -206,18 +202,6 @@ class SeenVideo:
     """What the person should know of it."""
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """One body of the video."""
-
-    label: str
-    raw: Motion
-    """What cameras follow."""
-    shown: Motion
-    """As it is drawn."""
-    marks: Marks | None
-
-
 def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
     """Draw the video.
 
@@ -225,6 +209,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         CancelledRun: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
+    from model.motion.filtering import smooth_motion
     from model.motion.motion import load_motion
 
     seen = request.seen
@@ -233,41 +218,42 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
     on_share(0.0)
     motions = [in_register(load_motion(each.motion)) for each in request.bodies]
     longest, notes = _longest(motions, seen)
-    if seen.has_lines:
-        notes = (*notes, NO_LINES)
     motions = [motion.part(slice(longest)) for motion in motions]
+    shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
+    bases = {
+        i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
+    }
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, seen.point)
-    drawn = [_drawn(request.bodies[i].label, motions[i], seen, tip, body) for i in seen.shown]
-    is_pair = seen.mode != "grid"
-    if is_pair and seen.is_aligned:
-        drawn[1] = _laid_on(drawn[0], drawn[1])
     room = _Room.of(seen)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
         jobs: dict[str, RenderJob] = {}
-        for number, each in enumerate(drawn):
-            settings = _settings(seen, room.pictures[number if is_pair else 0])
-            stage = _stage(body, motions, settings, seen)
-            stage = stage.following(body, body_motion(each.raw))
-            if is_pair:
-                stage = _along(stage, body, drawn[0].raw, each.raw.num_frames)
-            job = _job(each, parts / f"{number}.mp4", settings, stage, request.body)
-            if request.body is None:
-                job = replace(job, look=f"{seen.build}-{seen.tone}")
-            jobs[str(number)] = job
-        draw_videos(
-            jobs,
-            on_progress=lambda share: on_share(_DRAWN * share),
-            on_done=lambda name: None,
-            should_cancel=lambda: False,  # on_share ends it
+        for i, base in bases.items():
+            picture = room.pictures[int(i) if seen.mode != "grid" else 0]
+            options = _options(seen, picture, LOOKS[0] if request.body else None)
+            (job,) = jobs_of(
+                *({i: base}, options, body, request.body, tip),
+                lambda name, _: parts / f"{name}.mp4",
+                staged=motions,
+            ).values()
+            jobs[i] = job
+        jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
+        draw_videos(jobs, lambda share: on_share(_DRAWN * share))
+        _compose(
+            request,
+            [parts / f"{i}.mp4" for i in jobs],
+            [request.bodies[number].label for number in seen.shown],
+            *(room, folder, on_share),
         )
-        videos = [parts / f"{number}.mp4" for number in range(len(drawn))]
-        _compose(request, videos, [each.label for each in drawn], room, folder, on_share)
         (video,) = folder.publish()
     on_share(1.0)
-    return SeenVideo(video, max(each.shown.num_frames for each in drawn), notes)
+    return SeenVideo(
+        video,
+        max(motion.num_frames for motion in shown.values()),
+        (*notes, NO_LINES) if seen.has_lines else notes,
+    )
 
 
 def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...]]:
@@ -283,27 +269,63 @@ def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...
     )
 
 
-def _drawn(label: str, raw: Motion, seen: Seen, tip: TipSource, body: Body) -> _Drawn:
-    from model.motion.filtering import smooth_motion
+def _options(seen: Seen, layout: tuple[Panel, ...], look: str | None) -> VideoOptions:
+    options = VideoOptions(
+        seen.display,
+        framing="whole" if seen.is_whole else "knees",
+        look=look or f"{seen.build}-{seen.tone}",
+        layout=layout,
+        crf=_FINE_CRF,
+    )
+    try:
+        options.settings("front")
+    except RunError as error:
+        raise RunError(
+            f"Bodies are too small on the stage to be drawn ({error}); enlarge one, or make its "
+            "window larger."
+        ) from error
+    return options
 
-    base = smooth_motion(raw) if seen.is_smoothed else raw
-    marks = marks_of(base, seen.display, tip, body)
-    if seen.mode == "ghost" and marks is not None and marks.trail is not None:
-        marks = replace(marks, trail=replace(marks.trail, is_on_body=False))
-    return _Drawn(label, raw, displayed(base, seen.display), marks)
+
+def _seen_from_there(
+    jobs: dict[str, RenderJob], raw: dict[str, BodyMotion], body: Body, seen: Seen
+) -> dict[str, RenderJob]:
+    """The jobs before the camera of the stage, which follows the motions as they are; of a pair
+    that of the first, with the second laid on it.
+
+    Args:
+        raw: by the keys of ``jobs``.
+    """
+    from renderer.scene.stage import camera_track
+
+    if seen.mode != "grid" and seen.is_aligned:
+        jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
+    for key, job in jobs.items():
+        assert job.stage is not None
+        stage = job.stage.seen_from(seen.camera)
+        stage = stage.following(body, raw[key])
+        if seen.mode != "grid":
+            way = camera_track(body, raw["0"], "front", replace(stage, way=None))
+            frames = np.minimum(np.arange(raw[key].num_frames), len(way) - 1)
+            stage = replace(stage, way=way[frames])
+        if seen.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
+            trail = replace(job.marks.trail, is_on_body=False)
+            job = replace(job, marks=replace(job.marks, trail=trail))
+        jobs[key] = replace(job, stage=stage)
+    return jobs
 
 
-def _laid_on(first: _Drawn, second: _Drawn) -> _Drawn:
-    """The second of a pair with its pelvis over or under that of the first in every frame."""
-    frames = np.minimum(np.arange(second.shown.num_frames), first.shown.num_frames - 1)
-    shift = (first.shown.trans[frames] - second.shown.trans) * np.array([1, 0, 1], np.float32)
+def _laid_on(first: RenderJob, second: RenderJob, raw: BodyMotion) -> tuple[RenderJob, BodyMotion]:
+    """The second of a pair with its pelvis over or under that of the first in every frame, and so
+    the motion that it is drawn from."""
+    frames = np.minimum(np.arange(raw.num_frames), first.motion.num_frames - 1)
+    shift = first.motion.trans[frames] - second.motion.trans
+    shift *= np.array([1, 0, 1], np.float32)
     marks = second.marks
     if marks is not None and marks.trail is not None:
-        trail = replace(marks.trail, points=marks.trail.points + shift)
-        marks = replace(marks, trail=trail)
-    shown = replace(second.shown, trans=second.shown.trans + shift)
-    raw = replace(second.raw, trans=second.raw.trans + shift)
-    return replace(second, raw=raw, shown=shown, marks=marks)
+        marks = replace(marks, trail=replace(marks.trail, points=marks.trail.points + shift))
+    motion = replace(second.motion, trans=second.motion.trans + shift)
+    return replace(second, motion=motion, marks=marks), replace(raw, trans=raw.trans + shift)
 
 
 @dataclass(frozen=True)
@@ -319,7 +341,7 @@ class _Room:
 
     @classmethod
     def of(cls, seen: Seen) -> _Room:
-        from renderer.scene.panels import Panel
+        from renderer.scene.stage import Panel
         from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, band_height
 
         width, height = seen.size
@@ -347,55 +369,6 @@ class _Room:
         )
 
 
-def _settings(seen: Seen, layout: tuple[Panel, ...]) -> RenderSettings:
-    from renderer.video.settings import RenderSettings
-
-    try:
-        return RenderSettings(
-            width=layout[0].width,
-            height=layout[0].height,
-            framing="whole" if seen.is_whole else "knees",
-            layout=layout,
-            crf=_FINE_CRF,
-        )
-    except ValueError as error:
-        raise RunError(
-            f"Bodies are too small on the stage to be drawn ({error}); enlarge one, or make its "
-            "window larger."
-        ) from error
-
-
-def _stage(body: Body, motions: Sequence[Motion], settings: RenderSettings, seen: Seen) -> Stage:
-    from renderer.video.render import stage_for
-
-    everything = [body_motion(motion) for motion in motions]
-    return stage_for(body, everything, settings).seen_from(seen.camera)
-
-
-def _along(stage: Stage, body: Body, first: Motion, num_frames: int) -> Stage:
-    """The stage whose camera goes with the first of a pair, for as long as the other moves."""
-    from renderer.scene.stage import camera_track
-
-    way = camera_track(body, body_motion(first), "front", replace(stage, way=None))
-    frames = np.minimum(np.arange(num_frames), len(way) - 1)
-    return replace(stage, way=way[frames])
-
-
-def _job(
-    each: _Drawn, out: Path, settings: RenderSettings, stage: Stage, body_path: Path | None
-) -> RenderJob:
-    from renderer.video.worker_process import RenderJob
-
-    return RenderJob(
-        motion=body_motion(each.shown),
-        out=out,
-        settings=settings,
-        body_path=body_path,
-        stage=stage,
-        marks=each.marks,
-    )
-
-
 def _compose(
     request: SeenRequest,
     videos: Sequence[Path],
@@ -405,8 +378,7 @@ def _compose(
     on_share: Callable[[float], None],
 ) -> None:
     """All of them in one video, under their names."""
-    from renderer.video.compose import compose_videos
-    from renderer.video.pair import PairLayout, compose_pair
+    from renderer.video.compose import PairLayout, compose_pair, compose_videos
 
     def on_progress(share: float) -> None:
         on_share(_DRAWN + (1 - _DRAWN) * share)  # what it raises ends ffmpeg too

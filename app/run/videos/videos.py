@@ -1,71 +1,285 @@
-"""Several videos drawn at once in child processes, each told of as soon as it is whole; posters."""
+"""Pictures of motions, all alike: a video of each, all side by side, and poses with their jerk."""
 
 from __future__ import annotations
 
 import subprocess
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from threading import Event
+from typing import TYPE_CHECKING, TypeVar
 
-from app.errors import CancelledRun
-from app.run.requests.request import ShouldCancel
+import numpy as np
+
+from app.errors import CancelledRun, RunError
+from app.run.body_motion import body_motion, picture_motions
+from app.run.followed_point import TIP, choose_tip_source
+from app.run.models import get_body
+from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import Reporter, share_teller
+from app.run.requests.display import Display, displayed, marks_of
+from app.run.requests.request import MAX_COMPARED, ArtefactKind, OnEvent, ShouldCancel
+from conventions.names import REFERENCE_NAME, file_stem
+from conventions.views import CLOSE_UPS, LOOKS, CloseUp, Framing, View
 
 if TYPE_CHECKING:
-    from renderer.video.worker_process import RenderJob, RenderResult
+    from app.run.followed_point import TipSource
+    from model.motion.motion import Motion
+    from renderer.body.body import Body, BodyMotion
+    from renderer.figures.figure6 import JointMarks
+    from renderer.scene.stage import Panel, Stage
+    from renderer.video.render import RenderSettings
+    from renderer.video.workers import RenderJob
 
 PARALLEL_VIDEOS = 2
-_POLL_S = 0.05
+_POLL_S = 0.1
+Key = TypeVar("Key", bound=Hashable)
+OnFile = Callable[[ArtefactKind, str, Path], None]
+
+
+@dataclass(frozen=True)
+class VideoOptions:
+    """How motions are shown: what is drawn beyond them, and the panels they are drawn in."""
+
+    display: Display = field(default_factory=lambda: Display(has_trail=True))
+    size: int = 640
+    """Height of the body in pixels."""
+    framing: Framing = "knees"
+    close_ups: tuple[CloseUp, ...] = CLOSE_UPS
+    """Beside the first view."""
+    views: tuple[View, ...] = ("front",)
+    look: str = LOOKS[0]
+    """Of the open body."""
+    is_draft: bool = False
+    is_transparent: bool = False
+    layout: tuple[Panel, ...] = ()
+    """Where the body and its close-ups stand, where that is not as usual."""
+    crf: int = 20
+
+    def settings(self, view: View) -> RenderSettings:
+        """Pictures of that height, and close-ups beside them: square ones of the whole body, and
+        ones of three quarters of the width where it stands from the knees up.
+
+        Raises:
+            RunError: if the size cannot be drawn or encoded.
+        """
+        from renderer.video.render import RenderSettings
+
+        width, height = (
+            self.size if self.framing == "whole" else 2 * (3 * self.size // 8),
+            self.size,
+        )
+        if self.layout:
+            width, height = self.layout[0].width, self.layout[0].height
+        try:
+            return RenderSettings(
+                *(width, height, view, self.framing),
+                close_ups=self.close_ups if view == self.views[0] and not self.layout else (),
+                antialias=not self.is_draft,
+                crf=self.crf,
+                layout=self.layout or None,
+                is_transparent=self.is_transparent,
+            )
+        except ValueError as error:
+            raise RunError(str(error)) from error
+
+
+POSES = VideoOptions(Display(), 512, "whole", ())
+"""How poses are drawn where no video is."""
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """Poses for Figure 6: the frames, and by name the pictures (N, H, W, 3)."""
+
+    frames: tuple[int, ...] = ()
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    marks: JointMarks | None = None
+    """How much each joint jerks around each of the frames; None without pictures."""
+
+
+def jobs_of(
+    motions: Mapping[str, Motion],
+    options: VideoOptions,
+    body: Body,
+    body_path: Path | None,
+    tip: TipSource,
+    out: Callable[[str, View], Path | None],
+    speech: Path | None = None,
+    frames: tuple[int, ...] = (),
+    staged: Sequence[Motion] = (),
+) -> dict[tuple[str, View], RenderJob]:
+    """What is to be drawn of each motion in each view, all bodies before one camera. As for the
+    motions themselves: exaggerated ones stand before the same.
+
+    Args:
+        out: of a motion and a view the video, if there is to be one.
+        speech: what is heard in it.
+        frames: of which pictures are given back.
+        staged: what the camera shows all of, where those are other motions.
+    """
+    from renderer.video.render import stage_for
+    from renderer.video.workers import RenderJob
+
+    posed = [body_motion(motion) for motion in staged or motions.values()]
+    looks = {
+        name: {
+            "motion": body_motion(displayed(motion, options.display)),
+            "marks": marks_of(motion, options.display, tip, body),
+        }
+        for name, motion in motions.items()
+    }
+    jobs = {}
+    for view in options.views:
+        settings = options.settings(view)
+        stage = stage_for(body, posed, settings)
+        for name in motions:
+            jobs[name, view] = RenderJob(
+                **looks[name],
+                out=out(name, view),
+                speech_wav=speech,
+                settings=settings,
+                body_path=body_path,
+                look=options.look,
+                stage=stage,
+                still_frames=frames,
+            )
+    return jobs
 
 
 def draw_videos(
-    jobs: Mapping[str, RenderJob],
+    jobs: Mapping[Key, RenderJob],
     on_progress: Callable[[float], None],
-    on_done: Callable[[str], None],
-    should_cancel: ShouldCancel,
+    on_done: Callable[[Key], None] = lambda name: None,
+    should_cancel: ShouldCancel = lambda: False,
     parallel: int = PARALLEL_VIDEOS,
-) -> dict[str, RenderResult]:
-    """Draw every job and return the results under the same names.
+) -> dict[Key, np.ndarray]:
+    """As `renderer.video.workers.draw_jobs`, for whom the work ends by `CancelledRun`."""
+    from renderer.video.encoder import Cancelled
+    from renderer.video.workers import draw_jobs
 
-    ``parallel`` of them at once. Where there are no more cores than that, at the end so many more
-    that none is drawn alone beside an idle core: of five by two, the last three together.
+    try:
+        return draw_jobs(jobs, on_progress, on_done, should_cancel, parallel)
+    except Cancelled as error:
+        raise CancelledRun from error
+
+
+def draw_rows(
+    motions: Mapping[str, Motion],
+    options: VideoOptions,
+    body: Body,
+    body_path: Path | None,
+    tip: TipSource,
+    on_share: Callable[[float], None],
+    *,
+    folder: ResultFolder | None = None,
+    speech: Path | None = None,
+    frames: tuple[int, ...] = (),
+    on_file: OnFile = lambda kind, name, path: None,
+) -> Snapshots:
+    """A video of each motion in each view, and poses for Figure 6 in the first view: on the way
+    where videos show the same, else drawn apart.
 
     Args:
-        on_progress: called with the share of all frames done, 0 to 1.
-        on_done: called with a name when its file is whole, in the order in which they end.
+        motions: in register.
+        on_share: told the share of all frames done; what it raises ends the work.
+        folder: where videos and their small pictures go; None draws poses alone.
+        frames: of the poses; none draws no pose.
+        on_file: told of each file as soon as it is whole.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so; the children are ended and left no file.
-        BodyError, GLError, VideoError: of the first job that failed; the others are ended.
+        BodyError, GLError, VideoError: as `draw_videos`.
     """
-    from renderer.video.pool import RenderPool, num_cores
+    view = options.views[0]
 
-    fractions = dict.fromkeys(jobs, 0.0)
-    weights = {name: job.motion.num_frames for name, job in jobs.items()}
-    total = sum(weights.values())
-    waiting, tasks = list(jobs), {}
-    results: dict[str, RenderResult] = {}
-    last_together = parallel + (len(jobs) % parallel if num_cores() <= parallel else 0)
-    with RenderPool(min(last_together, len(jobs))) as pool:
-        while len(results) < len(jobs):
-            if should_cancel():
-                raise CancelledRun  # leaving the block by an error ends the children
-            for name, task in tasks.items():
-                if name not in results and task.done():
-                    results[name] = task.result()
-                    fractions[name] = 1.0
-                    on_done(name)
-            left = len(jobs) - len(results)
-            running = last_together if left <= last_together else parallel
-            while waiting and len(tasks) - len(results) < running:
-                name = waiting.pop(0)
-                tasks[name] = pool.submit(
-                    jobs[name], lambda done, name=name: fractions.__setitem__(name, done)
-                )
-            on_progress(sum(weights[name] * fractions[name] for name in jobs) / total)
-            if len(results) < len(jobs):
-                time.sleep(_POLL_S)
-    return results
+    def out(name: str, seen: View) -> Path | None:
+        ending = ".mp4" if seen == view else f".{seen}.mp4"
+        return folder and folder.path(f"{file_stem(name)}{ending}")
+
+    poses = VideoOptions(Display(), options.size, "whole", (), (view,), options.look)
+    arguments = (body, body_path, tip)
+    jobs: dict[tuple[str, ...], RenderJob] = {}
+    jobs |= jobs_of(motions, options, *arguments, out, speech) if folder else {}
+    apart = jobs_of(motions, poses, *arguments, lambda *_: None, None, frames) if frames else {}
+    are_on_the_way = folder and options.display.is_plain and options.framing == "whole"
+    pose_of: dict[str, tuple[str, ...]] = {}
+    for (name, _), job in apart.items():
+        pose_of[name] = (name, view) if are_on_the_way else (name, view, "pose")
+        jobs[pose_of[name]] = replace(jobs.get(pose_of[name], job), still_frames=frames)
+
+    def on_done(key: tuple[str, ...]) -> None:
+        video = jobs[key].out
+        if video is not None and folder is not None:
+            poster = folder.path(f"shown/{video.with_suffix(POSTER_SUFFIX).name}")
+            write_poster(video, poster)
+            on_file("poster", key[0], poster)
+            on_file("video", key[0], video)
+
+    stills = draw_videos(jobs, on_share, on_done)
+    if not frames:
+        return Snapshots()
+    pictures = {
+        name: stills[key][:, *jobs[key].settings.panels[0].box] for name, key in pose_of.items()
+    }
+    seen = apart[next(iter(motions)), view]
+    assert seen.stage is not None
+    posed = {name: body_motion(motion) for name, motion in motions.items()}
+    return Snapshots(frames, pictures, jerk_marks(body, posed, frames, seen.settings, seen.stage))
+
+
+AROUND_FRAMES = 8
+"""Jerk of one frame is chance; the mean over about half a second around a snapshot is told."""
+LEAST_FULL_SCALE = 500.0
+"""In m/s³. Recorded speakers reach this with a hand in quick gestures: what is smooth stays pale,
+however smooth the other motions are."""
+_PERCENTILE = 98.0
+
+
+def jerk_marks(
+    body: Body,
+    motions: Mapping[str, BodyMotion],
+    frames: Sequence[int],
+    settings: RenderSettings,
+    stage: Stage,
+) -> JointMarks:
+    """Marks for the snapshots of these motions at some frames, all on one scale.
+
+    The full scale is a round number that nearly all values stay under.
+    """
+    from renderer.figures.figure6 import JointMarks
+    from renderer.video.render import projected_joints
+
+    values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
+    highest = float(np.percentile(np.concatenate(list(values.values())), _PERCENTILE))
+    return JointMarks(
+        pixels={
+            name: projected_joints(body, motion, frames, settings, stage)
+            for name, motion in motions.items()
+        },
+        values=values,
+        full_scale=_round_up(max(highest, LEAST_FULL_SCALE)),
+    )
+
+
+def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.ndarray:
+    """Mean jerk of each joint around each frame, (N, J) in m/s³; 0 in a clip under 4 frames."""
+    from model.measures.smoothness import derivative_magnitudes
+    from renderer.scene.stage import frames_of
+
+    found = []
+    for frame in frames:
+        near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
+        jerk = derivative_magnitudes(body.joint_positions(frames_of(motion, near)), 3)
+        found.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
+    return np.stack(found)
+
+
+def _round_up(value: float) -> float:
+    """The next of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
 POSTER_SUFFIX = ".jpg"
@@ -93,3 +307,100 @@ def write_poster(video: Path, out: Path) -> None:
         raise VideoError(
             f"The picture of {video.name} cannot be written: ffmpeg ended {end}; {said}"
         )
+
+
+@contextmanager
+def joined_side_by_side(
+    names: Sequence[str], wav: Path | None, folder: ResultFolder, reporter: Reporter
+) -> Iterator[None]:
+    """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
+    does something else; whole when it is left.
+
+    Raises on leaving:
+        Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
+    """
+    from renderer.video.compose import compose_videos
+
+    reporter.progress("comparison", 0.0)
+    out = folder.path("comparison.mp4")
+    done, is_given_up = [0.0], Event()
+    with ThreadPoolExecutor(1) as beside:
+        joining = beside.submit(
+            compose_videos,
+            [folder.at(f"{file_stem(name)}.mp4") for name in names],
+            names,
+            out,
+            wav,
+            on_progress=done.append,
+            should_cancel=lambda: is_given_up.is_set() or reporter.should_cancel(),
+        )
+        try:
+            yield
+            while not joining.done():
+                reporter.progress("comparison", done[-1])
+                wait([joining], timeout=_POLL_S)
+        except BaseException:
+            is_given_up.set()
+            raise
+    joining.result()
+    reporter.file("comparison", "comparison", out)
+    reporter.progress("comparison", 1.0)
+
+
+@dataclass(frozen=True)
+class VideosRequest:
+    """Videos of some motions, all alike, and one of them side by side."""
+
+    motions: Mapping[str, Path]
+    """Motion files by row, in the order of the page; a reference comes last."""
+    out: Path
+    speech: Path | None = None
+    """A wav; None leaves the videos silent."""
+    joint: str = TIP
+    """What the trail follows."""
+    body: Path | None = None
+    options: VideoOptions = field(default_factory=VideoOptions)
+
+    def within(self, folder: Path) -> VideosRequest:
+        """The same in a folder of its own."""
+        return replace(self, out=folder / "results")
+
+
+def draw_behind(
+    request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel
+) -> tuple[Path, ...]:
+    """Draw the videos and ``comparison.mp4``; each is told of as soon as it is whole.
+
+    Returns:
+        The files, none of them where the work was ended.
+
+    Raises:
+        CancelledRun: when ``should_cancel`` said so.
+        MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    from model.motion.motion import load_motion
+
+    reporter = Reporter(on_event, should_cancel)
+    motions = {name: load_motion(path) for name, path in request.motions.items()}
+    body = get_body(request.body)
+    with ResultFolder(request.out) as folder:
+        draw_rows(
+            *(picture_motions(motions).motions, request.options, body, request.body),
+            choose_tip_source(body, request.body, request.joint),
+            share_teller("video", on_event, should_cancel),
+            folder=folder,
+            speech=request.speech,
+            on_file=reporter.file,
+        )
+        if len(motions) > 1:
+            names = names_that_fit(list(motions))
+            with joined_side_by_side(names, request.speech, folder, reporter):
+                pass
+        return folder.publish()
+
+
+def names_that_fit(names: Sequence[str]) -> list[str]:
+    """As many as stand side by side, the reference among them."""
+    reference = [name for name in names if name == REFERENCE_NAME]
+    systems = [name for name in names if name != REFERENCE_NAME]
+    return [*systems[: MAX_COMPARED - len(reference)], *reference]

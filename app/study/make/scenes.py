@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.run.models import get_body
-from app.run.videos.export import render_settings
-from app.run.videos.videos import draw_videos
+from app.run.requests.display import Display
+from app.run.videos.videos import VideoOptions, draw_videos
 from app.study.design.plan import Clip, Plan
 from app.study.design.trials import Stimulus
 from app.study.make import media
@@ -108,9 +108,10 @@ class Maker:
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
         from renderer.scene.stage import set_stage
-        from renderer.video.worker_process import RenderJob
+        from renderer.video.workers import RenderJob
 
-        settings = replace(render_settings(view, self.plan.size), crf=0)  # encoded once more
+        looks = (Display(), self.plan.size, "whole", ())
+        settings = VideoOptions(*looks, crf=0).settings(view)  # encoded once more
         stage = set_stage(get_body(self.body_path), list(motions.values()), view, settings.aspect)
         work = self.workspace.work / f"clip-{number}"  # its own, since several may be made at once
         work.mkdir(exist_ok=True)

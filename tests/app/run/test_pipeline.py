@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from app.errors import CancelledRun, RunError, sentence_of
+from app.run.body_motion import register_of
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
@@ -26,7 +27,6 @@ from app.run.requests.request import (
     Progress,
     Take,
 )
-from app.run.videos.own_videos import register_of
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import write_wav

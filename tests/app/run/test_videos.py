@@ -11,21 +11,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import CancelledRun, RunError
-from app.run.body_motion import body_motion
+from app.run.body_motion import SOLE_M, body_motion, in_register, picture_motions, register_of
 from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
+from app.run.pipeline import _draw_videos
 from app.run.requests.display import Display
 from app.run.requests.request import Ask, Progress
-from app.run.videos import comparison, own_videos, seen_video
-from app.run.videos.comparison import (
-    AROUND_FRAMES,
-    LEAST_FULL_SCALE,
-    draw_all,
-    jerk_marks,
-)
-from app.run.videos.own_videos import SOLE_M, in_register, picture_motions, register_of
+from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import (
     BODY,
     MAX_BODIES,
@@ -38,6 +32,7 @@ from app.run.videos.seen_video import (
     SeenRequest,
     draw_seen,
 )
+from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME
 from model.motion.kinematics import open_body_skeleton
@@ -48,7 +43,8 @@ from renderer.body.body import load_body
 from renderer.scene.camera import Orbit
 from renderer.scene.stage import set_stage
 from renderer.video.compose import band_height
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings
+from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
@@ -99,7 +95,7 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
 
 
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_videos, "MAX_FRAMES", 60)
+    monkeypatch.setattr("app.run.body_motion.MAX_FRAMES", 60)
     motion = load_motion(CLEAN)
     pictured = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.motions.values()] == [30, 20]
@@ -114,28 +110,37 @@ def test_all_bodies_of_a_run_are_in_register(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A reference that was recorded elsewhere stands where the systems stand, as large as they."""
-    jobs: dict[str, Any] = {}
+    jobs: dict[Any, Any] = {}
 
-    def begin(given: dict[str, Any], **options: Any) -> None:
+    def begin(given: dict[Any, Any], *others: Any) -> None:
+        jobs.clear()
         jobs.update(given)
         raise _Drawing
 
-    monkeypatch.setattr(comparison, "draw_videos", begin)
+    monkeypatch.setattr(videos, "draw_videos", begin)
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    ask, tip = Ask(out=tmp_path / "out"), choose_tip_source(body, None)
+    ask, tip = Ask(out=tmp_path / "out", views=("front", "side")), choose_tip_source(body, None)
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
-    rows: Any = SimpleNamespace(staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip)
-    reporter = Reporter(lambda event: None, lambda: False)
-    with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-        draw_all(ask, rows, folder, reporter)
-    mine, theirs = (
-        body.joint_positions(jobs[f"{name}.mp4"].motion) for name in ("a", REFERENCE_NAME)
+    rows: Any = SimpleNamespace(
+        staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, inputs=object()
     )
-    np.testing.assert_allclose(theirs, mine, atol=1e-4)
-    assert np.abs(np.median(mine[:, 0, [0, 2]], axis=0)).max() < 1e-4
-    assert jobs["a.mp4"].stage == jobs[f"{REFERENCE_NAME}.mp4"].stage
+    run: Any = Reporter(lambda event: None, lambda: False)
+    for is_plain in (True, False):
+        asked = replace(ask, framing="whole", display=Display(has_trail=not is_plain))
+        with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
+            _draw_videos(asked, rows, folder, run)
+        mine, theirs = (
+            body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
+        )
+        np.testing.assert_allclose(theirs, mine, atol=1e-4)
+        assert np.abs(np.median(mine[:, 0, [0, 2]], axis=0)).max() < 1e-4
+        assert jobs["a", "front"].stage == jobs[REFERENCE_NAME, "front"].stage
+        files = {job.out.name for job in jobs.values() if job.out}
+        assert files == {f"{n}{v}.mp4" for n in ("a", REFERENCE_NAME) for v in ("", ".side")}
+        posing = [job.out is not None for job in jobs.values() if job.still_frames]
+        assert posing == [is_plain, is_plain], "plain videos have the poses"
 
 
 def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:
@@ -290,8 +295,8 @@ def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
 def test_the_second_of_a_pair_stands_where_the_first_is_drawn() -> None:
     first, second = with_arms_down(6), with_arms_down(9)
     second.trans[:, 0] = np.arange(9)
-    each = [seen_video._Drawn("", motion, motion, None) for motion in (first, second)]
-    laid = seen_video._laid_on(*each).shown.trans
+    jobs = [RenderJob(body_motion(motion)) for motion in (first, second)]
+    laid = seen_video._laid_on(*jobs, jobs[1].motion)[0].motion.trans
     assert np.allclose(laid[:, [0, 2]], first.trans[0, [0, 2]]), "also where the first has ended"
     assert np.array_equal(laid[:, 1], second.trans[:, 1]), "but not in height"
 

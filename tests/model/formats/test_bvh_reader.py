@@ -13,7 +13,7 @@ from model.formats.read import read_any_motion
 from model.formats.reading import read_told
 from model.storage.npz import MotionError
 from renderer.body.body import load_body
-from renderer.files.bvh import write_bvh
+from renderer.files.exports import write_bvh
 from tests.model.formats.made import BODY_JOINTS, Person, bvh_text, joints_of
 
 MOTION = Person(7).motion(20)

@@ -14,8 +14,7 @@ from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, ShadowGround, Studio, Subject
-from renderer.video.render import draw_vertices, render_stills
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, draw_vertices, render_stills
 from tests.golden.regenerate import PICTURES, posed
 
 pytestmark = pytest.mark.gl
@@ -55,7 +54,7 @@ def draw() -> Callable[..., list[np.ndarray]]:
         if colors is None:
             colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
         chunks = [np.stack(vertices)]
-        pictures = draw_vertices(chunks, faces, colors, settings=settings, stage=STAGE)
+        pictures = draw_vertices(chunks, faces, colors, settings, STAGE)
         return [picture.copy() for picture in pictures]
 
     return draw
@@ -163,8 +162,9 @@ def test_normals_equal_the_slow_sum():
 def test_faces_out_of_range_and_impossible_sizes_are_refused():
     with pytest.raises(ValueError, match="vertices 0 to 4; the body has 4"):
         VertexNormals(np.array([[0, 1, 4]]), 4)
-    with pytest.raises(ValueError, match="0 x 10"):
-        OffscreenRenderer(make_subject()[0], 0, 10, "egl")
+    with OffscreenRenderer(gl_backend()) as renderer:
+        with pytest.raises(ValueError, match="0 x 10"):
+            renderer.canvas(make_subject()[0], 0, 10)
 
 
 def test_a_second_backend_needs_a_process_of_its_own():
@@ -231,16 +231,17 @@ def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_e
     backend, (subject, frame) = gl_backend(), make_subject()
 
     def attempt() -> np.ndarray:
-        with OffscreenRenderer(subject, *SIZE, backend, "none") as renderer:
-            return renderer.draw(frame, CAMERA).copy()
+        with OffscreenRenderer(backend) as renderer:
+            return renderer.canvas(subject, *SIZE).draw(frame, CAMERA).copy()
 
     with ThreadPoolExecutor(1) as thread:
-        with OffscreenRenderer(subject, *SIZE, backend, "none") as first:
-            before = first.draw(frame, CAMERA).copy()
+        with OffscreenRenderer(backend) as first:
+            canvas = first.canvas(subject, *SIZE)
+            before = canvas.draw(frame, CAMERA).copy()
             for refused in (attempt, thread.submit(attempt).result):
                 with pytest.raises(GLError, match=r"one at a time.*processes of their own"):
                     refused()
-            np.testing.assert_array_equal(first.draw(frame, CAMERA), before)
+            np.testing.assert_array_equal(canvas.draw(frame, CAMERA), before)
         np.testing.assert_array_equal(thread.submit(attempt).result(), before)
 
 
@@ -252,7 +253,7 @@ def test_a_context_that_cannot_be_had_gives_one_sentence(monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("renderer.draw.offscreen._new_platform", fail)
-        with pytest.raises(GLError, match=r"160 x 120 pixels \(OSError the driver says no\)"):
-            OffscreenRenderer(subject, *SIZE, backend).__enter__()
-    with OffscreenRenderer(subject, *SIZE, backend) as renderer:  # nothing stays claimed
-        assert renderer.draw(frame, CAMERA).shape == (120, 160, 3)
+        with pytest.raises(GLError, match=r"gives no context \(OSError the driver says no\)"):
+            OffscreenRenderer(backend).__enter__()
+    with OffscreenRenderer(backend) as renderer:  # nothing stays claimed
+        assert renderer.canvas(subject, *SIZE).draw(frame, CAMERA).shape == (120, 160, 3)

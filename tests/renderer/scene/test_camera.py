@@ -21,8 +21,7 @@ from renderer.scene.camera import (
     outermost,
     view_axes,
 )
-from renderer.scene.panels import Panel, lay_out
-from renderer.scene.stage import MIDDLE_M, camera_track, close_up_tracks, set_stage
+from renderer.scene.stage import MIDDLE_M, Panel, camera_track, close_up_tracks, lay_out, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)

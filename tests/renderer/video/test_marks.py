@@ -8,8 +8,7 @@ import pytest
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors
-from renderer.video.render import render_stills, stage_for
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, render_stills, stage_for
 
 pytestmark = pytest.mark.gl
 

@@ -9,8 +9,7 @@ import pytest
 from renderer.body.body import BodyMotion, load_body
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled
-from renderer.video.render import render_stills, render_video
-from renderer.video.settings import RenderSettings
+from renderer.video.render import RenderSettings, render_stills, render_video
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention
 

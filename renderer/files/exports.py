@@ -1,0 +1,200 @@
+"""Files for other programs: BVH, an npz for Blender's SMPL-X add-on, one frame as OBJ or PLY.
+
+Metres, y up, 30 frames a second; each file appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
+from conventions.rates import FPS
+from renderer.body.body import Body, BodyMotion
+from renderer.scene.stage import frames_of
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[BinaryIO]:
+    """A file to write into, which gets the name ``path`` when the block ends without error.
+
+    Raises:
+        OSError: if the folder cannot be written to or the disk is full; ``path`` is untouched.
+    """
+    partial = path.with_name(f".{secrets.token_hex(6)}.part")
+    try:
+        with partial.open("xb") as file:
+            yield file
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
+    """Write the posed body; metres, y up. The ending of ``out`` says which format.
+
+    Raises:
+        OSError: if ``out`` cannot be written; nothing half-written stays behind.
+    """
+    import trimesh  # takes long, and is of this format alone
+
+    (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
+    colors = None if body.vertex_colors is None else np.sqrt(body.vertex_colors)  # linear, shown
+    mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=colors, process=False)
+    with written_whole(out) as file:
+        mesh.export(file, file_type=out.suffix.lower()[1:])
+
+
+_BLOCK_FRAMES = 512
+_ROTATIONS = "Zrotation Xrotation Yrotation"
+# Where a bone without a child ends, from its joint; metres. Fingers end at their tip vertex.
+_ENDS = {
+    "left_foot": (0.0, 0.0, 0.08),
+    "right_foot": (0.0, 0.0, 0.08),
+    "jaw": (0.0, -0.04, 0.09),
+    "left_eye": (0.0, 0.0, 0.012),
+    "right_eye": (0.0, 0.0, 0.012),
+}
+
+
+def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
+    """Write the joints of ``motion``, with the bone lengths of ``body``, to ``out``: no mesh, no
+    face. The root has three positions, every joint three rotations in degrees in the order Z, X, Y
+    (the matrix is ``Rz @ Rx @ Ry``).
+
+    Raises:
+        OSError: if ``out`` cannot be written; nothing half-written stays behind.
+    """
+    vertices, joints = body.shaped(motion)
+    order = _depth_first()
+    with written_whole(out) as file:
+        ends = {name: np.array(offset) for name, offset in _ENDS.items()}
+        ends |= {
+            f"{finger}3": vertices[vertex] - joints[JOINT_NAMES.index(f"{finger}3")]
+            for finger, vertex in TIP_VERTICES.items()
+            if vertex < len(vertices)
+        }
+        lines = ["HIERARCHY", *_hierarchy(0, 0, joints, ends)]
+        lines += ["MOTION", f"Frames: {motion.num_frames}", f"Frame Time: {1 / FPS:.8f}", ""]
+        file.write("\n".join(lines).encode("ascii"))
+        for start in range(0, motion.num_frames, _BLOCK_FRAMES):
+            frames = slice(start, min(start + _BLOCK_FRAMES, motion.num_frames))
+            channels = np.concatenate(
+                [
+                    joints[0] + motion.trans[frames],
+                    _angles(motion, frames)[:, order].reshape(-1, 165),
+                ],
+                axis=1,
+            )
+            np.savetxt(file, channels, fmt="%.6f")
+
+
+def _depth_first(joint: int = 0) -> list[int]:
+    """Joints in the order in which the hierarchy, and so each frame, lists them."""
+    order = [joint]
+    for child in (k for k in range(NUM_JOINTS) if PARENTS[k] == joint):
+        order += _depth_first(child)
+    return order
+
+
+def _hierarchy(
+    joint: int,
+    depth: int,
+    joints: Float[np.ndarray, "J 3"],
+    ends: dict[str, np.ndarray],
+) -> list[str]:
+    indent = "  " * depth
+    name = JOINT_NAMES[joint]
+    parent = PARENTS[joint]
+    offset = joints[joint] - (joints[parent] if parent >= 0 else joints[joint])
+    channels = f"3 {_ROTATIONS}"
+    if parent < 0:
+        channels = f"6 Xposition Yposition Zposition {_ROTATIONS}"
+    lines = [
+        f"{indent}{'ROOT' if parent < 0 else 'JOINT'} {name}",
+        f"{indent}{{",
+        f"{indent}  OFFSET {_numbers(offset)}",
+        f"{indent}  CHANNELS {channels}",
+    ]
+    children = [k for k in range(NUM_JOINTS) if PARENTS[k] == joint]
+    for child in children:
+        lines += _hierarchy(child, depth + 1, joints, ends)
+    if not children:
+        end = ends.get(name, np.array([0.0, 0.02, 0.0]))
+        lines += [
+            f"{indent}  End Site",
+            f"{indent}  {{",
+            f"{indent}    OFFSET {_numbers(end)}",
+            f"{indent}  }}",
+        ]
+    return [*lines, f"{indent}}}"]
+
+
+def _numbers(vector: np.ndarray) -> str:
+    return " ".join(f"{value:.6f}" for value in vector)
+
+
+def _angles(motion: BodyMotion, frames: slice) -> Float[np.ndarray, "T J 3"]:
+    """Degrees about Z, X and Y of each joint's local rotation."""
+    rotations = Rotation.from_rotvec(motion.poses[frames].astype(np.float64).reshape(-1, 3))
+    with warnings.catch_warnings():
+        # At a right angle about X the other two are not unique; any choice is the same rotation.
+        warnings.filterwarnings("ignore", message="Gimbal lock")
+        return rotations.as_euler("ZXY", degrees=True).reshape(-1, NUM_JOINTS, 3)
+
+
+_FEWEST_BETAS = 10
+"""Shape keys of the smallest model of the add-on, which complains about every further beta."""
+
+
+def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()) -> None:
+    """Write ``motion`` for the SMPL-X add-on's "Add Animation" (Load animation); radians.
+
+    What the add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and
+    later): ``trans``, ``gender``, ``mocap_frame_rate``, ``betas`` and ``poses``, all of them
+    needed, without pickled objects. The other keys are those of AMASS for SMPL-X, for tools that
+    want the pose in parts. Choose in Blender: Format "SMPL-X" (y up; "AMASS" would lay the body
+    down), hand pose reference "Flat". The add-on leaves the face expression alone.
+
+    Args:
+        markers: moments in seconds with names: the arrays ``marker_frames``, counted from 0, and
+            ``marker_names``, which the add-on leaves alone.
+
+    Raises:
+        OSError: if ``out`` cannot be written; nothing half-written stays behind.
+    """
+    num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
+    betas = np.zeros(num_betas, np.float32)
+    betas[: len(motion.betas)] = motion.betas[:num_betas]
+    told = {}
+    if markers:
+        frames = [round(seconds * FPS) for seconds, _ in markers]
+        told["marker_frames"] = np.array(frames, np.int32)
+        told["marker_names"] = np.array([name for _, name in markers])
+    with written_whole(out) as file:
+        np.savez(
+            file,
+            gender="neutral",
+            surface_model_type="smplx",
+            mocap_frame_rate=np.int32(FPS),
+            mocap_time_length=np.float32(motion.num_frames / FPS),
+            trans=motion.trans,
+            poses=motion.poses,
+            betas=betas,
+            num_betas=np.int32(num_betas),
+            root_orient=motion.poses[:, :3],
+            pose_body=motion.poses[:, 3:66],
+            pose_jaw=motion.poses[:, 66:69],
+            pose_eye=motion.poses[:, 69:75],
+            pose_hand=motion.poses[:, 75:],
+            **told,
+        )
