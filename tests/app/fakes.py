@@ -24,10 +24,11 @@ from app.page.visitors.researcher_part import Handover
 from app.run.followed_point import choose_tip_source
 from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of
 from app.run.requests.request import (
-    Artefact,
     Ask,
+    Grown,
     OnEvent,
     Progress,
     ShouldCancel,
@@ -266,24 +267,24 @@ def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
 
 def make_draw(
     before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
-) -> Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]:
+) -> Callable[[VideosRequest, OnEvent, ShouldCancel], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(
-        request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> tuple[Path, ...]:
+    def draw(request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        names = [row.name for row in read_run(request.run).rows]
         with ResultFolder(request.out) as folder:
-            for i, name in enumerate(request.motions):
+            for i, name in enumerate(names):
                 while before_video is not None and not before_video(i).wait(0.05):
                     if should_cancel():
                         raise CancelledRun
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
-                on_event(Progress("video", (i + 1) / len(request.motions)))
-                on_event(Artefact("video", name, video))
+                on_event(Progress("video", (i + 1) / len(names)))
+                add_file(request.run, "video", name, video)
+                on_event(Grown(request.run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
-            on_event(Artefact("comparison", "comparison", comparison))
-            return folder.publish()
+            add_file(request.run, "comparison", "comparison", comparison)
+            on_event(Grown(request.run))
 
     return draw

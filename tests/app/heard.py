@@ -1,6 +1,6 @@
 """What a task of `app.page.queue.worker` tells while it works."""
 
-from app.run.requests.request import Artefact, Event, Progress, Stage
+from app.run.requests.request import Event, Progress, Stage
 
 
 class Heard:
@@ -14,14 +14,11 @@ class Heard:
         """
         self.told: list[Progress] = []
         self._stage = stage
-        self.files: list[Artefact] = []
         self._stop_at, self._count = stop_at, count
 
     def take(self, event: Event) -> None:
         if isinstance(event, Progress):
             self.told.append(event)
-        elif isinstance(event, Artefact):
-            self.files.append(event)
 
     def should_stop(self) -> bool:
         shares = self.shares if self._stage is None else self.shares_of(self._stage)

@@ -69,20 +69,11 @@ class Showing:
         row = self.record.row(name)
         return None if row is None else file_of(self.folder, row.files.get(kind))
 
-    def motions(self) -> dict[str, Path]:
-        """The motion files of the run's own rows."""
-        own = [row.name for row in self.record.rows if row.take is None]
-        files = {name: self.file("motion", name) for name in own}
-        return {name: path for name, path in files.items() if path is not None}
-
     def performed(self) -> list[str]:
         """The run's own rows that move by a plan that their system was given."""
         return [
             row.name for row in self.record.rows if "performed" in row.files and row.take is None
         ]
-
-    def sound(self) -> Path | None:
-        return file_of(self.folder, self.record.sound)
 
     def timeline(self) -> dict[str, Any]:
         """What stands under the bodies; empty where nothing has come."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import gradio as gr
@@ -19,7 +17,7 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.queue.jobs import Job, Jobs, Tab
 from app.page.visitors.visitors import cookie_of, visitor_of
-from app.run.requests.request import Artefact, Event, Grown, OnEvent, Progress, ShouldCancel
+from app.run.requests.request import Event, Grown, OnEvent, Progress, ShouldCancel
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
@@ -47,9 +45,8 @@ class Work(Protocol[Result]):
 def follow(work: Work[Any], job: Job, as_it_is: Updates) -> Iterator[Updates]:
     """Do a run in a thread of its own; updates several times a second until it has ended.
 
-    Each artefact is linked into the job's folder, so that it stays readable while the run goes
-    on, whatever becomes of the run. Whoever closes this, as Gradio does when the visitor has
-    cancelled or gone, stops the run with its job.
+    Whoever closes this, as Gradio does when the visitor has cancelled or gone, stops the run with
+    its job.
 
     Args:
         as_it_is: leaves all as it is; of an update without any part Gradio empties them.
@@ -57,22 +54,12 @@ def follow(work: Work[Any], job: Job, as_it_is: Updates) -> Iterator[Updates]:
     Raises:
         Exception: whatever the run raises, once its thread has ended.
     """
-    shown = job.folder / "shown"
-    shown.mkdir(mode=0o700, exist_ok=True)
     events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
     outcome: dict[str, Any] = {}
 
-    def keep(event: Event) -> None:
-        if isinstance(event, Artefact):
-            link = shown / event.path.name
-            link.unlink(missing_ok=True)
-            os.link(event.path, link)
-            event = replace(event, path=link)
-        events.put(event)
-
     def do() -> None:
         try:
-            outcome["result"] = work.run(keep, job.is_cancelled)
+            outcome["result"] = work.run(events.put, job.is_cancelled)
         except BaseException as error:
             outcome["error"] = error
         finally:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from app.errors import CancelledRun, FaultElsewhere, RunError
-from app.run.requests.request import Artefact, OnEvent, ShouldCancel
+from app.run.requests.request import OnEvent, ShouldCancel
 from processes.child import Child, Gone
 
 Asked = TypeVar("Asked")
@@ -28,8 +28,6 @@ GRACE_S = 1.0
 """How long a process may go on after it was told to stop."""
 GROWN_BYTES = 10**9
 """A process that is larger by this than before its task is not kept."""
-HEARD = True
-"""Sent back for a file that has been told of: only then may the child move it."""
 _POLL_S = 0.05
 
 TOO_LONG = (
@@ -194,8 +192,6 @@ class _Process:
                 if value != news:
                     news, told_at = value, now
                 on_event(value)
-                if isinstance(value, Artefact):
-                    self.child.send(HEARD)
         except Gone as error:
             if stop_by is not None:
                 raise CancelledRun from error

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CancelledRun, sentence_of
-from app.page.queue.worker import HEARD
-from app.run.requests.request import Artefact, Event
+from app.run.requests.request import Event
 from processes.child import parent_channel
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
@@ -27,7 +26,6 @@ def main() -> None:
     channel, needed = parent_channel()
     works: queue.SimpleQueue[tuple[Any, threading.Event]] = queue.SimpleQueue()
     lock = threading.Lock()
-    heard = threading.Semaphore(0)
 
     def tell(kind: str, value: object) -> None:
         with lock:
@@ -35,10 +33,8 @@ def main() -> None:
 
     def on_event(event: Event) -> None:
         tell("event", event)
-        if isinstance(event, Artefact):
-            heard.acquire()
 
-    threading.Thread(target=_listen, args=(channel, works, heard), daemon=True).start()
+    threading.Thread(target=_listen, args=(channel, works), daemon=True).start()
     reading = _warming_up(*map(Path, needed)) if needed else iter(())
     while True:
         while works.empty() and next(reading, True) is None:
@@ -72,11 +68,7 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
         traceback.print_exc()
 
 
-def _listen(
-    channel: Connection,
-    works: queue.SimpleQueue[tuple[Any, threading.Event]],
-    heard: threading.Semaphore,
-) -> None:
+def _listen(channel: Connection, works: queue.SimpleQueue[tuple[Any, threading.Event]]) -> None:
     """Works come, each with what stops it, and None, which stops the last that has come. Without a
     parent nobody asks for any."""
     stop = threading.Event()
@@ -85,8 +77,6 @@ def _listen(
             told = channel.recv()
             if told is None:
                 stop.set()
-            elif told is HEARD:
-                heard.release()
             else:
                 stop = threading.Event()
                 works.put((told, stop))

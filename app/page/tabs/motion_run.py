@@ -38,7 +38,7 @@ from app.run.requests.request import (
     ShouldCancel,
     Stage,
 )
-from app.run.videos.videos import VideoOptions, VideosRequest
+from app.run.videos.videos import VideoOptions
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
@@ -215,15 +215,10 @@ class RunWork:
 
     def finished(self, result: None) -> Updates:
         kept = self.services.kept.keep(self.job, self.cookie, self.showing, self.form, self.lasting)
-        record, ask = kept.record, self.ask
-        if ask.has_video and record.state == "done":
-            wanted = VideosRequest(
-                *(self.showing.motions(), self.job.folder),
-                self.showing.sound() if record.speech_sha256 else None,
-                *(record.point, ask.body),
-                VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups),
-            )
-            self.videos.want(self.job.visitor, Wanted(kept, wanted))
+        ask = self.ask
+        if ask.has_video and kept.record.state == "done":
+            options = VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups)
+            self.videos.want(self.job.visitor, Wanted(kept, ask.body, options))
         runs = {self.parts.runs: shown(self.services.kept.html(self.cookie, kept))}
         return {**kept.updates(self.parts, begins=True), **runs, **self.at_the_end}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,9 +26,8 @@ from app.page.results.result_parts import ResultParts
 from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
-from app.run.output.run_folder import add_files
 from app.run.requests.display import Display, finite, whole
-from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
 from app.run.videos.seen_video import (
     BODY,
     MAX_BODIES,
@@ -40,7 +38,7 @@ from app.run.videos.seen_video import (
     SeenVideo,
     draw_seen,
 )
-from app.run.videos.videos import VideosRequest, draw_behind
+from app.run.videos.videos import VideoOptions, VideosRequest, draw_behind
 from conventions.names import printable
 from renderer.scene.camera import Orbit
 
@@ -262,7 +260,8 @@ class Wanted:
     """What is to be drawn of a run, and what was said when that had ended."""
 
     kept: KeptRun
-    request: VideosRequest
+    body: Path | None = None
+    options: VideoOptions = field(default_factory=VideoOptions)
 
 
 _PATIENCE_S = 1.0
@@ -335,20 +334,21 @@ class VideosBehind:
             yield {self._parts.status: _line(wanted, sentence)}
 
     def _drawn(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
-        work = _StandardWork(self._services, wanted, job.folder / "drawn", self._parts)
+        request = VideosRequest(
+            *(wanted.kept.showing.folder, job.folder / "drawn", wanted.body, wanted.options)
+        )
+        work = _StandardWork(self._services, wanted, request, self._parts)
         while True:
             while not self._jobs.wait_for_rest(_PATIENCE_S):
                 if job.is_cancelled():
                     raise CancelledRun
                 yield {self._parts.status: _line(wanted, text.VIDEOS_WAIT)}
-            work.folder.mkdir()
             try:
                 yield from follow(work, job, {self._parts.status: gr.skip()})
                 return
             except CancelledRun:
                 if job.is_cancelled():
                     raise
-            shutil.rmtree(work.folder, ignore_errors=True)
 
 
 @dataclass(frozen=True)
@@ -357,30 +357,27 @@ class _StandardWork:
 
     services: Services
     wanted: Wanted
-    folder: Path
+    request: VideosRequest
     parts: ResultParts
 
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         jobs = self.services.jobs
-        asked = self.wanted.request.within(self.folder)
 
         def gives_way() -> bool:
             return should_cancel() or jobs.is_anyone_waiting()
 
-        return self.services.videos.do(draw_behind, asked, on_event, gives_way)
+        self.services.videos.do(draw_behind, self.request, on_event, gives_way)
 
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}
-        files = [event for event in events if isinstance(event, Artefact)]
-        if files:
-            add_files(self.wanted.kept.showing.folder, files)
+        if any(isinstance(event, Grown) for event in events):
             updates[self.parts.player] = self.wanted.kept.showing.value()
         share = last_share(events)
         if share is not None:
             updates[self.parts.status] = _line(self.wanted, text.VIDEOS_COMING.format(share=share))
         return updates
 
-    def finished(self, result: tuple[Path, ...]) -> Updates:
+    def finished(self, result: None) -> Updates:
         return {
             **self.wanted.kept.downloads(self.parts),
             self.parts.status: _line(self.wanted, text.VIDEOS_DONE),

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from app.errors import RunError
 from app.findings.verdict import short_names
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import Artefact, Ask
+from app.run.requests.request import ArtefactKind, Ask
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
 from model.storage.files import written_atomically
 
@@ -268,20 +268,21 @@ def changed(folder: Path) -> Iterator[RunRecord]:
         os.close(place)
 
 
-def add_files(folder: Path, artefacts: Sequence[Artefact]) -> None:
-    """Take files that were made after a run had ended into its folder."""
+def add_file(folder: Path, kind: ArtefactKind, name: str, path: Path) -> None:
+    """Take a file that was made after a run had ended into its folder.
+
+    Args:
+        name: of the row that it belongs to, or the file's own.
+    """
+    own = f"{SHOWN}/{path.name}" if kind == "poster" else path.name
     with changed(folder) as record:
-        for artefact in artefacts:
-            name = artefact.path.name
-            if artefact.kind == "poster":
-                name = f"{SHOWN}/{name}"
-            (folder / name).unlink(missing_ok=True)
-            os.link(artefact.path, folder / name)
-            row = record.row(artefact.name)
-            if row is not None and artefact.kind in ("video", "poster"):
-                row.files[artefact.kind] = min(row.files.get(artefact.kind, name), name, key=len)
-            if name not in record.files:
-                record.files.append(name)
+        (folder / own).unlink(missing_ok=True)
+        os.link(path, folder / own)
+        row = record.row(name)
+        if row is not None and kind in ("video", "poster"):
+            row.files[kind] = min(row.files.get(kind, own), own, key=len)
+        if own not in record.files:
+            record.files.append(own)
 
 
 def drop_unfinished(folder: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from app.errors import CancelledRun
 from app.run.requests.request import (
-    Artefact,
     ArtefactKind,
     OnEvent,
     Progress,
@@ -28,8 +27,11 @@ class Reporter:
         self._on_event(Progress(stage, fraction, detail))
 
     def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
-        """Tell of a file that is whole."""
-        self._on_event(Artefact(kind, name, path))
+        """Take a file that is whole.
+
+        Args:
+            name: of the row that it belongs to, or the file's own.
+        """
 
     def note(self, *sentences: str) -> None:
         """Keep what the person should read; each sentence once."""

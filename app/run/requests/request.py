@@ -389,24 +389,13 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Artefact:
-    """A file that is whole and may be looked at."""
-
-    kind: ArtefactKind
-    name: str
-    """The system and sample it belongs to, or the file's own name."""
-    path: Path
-    """Where it lies now; ``path.name`` is its final name."""
-
-
-@dataclass(frozen=True)
 class Grown:
     """A run's folder holds more than before: its `run.json` says what."""
 
     folder: Path
 
 
-Event = Progress | Artefact | Grown
+Event = Progress | Grown
 OnEvent = Callable[[Event], None]
 ShouldCancel = Callable[[], bool]
 

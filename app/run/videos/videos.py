@@ -15,12 +15,13 @@ import numpy as np
 
 from app.errors import CancelledRun, RunError
 from app.run.body_motion import body_motion, picture_motions
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import add_file, file_of, read_run
 from app.run.output.telling import Reporter, share_teller
 from app.run.requests.display import Display, displayed, marks_of
-from app.run.requests.request import MAX_COMPARED, ArtefactKind, OnEvent, ShouldCancel
+from app.run.requests.request import MAX_COMPARED, ArtefactKind, Grown, OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, file_stem
 from conventions.views import CLOSE_UPS, LOOKS, CloseUp, Framing, View
 
@@ -349,30 +350,30 @@ def joined_side_by_side(
 
 @dataclass(frozen=True)
 class VideosRequest:
-    """Videos of some motions, all alike, and one of them side by side."""
+    """Videos of a run's motions, all alike, and one of them side by side."""
 
-    motions: Mapping[str, Path]
-    """Motion files by row, in the order of the page; a reference comes last."""
+    run: Path
+    """Its folder: each video comes into it as soon as it is whole."""
     out: Path
-    speech: Path | None = None
-    """A wav; None leaves the videos silent."""
-    joint: str = TIP
-    """What the trail follows."""
+    """Where they are drawn."""
     body: Path | None = None
     options: VideoOptions = field(default_factory=VideoOptions)
 
-    def within(self, folder: Path) -> VideosRequest:
-        """The same in a folder of its own."""
-        return replace(self, out=folder / "results")
+
+class _Adding(Reporter):
+    """Takes files into the folder of a run that has ended."""
+
+    def __init__(self, run: Path, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        super().__init__(on_event, should_cancel)
+        self._run = run
+
+    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
+        add_file(self._run, kind, name, path)
+        self._on_event(Grown(self._run))
 
 
-def draw_behind(
-    request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel
-) -> tuple[Path, ...]:
-    """Draw the videos and ``comparison.mp4``; each is told of as soon as it is whole.
-
-    Returns:
-        The files, none of them where the work was ended.
+def draw_behind(request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    """Draw the videos and ``comparison.mp4``.
 
     Raises:
         CancelledRun: when ``should_cancel`` said so.
@@ -380,23 +381,27 @@ def draw_behind(
     """
     from model.motion.motion import load_motion
 
-    reporter = Reporter(on_event, should_cancel)
-    motions = {name: load_motion(path) for name, path in request.motions.items()}
+    record, reporter = read_run(request.run), _Adding(request.run, on_event, should_cancel)
+    motions = {
+        row.name: load_motion(file)
+        for row in record.rows
+        if row.take is None and (file := file_of(request.run, row.files.get("motion")))
+    }
+    speech = file_of(request.run, record.sound) if record.speech_sha256 else None
     body = get_body(request.body)
     with ResultFolder(request.out) as folder:
         draw_rows(
             *(picture_motions(motions).motions, request.options, body, request.body),
-            choose_tip_source(body, request.body, request.joint),
+            choose_tip_source(body, request.body, record.point),
             share_teller("video", on_event, should_cancel),
             folder=folder,
-            speech=request.speech,
+            speech=speech,
             on_file=reporter.file,
         )
         if len(motions) > 1:
             names = names_that_fit(list(motions))
-            with joined_side_by_side(names, request.speech, folder, reporter):
+            with joined_side_by_side(names, speech, folder, reporter):
                 pass
-        return folder.publish()
 
 
 def names_that_fit(names: Sequence[str]) -> list[str]:

@@ -60,7 +60,6 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
         assert path is not None
         origins.append(json.loads(path.read_text())["origin"])
     assert origins == ["planned", "found"] and showing.performed() == [NAMES[0]]
-    assert showing.motions().keys() == set(NAMES)
 
 
 def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path):

@@ -4,13 +4,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app.errors import RunError
-from app.run.requests.request import Artefact, OnEvent, ShouldCancel
 
 
 def carry_on(request: str, *_: Any) -> str:
@@ -68,9 +66,3 @@ def run_out_of_memory_in_c(*_: Any) -> None:
 
 def niceness(*_: Any) -> int:
     return os.getpriority(os.PRIO_PROCESS, 0)
-
-
-def leave(path: Path, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-    path.touch()
-    on_event(Artefact("video", "left", path))
-    path.unlink()

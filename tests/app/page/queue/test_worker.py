@@ -11,7 +11,7 @@ import pytest
 from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.queue.worker import Limits, Worker
 from app.run.pipeline import do
-from app.run.requests.request import Artefact, Ask, Event, Grown, Progress
+from app.run.requests.request import Ask, Event, Grown, Progress
 from model.motion.motion import save_motion
 from processes import ended
 from tests.app.page.queue import ends
@@ -41,18 +41,9 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
     worker, tmp_path
 ):
     events: list[Event] = []
-
-    def on_event(event: Event) -> None:
-        events.append(event)
-        if isinstance(event, Artefact):
-            (process,) = worker._all
-            assert not process.child.has_message(0.3), "it waits until the file has been looked at"
-            assert event.path.is_file()
-
-    diagnosis = worker.do(do, small(tmp_path), on_event)
+    diagnosis = worker.do(do, small(tmp_path), events.append)
     assert diagnosis.files and all(path.is_file() for path in diagnosis.files)
-    worker.do(ends.leave, tmp_path / "left", on_event)
-    assert {type(event) for event in events} == {Progress, Grown, Artefact}
+    assert {type(event) for event in events} == {Progress, Grown}
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
         worker.do(ends.say_no, "")

@@ -33,7 +33,7 @@ from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.run.many.sets import Sets
 from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
-from app.run.videos.videos import VideosRequest, names_that_fit
+from app.run.videos.videos import names_that_fit
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
@@ -397,7 +397,7 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
-        self.wanted = Wanted(self.run, VideosRequest(self.run.showing.motions(), folder))
+        self.wanted = Wanted(self.run)
         self.videos.want("visitor", self.wanted)
 
     def updates(self) -> Iterator[dict[Any, Any]]:
