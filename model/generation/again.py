@@ -106,25 +106,24 @@ def _performed(
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with one_thread():
         heard = system.hear(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
-        windows = [_heard(heard, k * cut.advance, cut.frames, cut.context) for k in range(count)]
         made: list[Window] = []
         fresh: list[range] = []
         pieces: list[Motion] = []
         told: PiecewiseMotion | None = None
         joined: Window | None = None
         leads_here, left = False, speech.num_frames
-        for k, window in enumerate(windows):
+        for k in range(count):
+            where = k * cut.advance, cut.frames, cut.context
+            window = SpeechWindow.of(heard, *where)
             old = None if before is None else before.made[k]
-            is_same = before is not None and _same(
-                window, _heard(before.heard, k * cut.advance, cut.frames, cut.context)
-            )
+            is_same = before is not None and _same(window, SpeechWindow.of(before.heard, *where))
             if old is not None and is_same and not leads_here:
                 made.append(old)
             else:
                 if should_cancel is not None and should_cancel():
                     raise Cancelled
                 last = made[-1] if made else None
-                new = system.window(_as_speech(window, cut.frames), last, replace(draw, index=k))
+                new = system.window(window, last, replace(draw, index=k))
                 leads_here = old is None or not is_same
                 if old is None or leads_here:
                     made.append(new)
@@ -151,19 +150,8 @@ def _origin(made: Sequence[Window], before: Performance | None) -> Window:
     return made[0] if before is None else before.made[0]
 
 
-def _heard(
-    heard: Float[Tensor, "T dim"], first: int, frames: int, context: int
-) -> Float[Tensor, "heard dim"]:
-    wanted = torch.arange(first - context, first + frames + context)
-    return heard[wanted.clamp(0, len(heard) - 1)]
-
-
-def _same(one: Float[Tensor, "heard dim"], other: Float[Tensor, "heard dim"]) -> bool:
-    return bool((one - other).abs().max() < SAME)
-
-
-def _as_speech(heard: Float[Tensor, "heard dim"], frames: int) -> SpeechWindow:
-    return SpeechWindow(heard, frames, is_last=False)
+def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
+    return bool((one.speech - other.speech).abs().max() < SAME)
 
 
 def _returning(new: Window, old: Window, advance: int) -> Window:

@@ -1,10 +1,10 @@
 """Motion for speech that is still being spoken, 0.3 s at a time.
 
-`stream_motion` waits until a whole window and the context after it are spoken, almost 3 s. Here a
-window is made as soon as a few frames of new speech are there: it starts from the last frames that
-are final, and of what it makes only the frames whose speech was heard become final. What has not
-been spoken yet is put to the network as the mirror image of what was: speech that goes on much as
-it did, rather than a silence that would end every gesture.
+A whole window and the context after it are almost 3 s. Here a window is made as soon as a few
+frames of new speech are there: it starts from the last frames that are final, and of what it makes
+only the frames whose speech was heard become final. What has not been spoken yet is put to the
+network as the mirror image of what was: speech that goes on much as it did, rather than a silence
+that would end every gesture.
 
 `gan/5` on two recordings of BEAT2: with 8 to 12 frames heard ahead, wrists lay 8 to 12 mm from
 where they were with all of the speech and the same draws (another seed: 165 mm), the jaw's angle
@@ -43,7 +43,7 @@ class LiveMotion:
     """One speaker's motion; its memory does not grow.
 
     Raises:
-        UnknownNameError, ValueError: see `stream_motion`; also if the pace does not suit the
+        UnknownNameError, ValueError: see `generate_motion`; also if the pace does not suit the
             system's windows.
     """
 
@@ -116,14 +116,14 @@ class LiveMotion:
         first, stop = start - cut.context, start + cut.frames + cut.context
         heard = self._heard_from(first, stop)
         if self._stream is None:
-            return self._chain.window(SpeechWindow(heard, cut.frames, is_last=False), hop)
+            return self._chain.window(SpeechWindow(heard), hop)
         margin = 0 if self._follower is None else self._follower.margin
         final, ends = start + hop + margin, start + cut.frames + KNOWN_AFTER
         ahead = self.ahead = self._stream.go_on(self._heard_from, first, final, ends)
         heard, at = self._stream.heard(heard, ahead, first), start - ahead.origin
         if self._follower is not None:
             self._follower.go_on_with(ahead, at)
-        window = SpeechWindow(heard, cut.frames, is_last=False)
+        window = SpeechWindow(heard)
         return self._chain.window(window, hop, ahead.condition, at)
 
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:

@@ -1,10 +1,9 @@
 """Motion for speech of any length, in windows that each start from the end of the one before.
 
-`generate_motion` has the whole speech, and `motion_pieces` gives the same window by window;
-`stream_motion` makes it while the speech arrives.
+`generate_motion` gives it whole, and `motion_pieces` window by window.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from torch import Tensor
 
 from model.generation.base import Draw, Follower, System, Window
 from model.generation.one_thread import one_thread
-from model.generation.stitching import SpeechStream, SpeechWindow, num_windows
+from model.generation.stitching import SpeechWindow, num_windows
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
@@ -171,61 +170,16 @@ def _made(
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.hear(speech.waveform, num_frames, draw_of(system, options))
     follower = system.follower(options.conditions[0]) if options.conditions else None
-    told = PiecewiseMotion(system, follower=follower)
+    told, chain = PiecewiseMotion(system, follower=follower), WindowChain(system, options)
     left = speech.num_frames
-    for index, piece in enumerate(_pieces(system, [features], options, should_cancel)):
-        if left == 0:  # a last window that holds only frames beyond the speech
-            return
-        motions = told.go_on(piece.part(slice(left)))
-        left -= motions[0].num_frames
-        yield MotionPiece(motions, 0, (index + 1) / count)
-
-
-def stream_motion(
-    system: System, features: Iterable[Float[Tensor, "_ dim"]], options: GenerateOptions
-) -> Iterator[list[Motion]]:
-    """The motion that goes on with each window, one for each sample, while speech arrives.
-
-    A window is made when its speech and the context that the networks hear after it are there;
-    all pieces together equal `generate_motion`'s result for the same features and options. Memory
-    does not grow with the length.
-
-    Args:
-        features: the next frames of ``system.encoder``'s features, in blocks of any length. If
-            they end inside a window, the last frame is held to its end, and the motion cut again.
-            Levels in ``mel64`` are relative to a whole clip's: live speech needs an estimate.
-
-    Raises:
-        UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if there is no speech, guidance or steps of the face are asked of a system that
-            takes none, or the system follows what is drawn of all of the speech.
-    """
-    if system.condition_type is not None:
-        raise ValueError(f"{system.name} needs all of the speech first; it cannot begin before.")
-    told = PiecewiseMotion(system)
-    for piece in _pieces(system, features, options):
-        yield told.go_on(piece)
-
-
-def _pieces(
-    system: System,
-    features: Iterable[Float[Tensor, "_ dim"]],
-    options: GenerateOptions,
-    should_cancel: Callable[[], bool] | None = None,
-) -> Iterator[Window]:
-    """Frames that no later window changes."""
-    cut = system.windowing
-    chain = WindowChain(system, options)
-    speech = SpeechStream(features, cut.context)
-    index, is_last = 0, False
-    while not is_last:
+    for index in range(count):
         if should_cancel is not None and should_cancel():
             raise Cancelled
-        heard = speech.window(index * cut.advance, cut.frames)
-        is_last = heard.is_last
-        joined = chain.window(heard)
-        yield joined.part(slice(heard.num_frames if is_last else cut.advance))
-        index += 1
+        heard = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
+        length = min(left, cut.frames if index == count - 1 else cut.advance)
+        left -= length
+        motions = told.go_on(chain.window(heard).part(slice(length)))
+        yield MotionPiece(motions, 0, (index + 1) / count)
 
 
 class WindowChain:
@@ -234,7 +188,7 @@ class WindowChain:
     def __init__(self, system: System, options: GenerateOptions) -> None:
         """
         Raises:
-            UnknownNameError, ValueError: as `stream_motion`.
+            UnknownNameError, ValueError: as `generate_motion`.
         """
         self._system = system
         self._draw = draw_of(system, options)
@@ -311,7 +265,7 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
     """What decides the first window.
 
     Raises:
-        UnknownNameError, ValueError: see `stream_motion`.
+        UnknownNameError, ValueError: see `generate_motion`.
     """
     sampler = system.sampler(options.sampler)
     if options.conditions and system.condition_type is None:

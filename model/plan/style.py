@@ -154,15 +154,6 @@ def with_style(
     return Edited(plan, tuple(notes))
 
 
-def differing(style: Style, other: Style) -> tuple[str, ...]:
-    """The names of what differs."""
-    return tuple(
-        each.name
-        for each in fields(Style)
-        if _differs(getattr(style, each.name), getattr(other, each.name))
-    )
-
-
 def _differs(wish: float, now: float) -> bool:
     return abs(wish - now) > _CLOSE * max(abs(wish), abs(now), 0.05)
 

@@ -57,7 +57,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
         all_speech = torch.cat([held, spoken, spoken.flip(0), held, held])
         first = 50 + start - cut.context
         speech = all_speech[first : first + cut.frames + 2 * cut.context]
-        window = chain.window(SpeechWindow(speech, 60, False), hop)
+        window = chain.window(SpeechWindow(speech), hop)
         offline += motion.go_on(window.part(slice(hop)))
         start += hop
     assert len(pieces) == len(offline) > 6

@@ -1,10 +1,9 @@
 """Windows of any length: how many, how they fade into each other, what speech each hears."""
 
-import pytest
 import torch
 
 from model.generation.clip_noise import clip_seed
-from model.generation.stitching import SpeechStream, cross_fade, fade_weights, num_windows
+from model.generation.stitching import SpeechWindow, cross_fade, fade_weights, num_windows
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 
 
@@ -33,26 +32,14 @@ def test_a_fade_follows_the_geodesic_and_rises_evenly_on_both_sides():
     torch.testing.assert_close(same_root, root)
 
 
-@pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4], [1] * 200])
-def test_windows_of_a_stream_are_those_of_the_whole_with_both_ends_held(sizes):
+def test_windows_of_speech_hold_both_its_ends():
     features = torch.arange(200.0)[:, None].expand(-1, 3)
-    stream = SpeechStream(features.split(sizes), context=20)
     for start in (0, 52, 104, 156):
-        window = stream.window(start, 60)
+        window = SpeechWindow.of(features, start, 60, context=20)
         wanted = torch.arange(start - 20, start + 80).clamp(0, 199).float()
         torch.testing.assert_close(window.speech[:, 0], wanted)
-        assert window.num_frames == min(60, 200 - start)
-        assert window.is_last == (start == 156)
         torch.testing.assert_close(window.around(0, 60)[:, 0], wanted[20:80])
         torch.testing.assert_close(window.around(5, 60)[:, 0], wanted[15:85])
-
-
-def test_speech_that_has_ended_has_no_further_window():
-    stream = SpeechStream([torch.zeros(30, 3)], context=4)
-    with pytest.raises(ValueError, match="no frame 30"):
-        stream.window(30, 60)
-    with pytest.raises(ValueError, match="no frame 0"):
-        SpeechStream([], context=4).window(0, 60)
 
 
 def test_clips_of_a_set_have_seeds_of_their_own_that_never_change():

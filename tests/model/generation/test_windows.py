@@ -1,6 +1,5 @@
 """Motion made window by window: of every length, whole, in pieces and streamed."""
 
-from itertools import cycle, islice, pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,6 @@ from model.generation.windows import (
     GenerateOptions,
     generate_motion,
     motion_pieces,
-    stream_motion,
 )
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
@@ -49,8 +47,7 @@ def arrays(motion: Motion) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "num_frames"), LENGTHS)
-def test_pieces_and_streams_of_any_blocks_are_the_whole(loaded, name, num_frames):
-    """Of every sample; streamed over whole windows, so that nothing must be held at the end."""
+def test_pieces_are_the_whole(loaded, name, num_frames):
     system, speech = loaded(name), of_frames(num_frames)
     options = GenerateOptions(speaker="ann", steps=2, samples=2, guidance=1.5)
     whole = generate_motion(system, speech, options)
@@ -60,20 +57,12 @@ def test_pieces_and_streams_of_any_blocks_are_the_whole(loaded, name, num_frames
     assert [piece.share for piece in pieces] == [(i + 1) / len(pieces) for i in range(len(pieces))]
     count = -(-max(0, num_frames - 60) // 52)
     assert len(pieces) == count + 1
-    features = torch.from_numpy(system.encoder.encode(speech.waveform, 60 + 52 * count))
-    sizes = list(islice(cycle([1, 60, 17, 100, 3]), 3 * len(pieces)))
-    ends = np.minimum(np.cumsum([0, *sizes, 10_000]), len(features))
-    blocks = [features[a:b] for a, b in pairwise(ends) if b > a]
-    streamed = list(stream_motion(system, blocks, options))
-    assert [p[0].num_frames for p in streamed] == [52] * count + [60]
     for k, motion in enumerate(whole):
         assert motion.num_frames == num_frames == round(30 * speech.duration_s)
         assert motion.expression_basis == "arkit52" and (motion.expressions[:, 52:] == 0).all()
         assert (motion.trans[0, [0, 2]] == 0).all()
         made = put_together([piece.motions[k] for piece in pieces])
         np.testing.assert_array_equal(arrays(made), arrays(motion))
-        made = put_together([piece[k] for piece in streamed]).part(slice(num_frames))
-        np.testing.assert_allclose(arrays(made), arrays(motion), atol=2e-4)
 
 
 def test_seed_and_sample_and_speaker_decide_the_motion(small):
@@ -127,30 +116,6 @@ def test_systems_that_are_asked_in_turn_make_what_each_makes_alone(loaded):
         (alone,) = generate_motion(each, speech, OPTIONS)
         made = put_together([piece.motions[0] for piece in pieces])
         np.testing.assert_array_equal(made.poses, alone.poses)
-
-
-def test_a_piece_comes_before_the_speech_after_it_is_asked_for(small):
-    features = torch.from_numpy(small.encoder.encode(of_frames(240).waveform, 240))
-    asked = []
-
-    def arriving():
-        for frame in range(240):
-            asked.append(frame)
-            yield features[frame : frame + 1]
-
-    pieces = stream_motion(small, arriving(), OPTIONS)
-    next(pieces)
-    assert len(asked) <= 60 + 59
-    next(pieces)
-    assert len(asked) <= 112 + 59
-
-
-def test_speech_that_ends_inside_a_window_is_held_and_the_motion_cut(small):
-    features = torch.from_numpy(small.encoder.encode(of_frames(90).waveform, 90))
-    pieces = list(stream_motion(small, [features], OPTIONS))
-    assert sum(piece[0].num_frames for piece in pieces) == 90
-    with pytest.raises(ValueError, match="no frame 0"):
-        list(stream_motion(small, [], OPTIONS))
 
 
 def test_guidance_is_a_straight_line_through_deaf_and_heard(system):

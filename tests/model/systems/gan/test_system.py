@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from model.generation.base import Draw
-from model.generation.stitching import SpeechStream
+from model.generation.stitching import SpeechWindow
 from model.generation.windows import GenerateOptions, generate_motion
 from model.storage.cards import CheckpointError
 from model.systems.gan.config import SOLVERS, SYSTEMS
@@ -67,10 +67,10 @@ def test_noise_of_every_step_window_and_sample_is_its_own(system):
 
 
 def test_a_window_goes_on_from_the_one_before(system):
-    speech = SpeechStream([torch.randn(200, 68)], system.windowing.context)
+    heard, context = torch.randn(200, 68), system.windowing.context
     draw = Draw(1, seed=0, samples=4, index=0, sampler="posterior", steps=5, guidance=1.0)
-    first = system.window(speech.window(0, 60), None, draw)
-    second = system.window(speech.window(52, 60), first, replace(draw, index=1))
+    first = system.window(SpeechWindow.of(heard, 0, 60, context), None, draw)
+    second = system.window(SpeechWindow.of(heard, 52, 60, context), first, replace(draw, index=1))
     apart = (second.rotmat[:, :8] - first.rotmat[:, -8:]).abs().mean()
     unlike = (second.rotmat[:, -8:] - first.rotmat[:, -8:]).abs().mean()
     assert apart < 0.3 * unlike

@@ -65,8 +65,8 @@ class GivenWindows:
             guidance=1.0,
             given=self.noise.to(dtype),
         )
-        first = system.window(SpeechWindow(frames[:60], 60, False), None, draw)
-        second = system.window(SpeechWindow(frames[52:], 60, True), first, replace(draw, index=1))
+        first = system.window(SpeechWindow(frames[:60]), None, draw)
+        second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))
         joined = system.join(first.part(slice(52, 60)), second)
         start, rest = (window.fields_of(slice(None)) for window in (first, joined))
         fields = {name: torch.cat([start[name][:, :52], rest[name]], dim=1) for name in rest}

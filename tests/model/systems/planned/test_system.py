@@ -18,7 +18,6 @@ from model.generation.windows import (
     draw_conditions,
     draw_of,
     generate_motion,
-    stream_motion,
 )
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.features import MelEncoder
@@ -123,8 +122,6 @@ def test_it_moves_for_as_long_as_the_speech_by_its_plan_and_guidance(planned_wei
 def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
     with pytest.raises(ValueError, match="2 conditions for 3 samples"):
         replace(OPTIONS, samples=3, conditions=(made_plan(), made_plan()))
-    with pytest.raises(ValueError, match="needs all of the speech first"):
-        list(stream_motion(system, [], OPTIONS))
     motion = smooth_motion_example(75)
     tracks = {"right": system.encoder.encode(SPEECH.waveform, 75)}
     assert system.predict_with(motion, tracks, 1, 8) is None  # features alone
