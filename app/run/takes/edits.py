@@ -54,7 +54,7 @@ class Kind:
 def edits_of(told: object) -> tuple[Edit, ...]:
     """
     Args:
-        told: a list of objects, as app/page/web/player/editing.js writes it (docs/formats.md).
+        told: a list of objects, as app/page/web/player/editing.js writes it.
 
     Raises:
         RunError: if it is anything else.

@@ -216,7 +216,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
 def expected_poses(weights: Path, source: Source, plan: GesturePlan) -> np.ndarray:
     system = load_system(PLANNED, weights)
     options = GenerateOptions(
-        next(iter(system.speakers)), seed=clip_seed(0, "one"), steps=1, plans=(plan,)
+        next(iter(system.speakers)), seed=clip_seed(0, "one"), steps=1, conditions=(plan,)
     )
     assert source.speech is not None
     (motion,) = generate_motion(system, source.speech, options)
