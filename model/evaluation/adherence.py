@@ -28,7 +28,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
-from model.generation.again import Performance, perform, perform_again
+from model.generation.again import Performance, perform
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, draw_conditions
 from model.measures.posture import foot_slide
@@ -252,7 +252,7 @@ def ask_clip(
     asked.add("rest speed, m/s", rest_speeds(places, plan))
 
     def again(changed: GesturePlan) -> Performance:
-        return perform_again(system, speech, replace(options, conditions=(changed,)), first)
+        return perform(system, speech, replace(options, conditions=(changed,)), first)
 
     motions = [first.motion]
     for _ in range(edits):

@@ -53,49 +53,20 @@ def perform(
     system: System,
     speech: Speech,
     options: GenerateOptions,
+    before: Performance | None = None,
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
 ) -> Performance:
     """The motion that `generate_motion` makes of one sample and one given condition, kept.
 
     Args:
+        before: where it was performed with another condition; only what differs is made anew.
         on_piece: called with the frames after those before as soon as nothing changes them.
 
     Raises:
         UnknownNameError, ValueError: as `generate_motion`, or without one sample and condition.
         Cancelled: if ``should_cancel`` said so.
     """
-    return _performed(system, speech, options, None, should_cancel, on_piece)
-
-
-def perform_again(
-    system: System,
-    speech: Speech,
-    options: GenerateOptions,
-    before: Performance,
-    should_cancel: Callable[[], bool] | None = None,
-    on_piece: OnPiece = lambda motion: None,
-) -> Performance:
-    """A changed condition, performed as ``before`` but where it differs.
-
-    Args:
-        options: those of ``before`` with the changed condition.
-        on_piece: as of `perform`; what comes before the first change is there at once.
-
-    Raises:
-        UnknownNameError, ValueError, Cancelled: as `perform`.
-    """
-    return _performed(system, speech, options, before, should_cancel, on_piece)
-
-
-def _performed(
-    system: System,
-    speech: Speech,
-    options: GenerateOptions,
-    before: Performance | None,
-    should_cancel: Callable[[], bool] | None,
-    on_piece: OnPiece,
-) -> Performance:
     if options.samples != 1 or len(options.conditions) != 1:
         raise ValueError("One sample with a condition is performed again; give one of each.")
     if system.root_motion != "place":

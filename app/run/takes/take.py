@@ -87,7 +87,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
     """
     from app.run.models import get_system
     from conventions.rates import FPS
-    from model.generation.again import ENDING, KeptError, perform_again, save_performance
+    from model.generation.again import ENDING, KeptError, perform, save_performance
     from model.generation.windows import Cancelled
     from model.motion.filtering import smooth_motion
     from model.motion.motion import load_motion
@@ -137,7 +137,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             options = options_of(
                 asked, system, samples=1, first_sample=sample - 1, conditions=(written,)
             )
-            made = perform_again(system, speech, options, before, should_cancel, on_piece)
+            made = perform(system, speech, options, before, should_cancel, on_piece)
             take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
             row.files["windows"] = shown_file(name, ENDING)
             save_performance(made, request.folder / row.files["windows"])
@@ -172,7 +172,7 @@ def _ready(
         motion = load_motion(_there(request.folder, read_run(request.folder), row.name))
         return load_performance(windows, system, plan, motion)
     one = {"samples": 1, "first_sample": sample - 1, "conditions": (plan,)}
-    made = perform(system, speech, options_of(request.run, system, **one), should_cancel)
+    made = perform(system, speech, options_of(request.run, system, **one), None, should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
     save_performance(made, request.folder / row.files["windows"])
     _tell(request.folder, row, plan, words)
