@@ -16,7 +16,8 @@ from app.run.requests.request import Ask, Event, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
 from app.run.takes.take import Take, TakeRequest, asked_of, make_take, row_of
 from model.motion.motion import load_motion
-from model.plan.editing import added, gestures
+from model.plan import editing
+from model.plan.editing import Gesture, added, gestures
 from model.plan.plan import GesturePlan, PlanError, read_plan
 from model.plan.style import style_of
 from model.speech.audio import write_wav
@@ -72,20 +73,15 @@ def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
     assert stroke.word == "you"
 
 
-def test_size_height_speed_and_hold_change_the_gesture(plan):
-    def stroke(of):
-        return next(one for one in of.right if one.phase == "stroke")
-
-    large = done(plan, {"do": "size", **FIRST, "size": 1.3}).plan
-    high = done(plan, {"do": "height", **FIRST, "by": 0.1}).plan
-    slow = done(plan, {"do": "speed", **FIRST, "speed": 0.8}).plan
-    held = done(plan, {"do": "hold", **FIRST, "hold": 1.0}).plan
-    before = stroke(plan)
-    assert stroke(high).goal[1] == pytest.approx(before.goal[1] + 0.1)
-    assert stroke(large).goal != before.goal
-    assert stroke(slow).end_s - stroke(slow).start_s > before.end_s - before.start_s
-    (hold,) = [one for one in held.right if one.phase == "hold" and one.end_s < 4]
-    assert hold.end_s - hold.start_s == pytest.approx(1.0)
+def test_size_height_speed_and_hold_are_what_editing_makes_of_them(plan):
+    first = Gesture("right", 2.0)
+    for told, made in (
+        ({"do": "size", "size": 1.3}, editing.sized(plan, first, 1.3)),
+        ({"do": "height", "by": 0.1}, editing.raised(plan, first, 0.1)),
+        ({"do": "speed", "speed": 0.8}, editing.hastened(plan, first, 0.8)),
+        ({"do": "hold", "hold": 1.0}, editing.held(plan, first, 1.0)),
+    ):
+        assert done(plan, told | FIRST) == made
 
 
 def test_the_end_of_a_phase_moves_in_both_hands_with_the_word_that_it_is_on(plan):
