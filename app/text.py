@@ -245,8 +245,6 @@ NOTES_TITLE = "Good to know"
 UNUSABLE = "A file cannot be used, as is said under it: take another or remove it."
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
 NO_SYSTEM = "No system is chosen: tick at least one."
-BAD_SEED = "The seed must be a whole number from 0 to {limit}; got {value}."
-BAD_START = "The figure must start at a whole frame from 0 on; got {value}."
 TOO_MANY_VIDEOS = (
     "{systems} with {samples} of each make {count} bodies, with the reference if there is one; "
     "this page shows at most {limit}. Choose fewer."

@@ -3,8 +3,6 @@ does a run."""
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import gradio as gr
 
 from app import text
@@ -16,7 +14,7 @@ from app.page.results.kept_runs import PARAMETER
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
-from app.page.tabs.motion import Form, FormParts, build_form
+from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.services import Services
 from app.page.tabs.study import build_analysis, build_study_tab
@@ -76,9 +74,8 @@ def build_app(services: Services) -> gr.Blocks:
             _await_example(page, form, results, services.first_look)
         _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
-        named = dict(zip([field.name for field in fields(Form)], form.fields, strict=True))
         page.load(None, js=_ASK_FOR_COOKIE)
-        opening = Opening(services, tabs, places, named)
+        opening = Opening(services, tabs, places, form.fields)
         page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page
 
@@ -117,8 +114,8 @@ def _wire(
     form.generate.click(runner.waits, outputs=[results.status, form.cancel], **AT_ONCE)
     outputs = [*results.all, form.generate, form.cancel]
     run = form.generate.click(
-        named_fields(runner.run, Form, optional=("reference", "transcript", "plan")),
-        inputs=list(form.fields),
+        named_fields(runner.run, form.fields),
+        inputs=[field.part for field in form.fields.values()],
         outputs=outputs,
         api_name="generate",
         **in_turn(results.status),

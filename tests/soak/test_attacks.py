@@ -77,7 +77,7 @@ def test_tiny_files_hold_nobody_up_and_are_not_kept(page: Server, motion: bytes)
 def test_a_zip_named_many_times_holds_nobody_up(page: Server) -> None:
     with Visitor(page.address, LAB) as one, Visitor(page.address, OTHER) as other:
         named = one.upload("nothing.zip", zip_of_nothing())
-        news = one.events("own_motion", {"motions": NAMED * [named], "has_videos": False})
+        news = one.events("own_motion", {"motions": NAMED * [named], "has_video": False})
         waits = []
         with pytest.raises(Refused):
             for _ in news:

@@ -110,7 +110,7 @@ class Crowd:
     def _diagnose(self, visitor: Visitor, chance: random.Random) -> None:
         motions = [visitor.upload(f"{letter}.npz", self._motion) for letter in "ab"]
         drawn = chance.random() < 0.25
-        assert visitor.run("own_motion", motions=motions, has_videos=drawn)
+        assert visitor.run("own_motion", motions=motions, has_video=drawn)
 
     def _speak(self, visitor: Visitor, chance: random.Random) -> None:
         try:

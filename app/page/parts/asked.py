@@ -1,22 +1,67 @@
-"""What a form or the API sends, held against the types that its fields are said to have.
+"""The fields of a form, each under the name of what it asks for, and what is sent for them.
 
 A browser sends what the page's fields give; a program may send anything.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import MISSING, fields
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+import gradio as gr
+from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
 
 FormType = TypeVar("FormType")
 LONGEST_TEXT = 5000
-NOT_WHOLE = "{what} must be a whole number from {least} to {most}; got {value:g}."
+_KINDS = {
+    gr.CheckboxGroup: list[str],
+    gr.Checkbox: bool,
+    gr.Number: float | None,
+    gr.Slider: float,
+    gr.Textbox: str,
+}
+"""What parts give; others a text, or the name of a file."""
+NOT_WHOLE = "{what} must be a whole number from {least} to {most}; got {value}."
+
+
+@dataclass(frozen=True)
+class Field:
+    """One of a form."""
+
+    part: Any
+    """Of the page."""
+    read: Callable[[Any], Any] = lambda value: value
+    """What is asked for, of what the part gives. May raise `RunError`."""
+
+    @property
+    def kind(self) -> Any:
+        """What the part gives."""
+        part = self.part
+        if getattr(part, "file_count", "") == "multiple" or getattr(part, "multiselect", False):
+            return list[str] | None
+        if isinstance(part, gr.Dropdown | gr.Radio) and isinstance(part.value, float):
+            return float | None
+        return _KINDS.get(type(part), str | None)
+
+
+Fields = Mapping[str, Field]
+
+
+def values_of(form: Fields, values: Sequence[Any]) -> dict[str, Any]:
+    """What is asked for, by name, of what was sent in the order of the fields.
+
+    Raises:
+        RunError: if a value has another type than its field, is NaN or is far too long; or what
+            `Field.read` raises.
+    """
+    sent = dict(zip(form, values, strict=False))
+    sent = {name: sent.get(name, field.part.value) for name, field in form.items()}
+    _check({name: (field.kind, ...) for name, field in form.items()}, sent)
+    return {name: field.read(sent[name]) for name, field in form.items()}
 
 
 def form_of(form: type[FormType], values: Sequence[Any]) -> FormType:
@@ -26,32 +71,51 @@ def form_of(form: type[FormType], values: Sequence[Any]) -> FormType:
         RunError: if a value has another type than its field, is NaN or is far too long.
     """
     named = dict(zip([field.name for field in fields(form)], values, strict=False))  # type: ignore[arg-type]
+    hints, told = get_type_hints(form), fields(form)  # type: ignore[arg-type]
+    usual = {each.name: ... if each.default is MISSING else each.default for each in told}
+    _check({name: (hints[name], default) for name, default in usual.items()}, named)
+    return form(**named)
+
+
+def whole(
+    what: str, least: int, most: int, usual: int | None = None
+) -> Callable[[float | None], int | None]:
+    """Reads a whole number.
+
+    Args:
+        usual: of an empty field; None refuses that.
+    """
+
+    def read(value: float | None) -> int | None:
+        if value is None and usual is not None:
+            return usual
+        return whole_number(value, what, least, most)
+
+    return read
+
+
+def whole_number(value: float | None, what: str, least: int, most: int) -> int:
+    """
+    Raises:
+        RunError: for anything else.
+    """
+    if value is None or value != int(value) or not least <= value <= most:
+        told = "nothing" if value is None else f"{value:.15g}"
+        raise RunError(NOT_WHOLE.format(what=what, least=least, most=most, value=told))
+    return int(value)
+
+
+def a_file(value: str | None) -> Path | None:
+    """Where an upload lies, if there is one."""
+    return Path(value) if value else None
+
+
+def _check(kinds: Mapping[str, Any], named: Mapping[str, Any]) -> None:
+    config = ConfigDict(strict=True, allow_inf_nan=False, str_max_length=LONGEST_TEXT)
     try:
-        _model_of(form)(**named)
+        create_model("Form", __config__=config, **kinds)(**named)
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False)[0]
         raise RunError(
             f"The field {found['loc'][0]} cannot be used: {found['msg'].lower()}."
         ) from error
-    return form(**named)
-
-
-def whole_number(value: float, what: str, least: int, most: int) -> int:
-    """
-    Raises:
-        RunError: for any other number.
-    """
-    if value != int(value) or not least <= value <= most:
-        raise RunError(NOT_WHOLE.format(what=what, least=least, most=most, value=value))
-    return int(value)
-
-
-@cache
-def _model_of(form: type) -> type[BaseModel]:
-    hints = get_type_hints(form)
-    of_fields: dict[str, Any] = {
-        field.name: (hints[field.name], ... if field.default is MISSING else field.default)
-        for field in fields(form)
-    }
-    config = ConfigDict(strict=True, allow_inf_nan=False, str_max_length=LONGEST_TEXT)
-    return create_model(form.__name__, __config__=config, **of_fields)

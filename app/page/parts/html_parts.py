@@ -12,6 +12,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
+from app.page.parts.asked import Fields
 
 
 def mount(module: str, function: str) -> str:
@@ -109,14 +110,15 @@ def player_part(prefix: str) -> gr.HTML:
 Run = TypeVar("Run", bound=Callable[..., Any])
 
 
-def named_fields(run: Run, form: type, optional: tuple[str, ...] = ()) -> Run:
-    """``run`` with one parameter for each field of ``form``, a dataclass, in its order.
+def named_fields(run: Run, form: type | Fields, optional: tuple[str, ...] = ()) -> Run:
+    """``run`` with one parameter for each field of ``form``, in its order.
 
     Gradio names the parameters of the page's API by them, and asks only for those without a
     default and without a value on the page.
 
     Args:
         run: takes the request of the browser and the values of the fields; a generator or not.
+        form: a dataclass, or fields, of which all but the first may be left out.
         optional: fields that may be left out though the dataclass has no default for them.
     """
 
@@ -131,7 +133,13 @@ def named_fields(run: Run, form: type, optional: tuple[str, ...] = ()) -> Run:
 
     kind = Parameter.POSITIONAL_OR_KEYWORD
     parameters = [Parameter("request", kind, annotation=gr.Request)]
-    for field in fields(form):
+    if not isinstance(form, type):
+        defaults = [Parameter.empty, *(field.part.value for field in list(form.values())[1:])]
+        parameters += [
+            Parameter(name, kind, default=default)
+            for name, default in zip(form, defaults, strict=True)
+        ]
+    for field in fields(form) if isinstance(form, type) else ():
         default = Parameter.empty
         if field.name in optional:
             default = None

@@ -89,7 +89,7 @@ def build_live_tab(
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )
     results = build_results("live-", NOTHING_KEPT)
-    form = FormParts((token,), keep, cancel)
+    form = FormParts({}, keep, cancel)
     videos = VideosBehind(services, results, "live_videos")
     runner = LiveRunner(services, form, results, videos)
     reveal_on_click(keep, results.status)

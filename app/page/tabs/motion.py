@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import whole_number
+from app.page.parts.asked import Field, Fields, a_file, whole
 from app.page.parts.catalogue import (
     USUAL,
     Catalogue,
@@ -38,6 +38,7 @@ from app.run.requests.request import (
     MAX_STEPS,
     Ask,
     Steps,
+    WordsAsked,
     check,
     parse_steps,
     steps_of,
@@ -47,132 +48,86 @@ from conventions.views import CLOSE_UPS
 from model.systems.registry import sampler_title
 
 SEED_LIMIT = 2**31 - 1
+LAST_FRAME = 10**6
+"""That a figure may begin at; the motion is shorter."""
 PAGE_VIDEOS = 12
 PAGE_SIZE_PX = 640
 """Height of a body in the player."""
 
 
-@dataclass(frozen=True)
-class Form:
-    """What the visitor has filled in, as Gradio hands it over."""
-
-    speech: str | None
-    systems: list[str]
-    speaker: str | None
-    seed: float | None
-    samples: float
-    steps: str
-    sampler: str
-    is_smoothed: bool
-    reference: str | None
-    point: str
-    start_frame: float | None
-    transcript: str | None
-    body_steps: float = 0
-    """Of systems that draw the face by steps of its own, as `face_steps`; 0 as usual."""
-    face_steps: float = 0
-    guidance: float | None = USUAL
-    """Strength of the speech."""
-    has_words: bool = False
-    """Recognised, where there is no transcript."""
-    has_videos: bool = True
-    """Whether standard videos are drawn behind the stage."""
-    plan: str | None = None
-    """What the systems that perform plans are to perform."""
-
-
-def ask_from_form(form: Form, folder: Path, catalogue: Catalogue, config: AppConfig) -> Ask:
+def ask_from_form(
+    told: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
+) -> Ask:
     """The run that a form asks for.
+
+    Args:
+        told: as `values_of` gives it.
 
     Raises:
         RunError: a sentence for the visitor when the form asks for something that cannot be.
     """
-    if not form.speech:
+    if told["speech"] is None:
         raise RunError(text.NO_SPEECH)
-    if not form.systems:
+    if not told["systems"]:
         raise RunError(text.NO_SYSTEM)
     # Kept in the catalogue's order, so that rows stand the same way in every run.
-    systems = tuple(name for name in catalogue.systems if name in form.systems)
-    unknown = sorted(set(form.systems) - set(systems))
+    systems = tuple(name for name in catalogue.systems if name in told["systems"])
+    unknown = sorted(set(told["systems"]) - set(systems))
     if unknown:
         raise RunError(
             f"There is no system {unknown[0]!r}; the systems are {', '.join(catalogue.systems)}."
         )
-    if form.seed is None or form.seed != int(form.seed) or not 0 <= form.seed <= SEED_LIMIT:
-        raise RunError(text.BAD_SEED.format(limit=SEED_LIMIT, value=form.seed))
-    start_frame = form.start_frame or 0
-    if start_frame != int(start_frame) or start_frame < 0:
-        raise RunError(text.BAD_START.format(value=form.start_frame))
-    if form.sampler and form.sampler not in catalogue.samplers:
+    if told["sampler"] not in (None, *catalogue.samplers):
         known = ", ".join(catalogue.samplers)
-        raise RunError(f"There is no sampler {form.sampler!r}; there are {known}.")
-    samples = whole_number(form.samples, text.SAMPLES_LABEL, 1, MAX_SAMPLES)
-    body_steps = whole_number(form.body_steps, text.BODY_STEPS_LABEL, 0, MAX_STEPS)
-    face_steps = whole_number(form.face_steps, text.FACE_STEPS_LABEL, 0, MAX_STEPS)
-    count = len(systems) * samples + bool(form.reference)
+        raise RunError(f"There is no sampler {told['sampler']!r}; there are {known}.")
+    count = len(systems) * told["samples"] + (told["reference"] is not None)
     if count > PAGE_VIDEOS:
         raise RunError(
             text.TOO_MANY_VIDEOS.format(
                 systems=_counted(len(systems), "system"),
-                samples=_counted(samples, "sample"),
+                samples=_counted(told["samples"], "sample"),
                 count=count,
                 limit=PAGE_VIDEOS,
             )
         )
     apart = [name for name in systems if name in catalogue.with_face_steps]
+    steps = _steps(told["steps"], told["body_steps"], systems, catalogue)
+    face_steps = dict.fromkeys(apart, told["face_steps"]) if told["face_steps"] else None
+    others = {name: value for name, value in told.items() if name != "body_steps"}
     ask = Ask(
-        speech=Path(form.speech),
+        **{**others, "systems": systems, "steps": steps, "face_steps": face_steps},
         out=folder / "results",
         weights=config.weights,
-        systems=systems,
-        speaker=form.speaker,
-        seed=int(form.seed),
-        samples=samples,
-        steps=_steps(form, body_steps, systems, catalogue),
-        face_steps=dict.fromkeys(apart, face_steps) if face_steps else None,
-        sampler=form.sampler or None,
-        guidance=strength_of(form.guidance),
-        post_filter=POST_FILTERS[bool(form.is_smoothed)],
-        reference=Path(form.reference) if form.reference else None,
-        transcript=Path(form.transcript) if form.transcript else None,
-        words="recognise" if form.has_words else "none",
-        plan=Path(form.plan) if form.plan else None,
-        joint=form.point,
-        start_frame=int(start_frame),
         body=config.body,
         display=Display(has_trail=True),
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
-        has_video=form.has_videos,
         max_speech_s=config.max_speech_s,
     )
     check(ask)
     return ask
 
 
-def kept_values(form: Form, folder: Path) -> dict[str, Any]:
+def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
     """What fills the form in again where the run's link is opened: all but files that a run does
     not show. The speech stays in the run's folder, under its own name."""
-    values = {field.name: getattr(form, field.name) for field in fields(form)}
-    for name in ("speech", "reference", "transcript", "plan"):
-        del values[name]
-    if form.speech:
-        beside = folder / "form"
-        beside.mkdir(exist_ok=True)
-        speech = beside / Path(form.speech).name
-        shutil.copyfile(form.speech, speech)
-        values["speech"] = str(speech)
-    return values
+    sent = dict(zip(form, values, strict=False))
+    kept = {name: value for name, value in sent.items() if form[name].read is not a_file}
+    beside = folder / "form"
+    beside.mkdir(exist_ok=True)
+    speech = Path(sent["speech"])
+    return kept | {"speech": str(shutil.copyfile(speech, beside / speech.name))}
 
 
 def _counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
+def _steps(
+    written: Steps, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue
+) -> Steps:
     """What is written by name, whole or as the form shows it, then the slider of the systems that
     it is for, then the rest."""
-    written = parse_steps(form.steps)
     if isinstance(written, dict):
         whole = dict(catalogue.system_choices)
         written = {whole.get(name, name): count for name, count in written.items()}
@@ -190,8 +145,8 @@ def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Cat
 class FormParts:
     """The left column."""
 
-    fields: tuple[Any, ...]
-    """In the order of `Form`."""
+    fields: Fields
+    """By what they ask for (`Ask`)."""
     generate: gr.Button
     cancel: gr.Button
 
@@ -304,12 +259,32 @@ def build_form(services: Services) -> FormParts:
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
     check.guard(start, reason)
-    fields = (
-        *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
-        *(point, start_frame, transcript, body_steps, face_steps),
-        *(guidance, has_words, has_videos, plan),
-    )
-    return FormParts(fields, start, cancel)
+    asked = {
+        "speech": Field(speech, a_file),
+        "systems": Field(systems, tuple),
+        "speaker": Field(speaker),
+        "seed": Field(seed, whole(text.SEED_LABEL, 0, SEED_LIMIT)),
+        "samples": Field(samples, whole(text.SAMPLES_LABEL, 1, MAX_SAMPLES)),
+        "steps": Field(steps, parse_steps),
+        "sampler": Field(sampler, lambda name: name or None),
+        "post_filter": Field(is_smoothed, lambda is_on: POST_FILTERS[is_on]),
+        "reference": Field(reference, a_file),
+        "joint": Field(point, lambda name: name or TIP),
+        "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
+        "transcript": Field(transcript, a_file),
+        "body_steps": Field(body_steps, whole(text.BODY_STEPS_LABEL, 0, MAX_STEPS)),
+        "face_steps": Field(face_steps, whole(text.FACE_STEPS_LABEL, 0, MAX_STEPS)),
+        "guidance": Field(guidance, strength_of),
+        "words": Field(has_words, words_of),
+        "has_video": Field(has_videos),
+        "plan": Field(plan, a_file),
+    }
+    return FormParts(asked, start, cancel)
+
+
+def words_of(is_on: bool) -> WordsAsked:
+    """Whether words are recognised."""
+    return "recognise" if is_on else "none"
 
 
 def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:

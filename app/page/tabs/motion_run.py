@@ -14,7 +14,7 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
-from app.page.parts.asked import form_of
+from app.page.parts.asked import Fields, values_of
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING, Showing, browser_addresses
 from app.page.queue.jobs import Job
@@ -23,7 +23,7 @@ from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import RunPair
 from app.page.routes.media import MediaAddresses
-from app.page.tabs.motion import Form, FormParts, ask_from_form, kept_values
+from app.page.tabs.motion import FormParts, ask_from_form, kept_values
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.page.visitors.visitors import cookie_of, is_same
@@ -107,13 +107,13 @@ class GenerateRunner(TabRunner[None]):
 
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
         """Of the form, for whoever opens the run by its link."""
-        return kept_values(form_of(Form, values), job.folder)
+        return kept_values(self._form.fields, values, job.folder)
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Ask:
         """The run that the form asks for; arguments and errors as of `begin`."""
         services = self._services
-        form = form_of(Form, values)
-        return ask_from_form(form, job.folder, services.catalogue, services.config)
+        told = values_of(self._form.fields, values)
+        return ask_from_form(told, job.folder, services.catalogue, services.config)
 
     def blank(self) -> Updates:
         parts = self._results
@@ -232,13 +232,13 @@ class Opening:
         services: Services,
         tabs: gr.Tabs,
         places: Mapping[str, ResultParts],
-        form: Mapping[str, Any],
+        form: Fields,
     ) -> None:
         """
         Args:
             places: by the id of a tab where it shows results; the first is that of all runs whose
                 own tab is not among them.
-            form: fields of the first tab's form by name, to be filled in as the run was asked for.
+            form: the first tab's, to be filled in as the run was asked for.
         """
         self._kept = services.kept
         self._keep_s = services.config.keep_results_s
@@ -252,7 +252,7 @@ class Opening:
     @property
     def outputs(self) -> list[Any]:
         parts = [part for parts in self._places.values() for part in parts.all]
-        return [self._tabs, *parts, *self._form.values()]
+        return [self._tabs, *parts, *(field.part for field in self._form.values())]
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
@@ -288,6 +288,6 @@ class Opening:
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),
-            **{self._form[name]: gr.update(value=value) for name, value in run.form.items()},
+            **{self._form[name].part: gr.update(value=sent) for name, sent in run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }

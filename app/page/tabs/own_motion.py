@@ -10,13 +10,14 @@ from typing import Any
 import gradio as gr
 
 from app import text
+from app.page.parts.asked import Field, Fields, a_file, whole
 from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, named_fields, reveal_on_click
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
+from app.page.tabs.motion import LAST_FRAME, words_of
 from app.page.tabs.own_motion_run import (
     ClipRunner,
-    OwnMotionForm,
     OwnMotionRunner,
     display_names,
 )
@@ -27,7 +28,7 @@ from app.run.examples import planted_files
 from app.run.followed_point import TIP
 from app.run.many.sets import measure_sets
 from app.run.many.unpacked import stem_of
-from app.run.requests.request import MAX_COMPARED
+from app.run.requests.request import MAX_COMPARED, read_assumptions, read_channel
 
 TAB = "Your motion"
 SETS = (".zip", ".tgz", ".gz", ".tar")
@@ -58,22 +59,24 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            form = _build_form(services.check)
+            form = build_own_form(services.check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = build_sets()
             parts = build_results("own-")
     videos = VideosBehind(services, parts, "own_videos")
     sets = SetsTools(partial(services.worker.do, measure_sets), of_sets, KeptSets())
-    runner, opener = (kind(services, parts, videos, sets) for kind in (OwnMotionRunner, ClipRunner))
+    runner, opener = (
+        kind(services, parts, videos, sets, form.fields) for kind in (OwnMotionRunner, ClipRunner)
+    )
     asks: dict[str, Any] = {
-        "inputs": form.fields,
+        "inputs": [field.part for field in form.fields.values()],
         "outputs": [*parts.all, of_sets.shown],
         **in_turn(parts.status),
     }
     for button in (form.start, form.planted):
         reveal_on_click(button, parts.status)
     started = form.start.click(
-        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech", "transcript")),
+        named_fields(runner.run, form.fields),
         **asks,
         api_name="own_motion",
     )
@@ -108,9 +111,9 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 @dataclass(frozen=True)
 class FormParts:
-    """Fields in the order of `OwnMotionForm`, and the buttons."""
+    """The fields by what they ask for (`Ask`), and the buttons."""
 
-    fields: list[Any]
+    fields: Fields
     start: gr.Button
     cancel: gr.Button
     planted: gr.Button
@@ -121,7 +124,8 @@ class FormParts:
     """Pressed by the chips of a row: says one thing otherwise, and runs anew."""
 
 
-def _build_form(check: UploadCheck) -> FormParts:
+def build_own_form(check: UploadCheck) -> FormParts:
+    """The left column."""
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = check.file(
         "motions",
@@ -181,14 +185,28 @@ def _build_form(check: UploadCheck) -> FormParts:
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
             window = gr.Number(value=None, minimum=0, label="Frames of a window")
+            a_window = whole("Frames of a window", 0, LAST_FRAME, 0)
             overlap = gr.Number(value=None, minimum=0, label="Shared by two")
     reason = check.reason()
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     check.guard(start, reason)
-    fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, transcript, has_words, assume, channel]
+    fields = {
+        "motions": Field(motions, lambda paths: tuple(map(Path, paths or ()))),
+        "reference": Field(reference, a_file),
+        "speech": Field(speech, a_file),
+        "joint": Field(point, lambda name: name or TIP),
+        "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
+        "window": Field(window, lambda frames: a_window(frames) or None),
+        "overlap": Field(overlap, whole("Shared by two", 0, LAST_FRAME, 0)),
+        "shown": Field(shown, lambda names: tuple(names or ())),
+        "has_video": Field(has_videos),
+        "transcript": Field(transcript, a_file),
+        "words": Field(has_words, words_of),
+        "told": Field(assume, read_assumptions),
+        "channel": Field(channel, lambda side: read_channel(side) if side else None),
+    }
     otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
     of_planted = [motions, reference, speech, transcript]
     return FormParts(fields, start, cancel, planted, of_planted, assume, otherwise)

@@ -21,7 +21,6 @@ from app.page.queue.runner import Updates, last_share
 from app.page.results.result_parts import ResultParts, figures_html
 from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses
-from app.run.many.unpacked import is_packed
 from app.run.output.result_folder import zip_files
 from app.run.requests.request import Ask, Event, OnEvent, ShouldCancel
 
@@ -121,11 +120,6 @@ class Clip:
     sound: Path | None
     ask: Ask
     """Of which it is one."""
-
-
-def is_zip(path: str | None) -> bool:
-    """Or a tar."""
-    return path is not None and is_packed(Path(path))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import form_of
+from app.page.parts.asked import Field, Fields, a_file
 from app.page.parts.catalogue import USUAL, strength_choices, strength_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
@@ -34,12 +34,13 @@ def build_hearing(services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
-        "hearing", services.catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
+        "hearing", services.catalogue, usual_systems("hearing-tab"), hearing_fields, "Compare"
     )
-    HearingRunner(services, measure_hearing, sheet.parts).wire(sheet)
+    HearingRunner(services, measure_hearing, sheet).wire()
 
 
-def _build_fields() -> list[Any]:
+def hearing_fields() -> Fields:
+    """Lay them out."""
     with gr.Row(elem_classes="pair"):
         speeches = [
             gr.File(
@@ -63,41 +64,32 @@ def _build_fields() -> list[Any]:
         info="A calm speaker and a lively one, with the first speech and the same seeds.",
         elem_id="hearing-speakers",
     )
-    return [*speeches, strength, speakers]
-
-
-@dataclass(frozen=True)
-class HearingForm:
-    """What the visitor has filled in, as Gradio hands it over."""
-
-    systems: list[str]
-    first: str | None
-    second: str | None
-    strength: float
-    has_speakers: bool
+    return {
+        "first": Field(speeches[0], a_file),
+        "second": Field(speeches[1], a_file),
+        "guidance": Field(strength, strength_of),
+        "speakers": Field(speakers, lambda is_on: CALM_AND_LIVELY if is_on else None),
+    }
 
 
 class HearingRunner(FigureRunner[HearingAsk, Hearing]):
     """Compares two speeches by two seeds."""
 
     tab = "hearing"
-    form = HearingForm
-    optional = ("first", "second")
 
-    def request(self, values: tuple[Any, ...], out: Path) -> HearingAsk:
+    def request(self, told: Mapping[str, Any], out: Path) -> HearingAsk:
         """See `FigureRunner.request`."""
-        form = form_of(HearingForm, values)
-        if not form.systems:
+        if not told["systems"]:
             raise RunError(NO_SYSTEM)
-        given = [Path(path) for path in (form.first, form.second) if path]
+        given = [path for path in (told["first"], told["second"]) if path is not None]
         missing = 2 - len(given)
         spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
         if len(spare) < missing:
             raise RunError(NO_SPEECH)
         return HearingAsk(
-            ask=self.ask(form.systems, out, guidance=strength_of(form.strength)),
+            ask=self.ask(told["systems"], out, guidance=told["guidance"]),
             speeches=(*given, *spare[:missing]),
-            speakers=CALM_AND_LIVELY if form.has_speakers else None,
+            speakers=told["speakers"],
         )
 
     def told(self, found: Hearing) -> str:

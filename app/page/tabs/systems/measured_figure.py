@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import gradio as gr
 
 from app import text
 from app.page.parts import markup
+from app.page.parts.asked import Field, Fields, values_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click, shown
 from app.page.player.player import Address, browser_addresses
@@ -56,7 +57,7 @@ class FigureParts:
 class MeasuringSheet:
     """The fields and buttons of such a part, and where its figure is shown."""
 
-    fields: list[Any]
+    fields: Fields
     """The systems first."""
     start: gr.Button
     cancel: gr.Button
@@ -67,7 +68,7 @@ def build_measuring_sheet(
     name: str,
     catalogue: Catalogue,
     at_first: tuple[str, ...],
-    build_fields: Callable[[], list[Any]],
+    build_fields: Callable[[], Fields],
     verb: str,
 ) -> MeasuringSheet:
     """Lay out systems to tick, the part's own fields and its buttons beside the figure.
@@ -91,7 +92,7 @@ def build_measuring_sheet(
                 cancel = gr.Button(text.CANCEL, elem_id=f"{name}-cancel", min_width=110)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = _build_figure_parts(name)
-    return MeasuringSheet([systems, *fields], start, cancel, parts)
+    return MeasuringSheet({"systems": Field(systems, tuple), **fields}, start, cancel, parts)
 
 
 def _build_figure_parts(name: str) -> FigureParts:
@@ -111,22 +112,17 @@ def _build_figure_parts(name: str) -> FigureParts:
 class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     """Asks for a measurement, follows it, and shows its figure."""
 
-    form: ClassVar[type]
-    """The dataclass of the fields of its sheet, in their order."""
-    optional: ClassVar[tuple[str, ...]]
-    """Those that a program may leave out."""
-
     def __init__(
         self,
         services: Services,
         measure: Task[Asked, Found],
-        parts: FigureParts,
+        sheet: MeasuringSheet,
     ) -> None:
-        super().__init__(services.jobs, parts.status)
+        super().__init__(services.jobs, sheet.parts.status)
         self.examples = tuple(example.path for example in services.catalogue.examples)
         self.config = services.config
         self.measure: Task[Asked, Found] = partial(services.worker.do, measure)
-        self.parts = parts
+        self.parts, self._sheet = sheet.parts, sheet
         self._addresses = services.addresses
 
     def ask(self, systems: Sequence[str], out: Path, **others: Any) -> Ask:
@@ -136,7 +132,7 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
         return Ask(out=out, systems=tuple(systems), **limits, **others)
 
     @abstractmethod
-    def request(self, values: tuple[Any, ...], out: Path) -> Asked:
+    def request(self, told: Mapping[str, Any], out: Path) -> Asked:
         """What the fields ask for.
 
         Raises:
@@ -149,7 +145,8 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        asked = self.request(values, job.folder / "results")
+        told = values_of(self._sheet.fields, values)
+        asked = self.request(told, job.folder / "results")
         yield _Work(self, asked, browser_addresses(self._addresses, cookie))
 
     def blank(self) -> Updates:
@@ -162,13 +159,14 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
             self.parts.figure: shown(""),
         }
 
-    def wire(self, sheet: MeasuringSheet) -> None:
+    def wire(self) -> None:
         """Let the buttons begin and end it; the tab's name is that of the API."""
+        sheet = self._sheet
         reveal_on_click(sheet.start, self.parts.status)
         outputs = [self.parts.status, self.parts.message, self.parts.figure]
         run = sheet.start.click(
-            named_fields(self.run, self.form, self.optional),
-            inputs=sheet.fields,
+            named_fields(self.run, sheet.fields),
+            inputs=[field.part for field in sheet.fields.values()],
             outputs=outputs,
             api_name=self.tab,
             **in_turn(self.parts.status),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import gradio as gr
 
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import form_of
+from app.page.parts.asked import Field, Fields, a_file
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
 from app.run.experiments.step_curve import StepCurve, StepsAsk, measure_step_curve
@@ -31,45 +31,35 @@ def build_step_curve(services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
-        "steps", services.catalogue, usual_systems("steps"), _build_fields, "Measure"
+        "steps", services.catalogue, usual_systems("steps"), step_fields, "Measure"
     )
-    StepCurveRunner(services, measure_step_curve, sheet.parts).wire(sheet)
+    StepCurveRunner(services, measure_step_curve, sheet).wire()
 
 
-def _build_fields() -> list[Any]:
+def step_fields() -> Fields:
+    """Lay them out."""
     speech = gr.File(
         label="Speech (optional: an example otherwise; ten seconds are used)",
         file_types=["audio"],
         type="filepath",
         height=110,
     )
-    return [speech]
-
-
-@dataclass(frozen=True)
-class StepCurveForm:
-    """What the visitor has filled in, as Gradio hands it over."""
-
-    systems: list[str]
-    speech: str | None
+    return {"speech": Field(speech, a_file)}
 
 
 class StepCurveRunner(FigureRunner[StepsAsk, StepCurve]):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
-    form = StepCurveForm
-    optional = ("speech",)
 
-    def request(self, values: tuple[Any, ...], out: Path) -> StepsAsk:
+    def request(self, told: Mapping[str, Any], out: Path) -> StepsAsk:
         """See `FigureRunner.request`."""
-        form = form_of(StepCurveForm, values)
-        path = Path(form.speech) if form.speech else next(iter(self.examples), None)
-        if not form.systems:
+        path = told["speech"] or next(iter(self.examples), None)
+        if not told["systems"]:
             raise RunError(NO_SYSTEM)
         if path is None:
             raise RunError(NO_SPEECH)
-        return StepsAsk(ask=self.ask(form.systems, out, speech=path))
+        return StepsAsk(ask=self.ask(told["systems"], out, speech=path))
 
     def told(self, found: StepCurve) -> str:
         """See `FigureRunner.told`."""

@@ -189,7 +189,7 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
                 assert all(path.stat().st_size <= SIZE_MB * 10**6 for path in files)
                 upload = visitor.upload("a.npz", motion)
                 times = []
-                form = {"motions": [upload], "has_videos": False}
+                form = {"motions": [upload], "has_video": False}
                 for _ in visitor.events("own_motion", form):
                     times.append(time.monotonic())
                 assert len(times) > 3 and times[-1] - times[0] > 0.5, "the news came all at once"

@@ -5,15 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gradio as gr
 import pytest
 
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.page.parts.catalogue import default_systems
-from app.page.tabs.motion import Form, ask_from_form, fresh_copy, kept_values
+from app.page.parts.asked import Fields, values_of
+from app.page.parts.catalogue import Catalogue, default_systems
+from app.page.tabs.motion import ask_from_form, build_form, fresh_copy, kept_values
 from app.page.tabs.motion_run import StageLine
-from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, display_names
+from app.page.tabs.own_motion import build_own_form
+from app.page.tabs.own_motion_run import MAX_NAME, display_names, has_sets, own_ask
+from app.page.tabs.services import Services
 from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, StudyForm, collect_files, plan_text
 from app.run.made import row_names
 from app.run.requests.display import Display
@@ -24,31 +28,53 @@ from model.systems.globaldiff.config import BEST, SYSTEMS
 from model.systems.planned.config import PLANNED
 from tests.app import fakes
 
-FORM = Form(
-    speech="/speech.wav",
-    systems=["globaldiff/global", "globaldiff/local"],
-    speaker="scott",
-    seed=3,
-    samples=2,
-    steps="7",
-    sampler="heun",
-    is_smoothed=True,
-    reference="/reference.npz",
-    point="left_index",
-    start_frame=12,
-    transcript="/said.txt",
-    has_words=True,
-    has_videos=False,
-)
+FORM: dict[str, Any] = {
+    "speech": "/speech.wav",
+    "systems": ["globaldiff/global", "globaldiff/local"],
+    "speaker": "scott",
+    "seed": 3,
+    "samples": 2,
+    "steps": "7",
+    "sampler": "heun",
+    "post_filter": True,
+    "reference": "/reference.npz",
+    "joint": "left_index",
+    "start_frame": 12,
+    "transcript": "/said.txt",
+    "words": True,
+    "has_video": False,
+}
 CONFIG = AppConfig(weights=Path("/weights"))
 
 
-def read(**changes: Any) -> Ask:
-    return ask_from_form(replace(FORM, **changes), Path("/job"), fakes.CATALOGUE, CONFIG)
+@pytest.fixture(scope="module")
+def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
+    return fakes.made_services(tmp_path_factory.mktemp("page"))
 
 
-def test_every_field_of_the_form_reaches_the_run():
-    request = read()
+@pytest.fixture(scope="module")
+def form(services: Services) -> Fields:
+    with gr.Blocks():
+        return build_form(services).fields
+
+
+@pytest.fixture(scope="module")
+def own_form(services: Services) -> Fields:
+    with gr.Blocks():
+        return build_own_form(services.check).fields
+
+
+def told(form: Fields, **sent: Any) -> dict[str, Any]:
+    """As the page has it, but for what was sent."""
+    return values_of(form, [sent.get(name, field.part.value) for name, field in form.items()])
+
+
+def read(form: Fields, catalogue: Catalogue = fakes.CATALOGUE, **changes: Any) -> Ask:
+    return ask_from_form(told(form, **FORM | changes), Path("/job"), catalogue, CONFIG)
+
+
+def test_every_field_of_the_form_reaches_the_run(form):
+    request = read(form)
     assert request == Ask(
         speech=Path("/speech.wav"),
         out=Path("/job/results"),
@@ -75,7 +101,7 @@ def test_every_field_of_the_form_reaches_the_run():
         *("globaldiff/global", "globaldiff/global.s2"),
         "reference",
     )
-    assert [read(guidance=value).guidance for value in (-1.0, 1.0, 2.5)] == [None, 1.0, 2.5]
+    assert [read(form, guidance=value).guidance for value in (-1.0, 1.0, 2.5)] == [None, 1.0, 2.5]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +110,7 @@ def test_every_field_of_the_form_reaches_the_run():
         ({"speech": None}, "no speech yet"),
         ({"systems": []}, "No system is chosen"),
         ({"systems": ["nonsense"]}, "no system 'nonsense'; the systems are globaldiff/local"),
-        ({"seed": None}, "seed must be a whole number"),
+        ({"seed": None}, "Seed must be a whole number from 0 to 2147483647; got nothing"),
         ({"seed": -1}, "got -1"),
         ({"seed": 1.5}, "got 1.5"),
         ({"seed": 2**31}, "got 2147483648"),
@@ -97,20 +123,25 @@ def test_every_field_of_the_form_reaches_the_run():
         ({"start_frame": 0.5}, "got 0.5"),
         ({"sampler": "magic"}, "no sampler 'magic'"),
         ({"guidance": 11.0}, "0 to 10; got 11"),
+        ({"sampler": ["euler"]}, "The field sampler cannot be used"),
+        ({"joint": ["right_middle"]}, "The field joint cannot be used"),
+        ({"guidance": "much"}, "The field guidance cannot be used"),
+        ({"body_steps": float("nan")}, "The field body_steps cannot be used"),
+        ({"samples": float("nan")}, "The field samples cannot be used"),
+        ({"speaker": "a" * 5001}, "The field speaker cannot be used"),
     ],
 )
-def test_a_form_that_cannot_be_done_gives_a_sentence(changes, words):
+def test_a_form_that_cannot_be_done_gives_a_sentence(form, changes, words):
     with pytest.raises(RunError, match=words):
-        read(**changes)
+        read(form, **changes)
 
 
-def test_steps_of_face_and_body_go_to_the_systems_that_have_them():
+def test_steps_of_face_and_body_go_to_the_systems_that_have_them(form):
     catalogue = replace(fakes.CATALOGUE, with_face_steps=("globaldiff/global",))
 
     def asked(**fields: object) -> tuple[object, object]:
-        form = replace(FORM, **fields)
-        request = ask_from_form(form, Path("/job"), catalogue, CONFIG)
-        return request.steps, request.face_steps
+        ask = read(form, catalogue, **fields)
+        return ask.steps, ask.face_steps
 
     both = {"globaldiff/local": 7, "globaldiff/global": 9}
     assert asked() == (7, None)
@@ -121,17 +152,18 @@ def test_steps_of_face_and_body_go_to_the_systems_that_have_them():
     assert asked(steps="global=5", body_steps=9) == (by_name, None), "as the form calls it"
 
 
-def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(tmp_path):
+def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(form, tmp_path):
     speech = tmp_path / "three reasons.wav"
     speech.write_bytes(b"RIFF")
     job = tmp_path / "job"
     job.mkdir()
-    kept = kept_values(replace(FORM, speech=str(speech)), job)
+    sent = {name: field.part.value for name, field in form.items()} | FORM
+    sent["speech"] = str(speech)
+    kept = kept_values(form, list(sent.values()), job)
     again = Path(kept.pop("speech"))
     assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
-    files = dict.fromkeys(("speech", "reference", "transcript", "plan"))
-    shown = replace(FORM, reference=None, transcript=None)
-    assert replace(Form(**{**kept, **files}), speech=FORM.speech) == shown
+    files = ("speech", "reference", "transcript", "plan")
+    assert kept == {name: value for name, value in sent.items() if name not in files}
 
 
 def test_what_a_form_offers_and_says_of_the_run(tmp_path):
@@ -152,54 +184,53 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
 
 
-def own(*motions: str, **changes: Any) -> OwnMotionForm:
-    values = {"motions": list(motions), "reference": None, "speech": None}
-    return OwnMotionForm(**{**values, "point": "right_middle", "start_frame": 0, **changes})
+def own(form: Fields, *motions: str, **changes: Any) -> Ask:
+    return own_ask(told(form, motions=list(motions), **changes), Path("out"), CONFIG)
 
 
-def test_the_form_of_own_motion_becomes_the_request(tmp_path):
-    files = own("/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0)
-    asked = files.to_ask(tmp_path, CONFIG)
-    assert asked.names == ("a", "a (2)")
-    assert asked.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
-    assert (asked.reference, asked.speech) == (Path("/up/r.npz"), None)
-    assert (asked.start_frame, asked.joint, asked.out) == (30, "right_middle", tmp_path)
+def test_the_form_of_own_motion_becomes_the_ask(own_form):
+    files = own(own_form, "/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0)
+    assert files.names == ("a", "a (2)")
+    assert files.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
+    assert (files.reference, files.speech) == (Path("/up/r.npz"), None)
+    assert (files.start_frame, files.joint, files.out) == (30, "right_middle", Path("out"))
+    assert files.has_video and (files.window, files.overlap) == (None, 0)
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
-    chosen = own(*"abcdefgh", shown=["b", "h"]).to_ask(Path("out"), CONFIG)
-    assert chosen.shown == ("b", "h")
-    assert own(*"abc", shown=["b"]).to_ask(Path("out"), CONFIG).shown == (), "all of them fit"
+    assert own(own_form, *"abcdefgh", shown=["b", "h"]).shown == ("b", "h")
+    assert own(own_form, *"abc", shown=["b"]).shown == (), "all of them fit"
 
 
-def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone():
-    said = {"assume": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
-    asked = own("/up/a.npz", speech="/up/s.wav", **said).to_ask(Path("out"), CONFIG)
+def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone(own_form):
+    said = {"told": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
+    asked = own(own_form, "/up/a.npz", speech="/up/s.wav", **said)
     assert [each[0] for each in asked.told.says] == ["a", ""] and asked.channel == 1
-    sets = own("/up/a.tar.gz", **said).to_sets(Path("out"))
+    sets = own(own_form, "/up/a.tar.gz", **said)
+    assert has_sets(sets.motions) and not has_sets(asked.motions)
     assert sets.names == ("a",) and len(sets.told.says) == 4 and sets.channel == 1
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("motions", "changes", "words"),
     [
-        (own(), "at least one motion"),
-        (own(*"abcdefghijklmnopqrstuvwxy"), "At most 24 files are measured at once; 25"),
-        (own(*"abcdefgh", shown=[*"abcdefg"]), "At most 6 motions are shown"),
-        (own(*"abcdefgh", shown=[*"abcdef"], reference="r.npz"), "At most 5 motions"),
-        (own("a", start_frame=-1), "from 0 on; got -1"),
-        (own("a", start_frame=1.5), "from 0 on; got 1.5"),
-        (own("a.npz", reference="r.zip"), "A zip goes beside zips"),
-        (own("a.npz", speech="r.zip"), "A zip goes beside zips"),
-        (own("a.zip", "b.npz"), "zips of results only, or motion files only"),
-        (own("a.ZIP", reference="r.npz"), "the reference comes as a zip"),
-        (own("a.zip", speech="r.wav"), "the speech comes as a zip"),
-        (own(*(f"{n}.zip" for n in range(7))), "At most 6 motions"),
+        ("", {}, "at least one motion"),
+        ("abcdefghijklmnopqrstuvwxy", {}, "At most 24 files are measured at once; 25"),
+        ("abcdefgh", {"shown": [*"abcdefg"]}, "At most 6 motions are shown"),
+        ("abcdefgh", {"shown": [*"abcdef"], "reference": "r.npz"}, "At most 5 motions"),
+        ("a", {"start_frame": -1}, "from 0 to 1000000; got -1"),
+        ("a", {"start_frame": 1.5}, "from 0 to 1000000; got 1.5"),
+        ("a", {"window": 0.5}, "Frames of a window must be a whole number"),
+        (["a.npz"], {"reference": "r.zip"}, "A zip goes beside zips"),
+        (["a.npz"], {"speech": "r.zip"}, "A zip goes beside zips"),
+        (["a.zip", "b.npz"], {}, "zips of results only, or motion files only"),
+        (["a.ZIP"], {"reference": "r.npz"}, "the reference comes as a zip"),
+        (["a.zip"], {"speech": "r.wav"}, "the speech comes as a zip"),
+        ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
     ],
 )
-def test_own_motion_that_cannot_be_measured_gives_a_sentence(asked, words):
-    assert asked.has_sets == any(str(path).lower().endswith(".zip") for path in asked.motions or ())
+def test_own_motion_that_cannot_be_measured_gives_a_sentence(own_form, motions, changes, words):
     with pytest.raises(RunError, match=words):
-        asked.to_sets(Path("out")) if asked.has_sets else asked.to_ask(Path("out"), CONFIG)
+        own(own_form, *motions, **changes)
 
 
 STUDY = StudyForm(

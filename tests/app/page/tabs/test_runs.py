@@ -18,6 +18,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.live.session import LiveAsk
 from app.page.parts import markup
+from app.page.parts.asked import Field
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
@@ -25,8 +26,9 @@ from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.live import LiveRunner, offered
-from app.page.tabs.motion import FormParts
+from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
+from app.page.tabs.own_motion import build_own_form
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
@@ -51,15 +53,16 @@ class Own:
     """The tab for motion of one's own, over a diagnose and sets of the test's."""
 
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
-        with gr.Blocks():
-            self.parts, sets = build_results(), build_sets()
         does = {"do_in_folder": diagnose, "draw_behind": fakes.make_draw()}
         services = fakes.made_services(folder, does, config=AppConfig())
+        with gr.Blocks():
+            self.parts, sets = build_results(), build_sets()
+            fields = build_own_form(services.check).fields
         tools = SetsTools(measure_sets, sets, KeptSets())
         self.sets_shown = sets.shown
         videos = VideosBehind(services, self.parts, "own_videos")
-        self.runner = OwnMotionRunner(services, self.parts, videos, tools)
-        self.opener = ClipRunner(services, self.parts, videos, tools)
+        self.runner = OwnMotionRunner(services, self.parts, videos, tools, fields)
+        self.opener = ClipRunner(services, self.parts, videos, tools, fields)
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
@@ -79,10 +82,10 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
 
 
 def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
-    with gr.Blocks():
-        form, parts = FormParts((), gr.Button(), gr.Button()), build_results()
     failing = make_generate(late_error=RunError("The disk is full."))
     services = made_services(tmp_path, {"do_in_folder": failing})
+    with gr.Blocks():
+        form, parts = build_form(services), build_results()
     runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
     values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
     *_, last = updates_of(runner, parts, *values, None)
@@ -201,7 +204,7 @@ def live(weights: Path) -> ByHand:
 @pytest.fixture
 def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
-        form = FormParts((), gr.Button(), gr.Button())
+        form = FormParts({}, gr.Button(), gr.Button())
         results = build_results("live-")
     does = {"do_in_folder": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
@@ -308,7 +311,7 @@ class Page:
             self.first, self.own = build_results(), build_results("own-")
             self.seed, self.samples = gr.Number(0), gr.Number(1)
             places = {"generate": self.first, "own_motion": self.own}
-            fields = {"seed": self.seed, "samples": self.samples}
+            fields = {"seed": Field(self.seed), "samples": Field(self.samples)}
             services = fakes.made_services(folder, kept=self.runs)
             self.opening = Opening(services, gr.Tabs(), places, fields)
 

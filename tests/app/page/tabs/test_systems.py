@@ -6,10 +6,10 @@ from typing import Any
 import gradio as gr
 import pytest
 
-from app.page.tabs.systems.hearing import HearingRunner
-from app.page.tabs.systems.measured_figure import FigureParts
+from app.page.tabs.systems.hearing import HearingRunner, hearing_fields
+from app.page.tabs.systems.measured_figure import build_measuring_sheet
 from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
-from app.page.tabs.systems.step_curve import StepCurveRunner
+from app.page.tabs.systems.step_curve import StepCurveRunner, step_fields
 from app.page.tabs.systems.systems import NOT_HERE, ladder
 from app.run.examples import CLEAN
 from app.run.experiments.hearing import Heard, Hearing, HearingAsk
@@ -23,6 +23,7 @@ from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
 from tests.app.page.results.made_run import made_run
 
+FIELDS: dict[Any, Any] = {HearingRunner: hearing_fields, StepCurveRunner: step_fields}
 EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
 
 
@@ -30,10 +31,11 @@ class Measured:
     """A part that measures, over measurements of the test's own, and what it asked them for."""
 
     def __init__(self, folder: Path, kind: Any, examples: tuple[Path, ...] = EXAMPLES) -> None:
-        with gr.Blocks():
-            self.parts = FigureParts(gr.HTML(), gr.HTML(), gr.HTML())
         services = made_services(folder, catalogue=catalogue_of(*examples))
-        self.runner = kind(services, self.measure, self.parts)
+        with gr.Blocks():
+            sheet = build_measuring_sheet("a", services.catalogue, (), FIELDS[kind], "Go")
+        self.parts = sheet.parts
+        self.runner = kind(services, self.measure, sheet)
         self.asked: list[Any] = []
 
     def measure(
