@@ -203,7 +203,7 @@ PAIR_SETTINGS = "All settings"
 RUN_GONE = "This run is kept no longer: runs and their files are deleted after {minutes} minutes."
 
 STAGE_NAMES = {
-    "speech": "Read the speech",
+    "speech": "Read what was given",
     "motion": "Generate motion",
     "numbers": "Measure",
     "video": "Draw videos",

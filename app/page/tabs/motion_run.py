@@ -48,6 +48,7 @@ STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 class StageLine:
     """How far a run is, stage by stage, as a line with its bars."""
 
+    stages: Sequence[Stage] = STAGES_OF_STAGE
     started: float = field(default_factory=time.monotonic)
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
@@ -58,7 +59,7 @@ class StageLine:
             if isinstance(event, Progress):
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail
-        return markup.status(self.line, self.fractions, self.details, STAGES_OF_STAGE)
+        return markup.status(self.line, self.fractions, self.details, self.stages)
 
     @property
     def line(self) -> str:
@@ -186,8 +187,11 @@ class RunWork:
     lasting: Ask | None = None
     """As `KeptRun` has it."""
     at_the_end: Updates = field(default_factory=dict)
-    _line: StageLine = field(default_factory=StageLine)
     _shown: Updates = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        is_made = not self.ask.motions
+        self._line = StageLine([each for each in STAGES_OF_STAGE if is_made or each != "motion"])
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         """A run that fails keeps what it has, if that is any motion.
