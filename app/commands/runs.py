@@ -40,6 +40,10 @@ def _motion(about: str) -> tuple[Any]:
     return (Annotated[Positional[tuple[Path, ...]], arg(metavar="MOTION", help=about)],)
 
 
+def _videos(name: str, about: str, is_usual: bool = False) -> tuple[Any, bool]:
+    return Annotated[bool, arg(name=name, help=about)], is_usual
+
+
 if TYPE_CHECKING:
     Generate = Ask
     Diagnose = Ask
@@ -61,7 +65,7 @@ else:
             "Any sound file; or many: a folder of them, or a .txt with one path a line."
         ),
         body=_BODY,
-        has_video=(Annotated[bool, arg(name="video", help="No videos.")], True),
+        has_video=_videos("video", "No videos.", is_usual=True),
     )
     Diagnose = part_of(
         Ask,
@@ -73,16 +77,9 @@ else:
             "folders or zips of them, paired by name, for numbers over many clips."
         ),
         body=_BODY,
-        has_video=(
-            Annotated[
-                bool,
-                arg(
-                    name="videos",
-                    help="A video of each motion that figures show, with close-ups and trail, in "
-                    "register.",
-                ),
-            ],
-            False,
+        has_video=_videos(
+            "videos",
+            "A video of each motion that figures show, with close-ups and trail, in register.",
         ),
     )
     Steps = part_of(
@@ -95,15 +92,8 @@ else:
         Ask,
         *("out", *_SYSTEMS, "guidance"),
         systems=(Names, usual_systems("hearing")),
-        has_video=(
-            Annotated[
-                bool,
-                arg(
-                    name="videos",
-                    help="The bodies of the first two speeches and seeds, under either's sound.",
-                ),
-            ],
-            False,
+        has_video=_videos(
+            "videos", "The bodies of the first two speeches and seeds, under either's sound."
         ),
     )
     Mechanism = part_of(
