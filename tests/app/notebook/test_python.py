@@ -35,6 +35,16 @@ def test_what_is_no_sound_is_refused():
         read_speech("nothing.wav")
 
 
+def test_fields_that_no_run_has_are_refused():
+    sound = (np.zeros(16_000, np.float32), 16_000)
+    for asked, words in (
+        ({"sped": 1}, "no 'sped'; there are body,"),
+        ({"recognise_words": 1}, "is words="),
+    ):
+        with pytest.raises(RunError, match=words):
+            generate(sound, progress=False, **asked)
+
+
 def test_motions_have_their_files_names(tmp_path):
     motion = smooth_motion_example(40)
     save_motion(motion, tmp_path / "mine.npz")

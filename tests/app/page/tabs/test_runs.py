@@ -67,7 +67,9 @@ class Own:
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     own = Own(tmp_path, fakes.diagnose)
-    *_, last = updates_of(own.runner, own.parts, ["/up/<b>.npz"], *ONE)
+    *updates, last = updates_of(own.runner, own.parts, ["/up/<b>.npz"], *ONE)
+    stages = "".join(str(update.get("status")) for update in updates)
+    assert text.STAGE_NAMES["numbers"] in stages and text.STAGE_NAMES["motion"] not in stages
     assert "Measured 1 motion." in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
     assert "&lt;b&gt;" in last["numbers"]["value"] and "<b>.npz" not in last["numbers"]["value"]
