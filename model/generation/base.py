@@ -97,17 +97,6 @@ class Window:
         return {name: tensor[:, frames] for name, tensor in vars(self).items()}
 
 
-class Ahead(Protocol):
-    """A condition around some frames of speech that goes on."""
-
-    @property
-    def condition(self) -> Any: ...
-    @property
-    def origin(self) -> int:
-        """The frame that is the condition's first."""
-        ...
-
-
 @runtime_checkable
 class ConditionStream(Protocol):
     """Draws a condition while speech comes."""
@@ -121,9 +110,9 @@ class ConditionStream(Protocol):
         first: int,
         final: int,
         stop: int,
-    ) -> Ahead:
-        """The condition around the frames from ``first`` to ``stop``; what begins before ``final``
-        is decided for good.
+    ) -> Any:
+        """The ``condition`` around the frames from ``first`` to ``stop``, and the frame that is its
+        first (``origin``); what begins before ``final`` is decided for good.
 
         Args:
             speech: features from one frame to another, supposed ones where none have come.

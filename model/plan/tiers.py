@@ -5,7 +5,7 @@ be, how deep a nod). A phase of a hand is a state; a nod, a blink, a look begin 
 the next. So a plan is drawn frame by frame: stay, or begin what.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,18 +111,15 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
                 add(f"{side} foot", one.start_s, "planted")
                 if one.end_s < end_s - 0.5 / FPS:
                     add(f"{side} foot", one.end_s, "step")
-    add("look", 0.0, "look", (0.0, 0.0))
-    for look in plan.looks:
-        add("look", look.start_s, "look", (look.yaw_deg, look.pitch_deg))
-    add("nod", 0.0, "nod", (0.0,))
-    for nod in plan.nods:
-        add("nod", nod.time_s, "nod", (nod.depth_deg,))
-    add("brow", 0.0, "brow", (0.0,))
-    for brow in plan.brows:
-        add("brow", brow.time_s, "brow", (brow.height,))
-    add("blink", 0.0, "blink")
-    for blink in plan.blinks:
-        add("blink", blink.time_s, "blink")
+    for name, begins in (
+        ("look", [(look.start_s, (look.yaw_deg, look.pitch_deg)) for look in plan.looks]),
+        ("nod", [(nod.time_s, (nod.depth_deg,)) for nod in plan.nods]),
+        ("brow", [(brow.time_s, (brow.height,)) for brow in plan.brows]),
+        ("blink", [(blink.time_s, ()) for blink in plan.blinks]),
+    ):
+        add(name, 0.0, name, (0.0,) * len(BY_NAME[name].units))
+        for start_s, mark in begins:
+            add(name, start_s, name, mark)
     add("smile", 0.0, "serious", (0.0,))
     for smile in plan.smiles:
         add("smile", smile.start_s, "smile", (smile.size,))
@@ -137,56 +134,42 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
 def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
     """The plan that such chains tell; the inverse of `chains_of` but for the words and kinds of
     gestures. What a tier begins with at frame 0 is where it is, no event."""
-    spans = {
-        name: [
-            (one, (two.frame if two else num_frames) / FPS)
-            for one, two in zip(chain, [*chain[1:], None], strict=True)
-            if (two.frame if two else num_frames) > one.frame
-        ]
-        for name, chain in chains.items()
-    }
 
-    def mark(name: str, begun: Begun) -> tuple[float, ...]:
-        return tuple(m * unit for m, unit in zip(begun.mark, BY_NAME[name].units, strict=True))
-
-    def hand(side: str) -> tuple[HandPhase, ...]:
-        return tuple(
-            HandPhase(one.frame / FPS, end_s, PHASES[one.state], _reachable(mark(side, one)))
-            for one, end_s in spans[side]
-        )
+    def spans(name: str) -> Iterator[tuple[Begun, float, float, tuple[float, ...]]]:
+        """What begins, its seconds, and its mark."""
+        chain, units = chains[name], BY_NAME[name].units
+        for one, two in zip(chain, [*chain[1:], None], strict=True):
+            stop = two.frame if two else num_frames
+            if stop > one.frame:
+                mark = tuple(m * unit for m, unit in zip(one.mark, units, strict=True))
+                yield one, one.frame / FPS, stop / FPS, mark
 
     def points(name: str) -> list[tuple[float, tuple[float, ...]]]:
-        return [(one.frame / FPS, mark(name, one)) for one, _ in spans[name] if one.frame > 0]
+        return [(start_s, mark) for one, start_s, _, mark in spans(name) if one.frame > 0]
 
-    stands = [
-        Stand(one.frame / FPS, end_s, leg)
-        for one, end_s in spans["stand"]
-        for leg in SIDES
-        if BY_NAME["stand"].states[one.state] == leg
-    ]
+    def in_state(name: str, state: str) -> list[tuple[float, float, tuple[float, ...]]]:
+        number = BY_NAME[name].states.index(state)
+        return [(a, b, mark) for one, a, b, mark in spans(name) if one.state == number]
+
+    left, right = (
+        tuple(HandPhase(a, b, PHASES[one.state], _reachable(m)) for one, a, b, m in spans(side))
+        for side in SIDES
+    )
+    stands = [Stand(a, b, leg) for leg in SIDES for a, b, _ in in_state("stand", leg)]
     return GesturePlan(
-        duration_s=num_frames / FPS,
-        left=hand("left"),
-        right=hand("right"),
-        nods=tuple(Nod(at, depth) for at, (depth,) in points("nod") if depth > 0),
-        looks=tuple(
-            Look(one.frame / FPS, end_s, *mark("look", one)) for one, end_s in spans["look"]
+        num_frames / FPS,
+        left,
+        right,
+        tuple(Nod(at, depth) for at, (depth,) in points("nod") if depth > 0),
+        tuple(Look(a, b, *mark) for _, a, b, mark in spans("look")),
+        tuple(Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")),
+        tuple(
+            Smile(a, b, float(np.clip(m[0], 0.0, 1.0))) for a, b, m in in_state("smile", "smile")
         ),
-        brows=tuple(
-            Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")
-        ),
-        smiles=tuple(
-            Smile(one.frame / FPS, end_s, float(np.clip(mark("smile", one)[0], 0.0, 1.0)))
-            for one, end_s in spans["smile"]
-            if BY_NAME["smile"].states[one.state] == "smile"
-        ),
-        blinks=tuple(Blink(at) for at, _ in points("blink")),
-        stands=tuple(stands),
-        planted=tuple(
-            Planted(one.frame / FPS, end_s, side)
-            for side in SIDES
-            for one, end_s in spans[f"{side} foot"]
-            if BY_NAME[f"{side} foot"].states[one.state] == "planted"
+        tuple(Blink(at) for at, _ in points("blink")),
+        tuple(sorted(stands, key=lambda stand: stand.start_s)),
+        tuple(
+            Planted(a, b, side) for side in SIDES for a, b, _ in in_state(f"{side} foot", "planted")
         ),
     )
 
