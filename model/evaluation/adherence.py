@@ -56,7 +56,7 @@ from model.speech.audio import Speech, SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
-from model.systems.autoencoders.config import FGD_ENCODER
+from model.systems.autoencoders import FGD_ENCODER
 from model.systems.registry import load_system, usual_planner
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]

@@ -19,7 +19,7 @@ from model.generation.base import Features
 from model.measures.face import SHIFT_S, lagged_correlation, wrist_speed
 from model.motion.motion import Motion
 from model.speech.features import NUM_MELS
-from model.systems.matching.config import HEARING_JUDGE
+from model.systems.matching import HEARING_JUDGE
 from model.systems.matching.network import MatchingJudge, agreement
 
 PIECE_FRAMES = 300

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from conventions.names import file_stem
 from model.sampling.samplers import Sampler
@@ -231,6 +231,23 @@ class Family:
             CheckpointError: if it is missing or no JSON object.
         """
         return load_card(self.home_of(name, folder), self.weights_of(name))
+
+    def fields_of(self, name: str, card: Card) -> "dict[str, Any]":
+        """What it and the card of its weights say of a generator, as `System` has it.
+
+        Raises:
+            CheckpointError: if the card lacks something.
+        """
+        from model.speech.encoders import make_encoder
+
+        return {
+            "name": name,
+            "card": card,
+            "speakers": card.speakers,
+            "encoder": make_encoder(card.encoder),
+            "samplers": self.samplers_of(name),
+            "guidance": self.guidance_of(name),
+        }
 
     def make_task(self, config: "TrainConfig", data: "PreparedData", setup: "TaskSetup") -> "Task":
         """What there is to train under ``config``.

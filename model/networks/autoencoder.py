@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from model.motion.packing import Normaliser, to_vectors
 from model.networks.config import AutoencoderConfig
-from model.storage.checkpoint import load_into, load_weights
+from model.networks.trained import Trained
 
 CPU = torch.device("cpu")
 Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
@@ -173,9 +173,7 @@ def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenE
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    tensors, card = load_weights(folder, name)
-    network = MotionAutoencoder(card.config(AutoencoderConfig, "autoencoder"))
-    load_into(network, tensors, "network.", name)
-    network.to(device).eval().requires_grad_(False)
-    normaliser = Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"]).to(device)
-    return FrozenEncoder(network, normaliser, card.sha256)
+    trained = Trained.read(folder, name)
+    shape = trained.card.config(AutoencoderConfig, "autoencoder")
+    network = trained.as_of(MotionAutoencoder(shape)).to(device)
+    return FrozenEncoder(network, trained.normaliser.to(device), trained.sha256)

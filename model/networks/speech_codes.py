@@ -17,11 +17,12 @@ from torch import Tensor, nn
 
 from conventions.rates import FPS
 from model.motion.packing import Normaliser
+from model.networks.trained import Trained
 from model.speech.audio import Speech
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
-from model.storage.checkpoint import load_into, load_weights
+from model.storage.checkpoint import load_into
 
 
 @dataclass(frozen=True)
@@ -125,11 +126,9 @@ def load_codes(folder: Path) -> SpeechCodes:
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    tensors, card = load_weights(folder, SPEECH_ENCODER)
-    network = CodesNetwork(card.config(CodesConfig, "codes"))
-    load_into(network, tensors, "network.", SPEECH_ENCODER)
-    network.eval().requires_grad_(False)
-    return SpeechCodes(network, Normaliser.of_tensors(tensors), card.sha256)
+    trained = Trained.read(folder, SPEECH_ENCODER)
+    network = trained.as_of(CodesNetwork(trained.card.config(CodesConfig, "codes")))
+    return SpeechCodes(network, trained.normaliser, trained.sha256)
 
 
 SURE = 0.6

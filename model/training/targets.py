@@ -1,10 +1,13 @@
-"""What a training step hears and what it aims at, made once for all clips.
+"""What a training step is told and what it aims at, and what is measured on the training split
+before the first: means, scales, priors.
 
-The step then reads a window's rows instead of converting and posing it again each time it is drawn.
+What it aims at is made once for all clips; a step then reads a window's rows instead of converting
+and posing it again each time it is drawn.
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +19,37 @@ from tqdm import tqdm
 from conventions.joints import NUM_JOINTS
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import RestSkeleton
-from model.motion.packing import MOTION_DIM, Decoded, decode, root_positions, to_vectors
+from model.motion.packing import (
+    AXIS_ANGLE_GROUPS,
+    MOTION_DIM,
+    Decoded,
+    Normaliser,
+    decode,
+    root_positions,
+    to_vectors,
+)
 from model.motion.packing import rotations as rotations_of
-from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, RootMotion, RotationSpace
+from model.motion.spaces import (
+    AXIS_ANGLE_MOTION_DIM,
+    ROOT_DIM,
+    Representation,
+    RootMotion,
+    RotationSpace,
+)
+from model.networks.config import BranchConfig
+from model.networks.trained import Trained
+from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.speech.features import augment_mel, in_other_throats
 from model.storage.files import written_atomically
 from model.training.config import TrainConfig
+from model.training.parallel import Draws
 
 BLOCK_FRAMES = 2000
 TARGETS_FORMAT = 2
+WINDOWS = 400
+STD_FLOOR = 0.02
+"""What hardly ever changes is not blown up to unit variance."""
+PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
 
 
 @dataclass(frozen=True)
@@ -129,3 +154,98 @@ def heard(
     if network.training and config.augment_speech:
         speech = augment_mel(speech, generator)
     return speech
+
+
+def conditions(
+    config: TrainConfig,
+    network: nn.Module,
+    batch: Batch,
+    draws: Draws,
+    hidden: Sequence[str] = ("seed", "speaker", "speech"),
+) -> dict[str, Tensor]:
+    """What a network is told of this shard's windows beside motion: speech and speaker, and from
+    which of them speech and seed are kept.
+
+    Args:
+        hidden: from whom each is hidden is drawn in this order; what is not named never is.
+    """
+    everybody = torch.ones(len(batch.clips), dtype=torch.bool)
+    kept: dict[str, Tensor] = dict.fromkeys(
+        ("seed", "speaker", "speech"), draws.shard.of(everybody)
+    )
+    for name in hidden:
+        kept[name] = draws.keep(getattr(config, f"{name}_dropout"))
+    return {
+        "speech": draws.shard.of(heard(config, network, batch, draws.generator)),
+        "speaker": draws.shard.of(batch.speaker) * kept["speaker"],
+        "has_seed": kept["seed"],
+        "has_speech": kept["speech"],
+    }
+
+
+def statistics_batch(data: PreparedData, window_frames: int, mirror: float) -> Batch:
+    """At most 400 windows, always the same."""
+    rng = np.random.default_rng(0)
+    return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng, mirror)
+
+
+def fit_features(data: PreparedData) -> Normaliser:
+    """Statistics of the speech features, of every hundredth frame."""
+    told = torch.from_numpy(np.array(data.speech[::100], np.float32))
+    return Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
+
+
+def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
+    """The windows that a linear-Gaussian prior is fitted to."""
+    clips = data.of_split("train")
+    for k in range(PRIOR_BATCHES):
+        rng = np.random.default_rng([k, 17])
+        yield data.window_batch(clips, window_frames, PRIOR_BATCH_SIZE, rng)
+
+
+def fit_normaliser(
+    data: PreparedData,
+    targets: Targets,
+    window_frames: int,
+    mirror: float,
+    representation: Representation = "normalised",
+) -> Normaliser:
+    """Statistics of the motion vectors that a network aims at."""
+    vectors, _ = targets.of(statistics_batch(data, window_frames, mirror), rotations=False)
+    groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
+    return Normaliser.fit(vectors.flatten(0, 1), representation, groups)
+
+
+def fit_motion_prior(
+    data: PreparedData, targets: Targets, shape: BranchConfig, mirror: float, given: Trained | None
+) -> tuple[Normaliser, GaussianPrior]:
+    """Components of motion and their linear-Gaussian prior, from windows of the training split,
+    or those that given weights learned with."""
+    if given is not None:
+        return given.normaliser, given.prior(shape.seed_frames)
+    windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
+    normaliser = fit_normaliser(data, targets, shape.window_frames, mirror)
+    return with_components(normaliser, windows, shape.seed_frames)
+
+
+def fit_face_prior(
+    data: PreparedData, shape: BranchConfig, given: Trained | None = None
+) -> tuple[Normaliser, GaussianPrior]:
+    """The same of face units."""
+    if given is not None:
+        return given.normaliser, given.prior(shape.seed_frames)
+    windows = [batch.expression for batch in prior_batches(data, shape.window_frames)]
+    units = torch.cat([batch.flatten(0, 1) for batch in windows])
+    normaliser = Normaliser(units.mean(0), units.std(0).clamp_min(STD_FLOOR))
+    return with_components(normaliser, windows, shape.seed_frames)
+
+
+def with_components(
+    normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
+) -> tuple[Normaliser, GaussianPrior]:
+    """The statistics with components that hardly depend on each other, and their prior."""
+    mean = torch.cat([batch.flatten(0, 1) for batch in windows]).mean(0)
+    centred = Normaliser(mean, normaliser.std)
+    mix, unmix = fit_components([centred.scaled(batch) for batch in windows])
+    mixing = replace(centred, mix=mix, unmix=unmix)
+    return mixing, fit_prior([mixing.normalise(batch) for batch in windows], seed_frames)

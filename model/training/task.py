@@ -5,10 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -16,12 +15,11 @@ from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import Listener, load_codes
-from model.sampling.prior import GaussianPrior
+from model.networks.trained import Trained
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import load_into, load_weights
 from model.training import losses
 from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import WHOLE, Shard, can_compile
 
 
 @dataclass(frozen=True)
@@ -31,65 +29,6 @@ class Start:
     folder: Path
     system: str
     """Whose weights; every rung of the ladder can begin with those of any other."""
-
-    def read(self) -> "Given":
-        """The weights, which bring the statistics of their input along: other statistics would
-        change what the weights mean.
-
-        Raises:
-            CheckpointError: if they are missing or damaged, or have no statistics.
-        """
-        tensors, _ = load_weights(self.folder, self.system)
-        if "normaliser.mean" not in tensors:
-            raise CheckpointError(f"The weights of {self.system} have no statistics.")
-        return Given(self.system, tensors)
-
-
-@dataclass(frozen=True)
-class Given:
-    """What a training begins with."""
-
-    system: str
-    tensors: dict[str, Tensor]
-
-    @property
-    def normaliser(self) -> Normaliser:
-        """Statistics of the input that the weights learned with."""
-        return Normaliser.of_tensors(self.tensors)
-
-    def prior(self, seed_frames: int) -> GaussianPrior:
-        """The linear-Gaussian prior that the network stands on."""
-        return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
-
-    def load_into(self, network: nn.Module) -> None:
-        """Put the weights into a network.
-
-        Raises:
-            CheckpointError: if they are of another shape.
-        """
-        load_into(network, self.tensors, "network.", self.system)
-
-    def load_known_into(self, network: nn.Module) -> None:
-        """Put the weights into a network that may have parts which they do not know, which stay,
-        and layers of more inputs, which are not heard at first.
-
-        Raises:
-            CheckpointError: if they are of another shape.
-        """
-        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
-        known = {
-            name: with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
-            for name, tensor in self.tensors.items()
-        }
-        load_into(network, fresh | known, "network.", self.system)
-
-
-def with_more_inputs(weight: Tensor, wanted: Tensor) -> Tensor:
-    """A linear layer's weight with columns of zeros for the last inputs that ``wanted`` has more
-    of; anything else as it is."""
-    both = weight.dim() == wanted.dim() == 2 and len(weight) == len(wanted)
-    more = wanted.shape[-1] - weight.shape[-1] if both else 0
-    return F.pad(weight, (0, more)) if more > 0 else weight
 
 
 @dataclass(frozen=True)
@@ -101,18 +40,48 @@ class TaskSetup:
     start: Start | None = None
     shard: Shard = WHOLE
     may_compile: bool = False
-    """Compile networks and losses where that is worth it (`model.training.rate`)."""
+    """Compile networks and losses where that is worth it (`model.training.parallel`)."""
 
-    def given(self) -> Given | None:
-        """The weights to begin with; None for a training from nothing.
+    @property
+    def compiles(self) -> bool:
+        """Whether networks and losses are compiled."""
+        return self.may_compile and can_compile()
+
+    def begin(
+        self, config: TrainConfig, data: PreparedData, num_speakers: int | None = None
+    ) -> Trained | None:
+        """Set torch's chance, and read the weights to begin with; they bring the statistics of
+        their input along, since others would change what they mean. None for a training from
+        nothing.
+
+        Args:
+            num_speakers: size of the network's table, where it has one.
 
         Raises:
-            CheckpointError: see `Start.read`.
+            CheckpointError: if the weights are missing or damaged, or have no statistics.
+            DataError: with the speakers whose numbers do not fit the table.
         """
-        return None if self.start is None else self.start.read()
+        if num_speakers is not None:
+            outside = [
+                f"{number} ({name})"
+                for number, name in data.speakers.items()
+                if not 0 < number < num_speakers  # 0 is "no speaker"
+            ]
+            if outside:
+                raise DataError(
+                    f"The speakers {', '.join(outside)} do not fit the table of {num_speakers}; "
+                    f"number them from 1 to {num_speakers - 1}."
+                )
+        torch.manual_seed(config.random_seed)
+        if self.start is None:
+            return None
+        given = Trained.read(self.start.folder, self.start.system)
+        if "normaliser.mean" not in given.tensors:
+            raise CheckpointError(f"The weights of {given.name} have no statistics.")
+        return given
 
     def put_weights_into(
-        self, network: nn.Module, given: Given | None, *, may_lack: bool = False
+        self, network: nn.Module, given: Trained | None, *, may_lack: bool = False
     ) -> None:
         """Let a network hear with the speech encoder among the helpers, if it hears with one, and
         begin with the weights that are given, which may know of none.
@@ -128,7 +97,7 @@ class TaskSetup:
             listener.become(load_codes(self.helpers))
             may_lack = True
         if given is not None:
-            (given.load_known_into if may_lack else given.load_into)(network)
+            given.start(network, may_lack=may_lack)
 
 
 @runtime_checkable
@@ -190,6 +159,9 @@ processes together do what one does alone."""
 class DescentTask:
     """One network that descends one loss with AdamW, and a moving average of its weights."""
 
+    kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
+    """What a resumed run needs as it was."""
+    setup: TaskSetup
     config: TrainConfig
     network: nn.Module
     step_loss: StepFunction
@@ -197,10 +169,9 @@ class DescentTask:
     """Statistics of the input, saved with the weights."""
     window_frames: int
     context: int = 0
-    shard: Shard = WHOLE
     compiles: bool = False
     statistics: dict[str, Tensor] = field(default_factory=dict)
-    """What else is saved with the weights."""
+    """What else is saved with the weights, beside the prior of a network that stands on one."""
 
     def __post_init__(self) -> None:
         config = self.config
@@ -208,14 +179,26 @@ class DescentTask:
         self.average = torch.optim.swa_utils.AveragedModel(
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
         )
-        self.optimizer = torch.optim.AdamW(
-            self.network.parameters(),
-            lr=config.learning_rate,
-            weight_decay=config.weight_decay,
-            fused=True,
-        )
+        self.optimizer = self.adam(self.network, config.learning_rate)
         if self.compiles:
             self.network.compile(dynamic=False)
+
+    @property
+    def shard(self) -> Shard:
+        """Whose share of each batch is computed."""
+        return self.setup.shard
+
+    @property
+    def betas(self) -> tuple[float, float]:
+        """Of the optimizer."""
+        return 0.9, 0.999
+
+    def adam(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
+        """What changes a network."""
+        decay = self.config.weight_decay
+        return torch.optim.AdamW(
+            network.parameters(), rate, self.betas, weight_decay=decay, fused=True
+        )
 
     @cached_property
     def parallel(self) -> nn.Module:
@@ -225,22 +208,26 @@ class DescentTask:
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         """See `Task`."""
-        config = self.config
-        for group in self.optimizer.param_groups:
-            group["lr"] = config.learning_rate * learning_rate_factor(number, config)
         self.network.train()
         loss = self.step_loss(self.parallel, batch, generator, self.shard)
         self.optimizer.zero_grad(set_to_none=True)
         loss.total.backward()
-        norm = nn.utils.clip_grad_norm_(self.network.parameters(), config.clip_norm)
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip_norm)
         numbers = self.shard.mean(loss.parts | {"gradient_norm": norm})
         losses.finite_or_raise(numbers, number, batch.clips)
-        self.optimizer.step()
-        if number < 2 * config.warmup_steps:  # average only what has left the start behind
+        self.descend(number, {self.optimizer: self.config.learning_rate})
+        return numbers
+
+    def descend(self, number: int, rates: Mapping[torch.optim.Optimizer, float]) -> None:
+        """Change the weights by the gradients that are there, and their average with them."""
+        for optimizer, rate in rates.items():
+            for group in optimizer.param_groups:
+                group["lr"] = rate * learning_rate_factor(number, self.config)
+            optimizer.step()
+        if number < 2 * self.config.warmup_steps:  # average only what has left the start behind
             self.average.module.load_state_dict(self.network.state_dict())
         else:
             self.average.update_parameters(self.network)
-        return numbers
 
     @torch.no_grad()
     def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
@@ -252,21 +239,19 @@ class DescentTask:
         """The averaged weights and the statistics."""
         found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
         found |= self.normaliser.tensors() | self.statistics
+        prior = getattr(self.network, "prior", None)
+        if prior is not None:
+            found["prior.covariance"] = prior.covariance
         return {name: tensor.cpu() for name, tensor in found.items()}
 
     def state(self) -> dict[str, Any]:
         """See `Task`."""
-        return {
-            "network": self.network.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
+        return {name: getattr(self, name).state_dict() for name in self.kept}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """See `Task`."""
-        self.network.load_state_dict(state["network"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        for name in self.kept:
+            getattr(self, name).load_state_dict(state[name])
 
 
 def learning_rate_factor(step: int, config: TrainConfig) -> float:
@@ -275,21 +260,3 @@ def learning_rate_factor(step: int, config: TrainConfig) -> float:
         return (step + 1) / config.warmup_steps
     done = (step - config.warmup_steps) / max(1, config.steps - config.warmup_steps)
     return 0.02 + 0.98 * (1 + math.cos(math.pi * done)) / 2
-
-
-def check_speakers(data: PreparedData, table_size: int) -> None:
-    """A table holds speaker numbers below its size; 0 is "no speaker".
-
-    Raises:
-        DataError: with the speakers that do not fit.
-    """
-    outside = [
-        f"{number} ({name})"
-        for number, name in data.speakers.items()
-        if not 0 < number < table_size
-    ]
-    if outside:
-        raise DataError(
-            f"The speakers {', '.join(outside)} do not fit the table of {table_size}; number them "
-            f"from 1 to {table_size - 1}."
-        )

@@ -18,7 +18,7 @@ from model.networks.autoencoder import load_encoder
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
-from model.systems.autoencoders.config import MOTION_VAE
+from model.systems.autoencoders import MOTION_VAE
 from model.systems.globaldiff.config import BEST
 from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
@@ -145,7 +145,7 @@ def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, sy
     for name, value in whole.items():
         mean = (shares[0][name] + shares[1][name]) / 2
         torch.testing.assert_close(mean, value, rtol=1e-3, atol=1e-6)
-    task.shard = FP32
+    task.setup = replace(task.setup, shard=FP32)
     found = [
         task.step(k, batch, torch.Generator().manual_seed(0))["total"]
         for k in range(3)  # the same draws each time

@@ -11,8 +11,7 @@ from frame_regression.network import CONTEXT, POSE, Regression
 from model.generation.base import Draw, System, Window, Windowing
 from model.generation.stitching import SpeechWindow
 from model.motion.rotations import matrix_from_axis_angle
-from model.speech.encoders import make_encoder
-from model.storage.checkpoint import load_into, load_weights
+from model.networks.trained import Trained
 
 SMOOTHED_OVER = 15
 """Frames."""
@@ -54,21 +53,15 @@ def _smooth(noise: torch.Tensor, passes: int) -> torch.Tensor:
 
 def load(name: str, folder: Path) -> RegressionSystem:
     """See `Family.load`."""
-    weights = FAMILY.weights_of(name)
-    tensors, card = load_weights(folder, weights)
-    encoder = make_encoder(card.encoder)
-    network = Regression(encoder.dim, card.setting("width"))
-    load_into(network, tensors, "network.", weights)
+    trained = Trained.read(folder, FAMILY.weights_of(name))
+    fields = FAMILY.fields_of(name, trained.card)
+    network = Regression(fields["encoder"].dim, trained.card.setting("width"))
     return RegressionSystem(
-        name=name,
-        card=card,
-        sha256s={weights: card.sha256},
-        speakers=card.speakers,
-        encoder=encoder,
+        **fields,
+        sha256s={trained.name: trained.sha256},
         windowing=Windowing(frames=60, overlap=8, context=CONTEXT),
-        samplers=FAMILY.samplers_of(name),
         frame="parent",
         root_motion="place",
-        network=network.eval(),
+        network=trained.as_of(network),
         is_drawn=name == DRAWN,
     )

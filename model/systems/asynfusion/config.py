@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, TrainConfig
+from model.training.config import PAPER, SMOKE, TrainConfig, chosen
 
 DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
 SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
@@ -88,11 +88,7 @@ class AsynFusionConfig(TrainConfig):
 
 
 def named_config(preset: str, system: str) -> AsynFusionConfig:
-    """The settings called ``preset``; those of `LCM_SYNC` distil `DDIM`.
-
-    Raises:
-        ValueError: if there are none.
-    """
+    """The settings called ``preset``, see `chosen`; those of `LCM_SYNC` distil `DDIM`."""
     config = AsynFusionConfig(
         system=system,
         batch_size=64,
@@ -104,20 +100,16 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
     )
     if system == LCM_SYNC:
         config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4, speech_dropout=0.0)
-    match preset:
-        case "demo":
-            return config
-        case "small":
-            shape = replace(config.network, width=64, num_heads=2)
-            return replace(
-                config, network=shape, steps=500, batch_size=32, save_every=500, validate_every=500
-            )
-        case "paper":
-            shape = replace(
-                config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0, speech_dim=1024
-            )
-            return replace(config, network=shape, **PAPER)
-        case "smoke":
-            shape = replace(config.network, width=32, num_heads=2)
-            return replace(config, network=shape, **SMOKE)
-    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")
+    small = replace(config.network, width=64, num_heads=2)
+    large = replace(
+        config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0, speech_dim=1024
+    )
+    presets = {
+        "demo": config,
+        "small": replace(
+            config, network=small, steps=500, batch_size=32, save_every=500, validate_every=500
+        ),
+        "paper": replace(config, network=large, **PAPER),
+        "smoke": replace(config, network=replace(small, width=32), **SMOKE),
+    }
+    return chosen(preset, presets)

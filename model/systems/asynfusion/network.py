@@ -2,14 +2,17 @@
 CoSync."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from model.motion.packing import Normaliser
 from model.networks.branch import ConditionedNetwork, MotionBranch
 from model.networks.layers import Attention
+from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior
 from model.systems.asynfusion.config import DualBranchConfig, Interaction
 
@@ -210,3 +213,49 @@ class DualBranchNetwork(ConditionedNetwork):
             unit = branch.leave(frames[which]).to(known[which].dtype)
             found[which] = known[which] + branch.prior.shaped(unit, t[which], has_seed)
         return found
+
+
+@dataclass(frozen=True)
+class Stream:
+    """How the motion of one branch is normalised, and the prior it stands on."""
+
+    normaliser: Normaliser
+    prior: GaussianPrior
+
+    def tensors(self) -> dict[str, Tensor]:
+        """As saved with trained weights."""
+        return self.normaliser.tensors() | {"prior.covariance": self.prior.covariance}
+
+
+Streams = tuple[Stream, Stream]
+"""Of the expression branch and of the gesture branch."""
+_FACE = ".face."
+
+
+def face_tensors(stream: Stream) -> dict[str, Tensor]:
+    """The face's statistics under names that leave the usual ones to the body."""
+    return {name.replace(".", _FACE, 1): tensor for name, tensor in stream.tensors().items()}
+
+
+def read_streams(trained: Trained, seed_frames: int) -> Streams:
+    """Both, as saved.
+
+    Raises:
+        CheckpointError: if one of them is not there.
+    """
+    named = trained.tensors.items()
+    face = replace(
+        trained, tensors={name.replace(_FACE, ".", 1): t for name, t in named if _FACE in name}
+    )
+    expression, gesture = (
+        Stream(each.normaliser, each.prior(seed_frames)) for each in (face, trained)
+    )
+    return expression, gesture
+
+
+def make_network(
+    config: DualBranchConfig, streams: Streams, *, consistent: bool
+) -> DualBranchNetwork:
+    """An untrained network on the priors of its streams."""
+    priors = [stream.prior for stream in streams]
+    return DualBranchNetwork(config, priors, consistent=consistent)

@@ -12,14 +12,18 @@ from model.generation.base import Draw, System, Window, Windowing
 from model.generation.stitching import SpeechWindow
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
+from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, seeded_noise
-from model.speech.encoders import make_encoder
-from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
-from model.systems.asynfusion.network import GESTURE, DualBranchNetwork
+from model.systems.asynfusion.network import (
+    GESTURE,
+    DualBranchNetwork,
+    Streams,
+    make_network,
+    read_streams,
+)
 from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
-from model.systems.asynfusion.streams import Streams, read_streams
 
 
 @dataclass(frozen=True)
@@ -93,30 +97,20 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    weights = FAMILY.weights_of(name)
-    tensors, card = load_weights(folder, weights)
-    with card.reading():
-        config = card.config(DualBranchConfig, "network")
-        speakers, encoder = card.speakers, make_encoder(card.encoder)
-        streams = read_streams(tensors, config.seed_frames)
-        consistent = card.setting("aim") == "teacher"
-        learned_deaf = card.setting("speech_dropout") > 0
-    priors = [stream.prior for stream in streams]
-    network = DualBranchNetwork(config, priors, consistent=consistent)
-    load_into(network, tensors, "network.", weights)
-    network.eval().requires_grad_(False)
+    trained = Trained.read(folder, FAMILY.weights_of(name))
+    config = trained.card.config(DualBranchConfig, "network")
+    streams = read_streams(trained, config.seed_frames)
+    consistent = trained.card.setting("aim") == "teacher"
+    fields = FAMILY.fields_of(name, trained.card)
+    if not trained.card.setting("speech_dropout"):  # it has never been deaf
+        fields["guidance"] = None
     return AsynFusionSystem(
-        name=name,
-        card=card,
-        sha256s={weights: card.sha256},
-        speakers=speakers,
-        encoder=encoder,
+        **fields,
+        sha256s={trained.name: trained.sha256},
         windowing=Windowing(config.window_frames, config.seed_frames, config.speech_context),
-        samplers=FAMILY.samplers_of(name),
         frame="parent",
         root_motion="place",
-        guidance=FAMILY.guidance_of(name) if learned_deaf else None,
         config=config,
-        network=network,
+        network=trained.as_of(make_network(config, streams, consistent=consistent)),
         streams=streams,
     )

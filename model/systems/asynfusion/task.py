@@ -9,69 +9,75 @@ from torch.nn import functional as F
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Normaliser, decode
+from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, decode
+from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, interpolate, time_weight
-from model.storage.checkpoint import load_into, load_weights
-from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
-from model.systems.asynfusion.network import BRANCHES, GESTURE, DualBranchNetwork, Pair, both
+from model.systems.asynfusion.config import DDIM, AsynFusionConfig, DualBranchConfig, LossConfig
+from model.systems.asynfusion.network import (
+    BRANCHES,
+    GESTURE,
+    DualBranchNetwork,
+    Pair,
+    Stream,
+    Streams,
+    both,
+    face_tensors,
+    make_network,
+    read_streams,
+)
 from model.systems.asynfusion.sampling import NUM_STEPS, flow_times, noise_of
-from model.systems.asynfusion.streams import Streams, face_tensors, fit_streams, read_streams
 from model.training import losses
 from model.training.parallel import WHOLE, Draws, Shard
-from model.training.rate import can_compile
-from model.training.targets import Targets, heard, prepare_targets
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
+from model.training.targets import (
+    Targets,
+    conditions,
+    fit_face_prior,
+    prepare_targets,
+    prior_batches,
+    with_components,
+)
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 NAMES = "expression", "gesture"
 HUBER_C = 0.03
 
 
 def make_task(config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """The task of ``config.system``. A student begins as its teacher, `DDIM` among the helpers.
-
-    Raises:
-        CheckpointError: if weights are missing, damaged or of another shape.
-        DataError: if a speaker's number does not fit the network's table.
-    """
+    """See `Family.make_task`. A student begins as its teacher, `DDIM` among the helpers."""
     shape, device = config.network, setup.shard.device
-    check_speakers(data, shape.num_speakers)
-    torch.manual_seed(config.random_seed)
-    given = setup.given()
+    given = setup.begin(config, data, shape.num_speakers)
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
+    taught = Trained.read(setup.helpers, DDIM) if config.aim == "teacher" else None
+    known = taught or given
+    streams = read_streams(known, shape.seed_frames) if known else fit_streams(shape, data, targets)
     teacher = None
-    if config.aim == "teacher":
-        taught, _ = load_weights(setup.helpers, DDIM)
-        streams = read_streams(taught, shape.seed_frames)
-        teacher = make_network(config, streams, consistent=False)
-        load_into(teacher, taught, "network.", DDIM)
-        teacher.to(device).eval().requires_grad_(False)
-    elif given is not None:
-        streams = read_streams(given.tensors, shape.seed_frames)
-    else:
-        streams = fit_streams(shape, data, targets)
-    network = make_network(config, streams, consistent=teacher is not None)
-    if given is not None or teacher is None:
-        setup.put_weights_into(network, given)
-    else:
+    if taught is not None:
+        teacher = taught.as_of(make_network(shape, streams, consistent=False)).to(device)
+    network = make_network(shape, streams, consistent=teacher is not None)
+    if given is None and teacher is not None:
         network.load_state_dict(teacher.state_dict())
+    else:
+        setup.put_weights_into(network, given)
     face, body = streams
     normalisers = face.normaliser.to(device), body.normaliser.to(device)
-    statistics = face_tensors(face) | {"prior.covariance": body.prior.covariance}
-    compiles = setup.may_compile and can_compile()
-    if teacher is not None and compiles:
+    if teacher is not None and setup.compiles:
         teacher.compile(dynamic=False)
+    step = branches_step(config, normalisers, targets, teacher)
     return DescentTask(
-        config, network, branches_step(config, normalisers, targets, teacher), normalisers[1],
-        shape.window_frames, shape.speech_context, setup.shard, compiles, statistics,
+        setup, config, network, step, normalisers[1], shape.window_frames, shape.speech_context,
+        setup.compiles, face_tensors(face) | {"prior.covariance": body.prior.covariance},
     )  # fmt: skip
 
 
-def make_network(
-    config: AsynFusionConfig, streams: Streams, *, consistent: bool
-) -> DualBranchNetwork:
-    """An untrained network on the priors of its streams."""
-    priors = [stream.prior for stream in streams]
-    return DualBranchNetwork(config.network, priors, consistent=consistent)
+def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) -> Streams:
+    """Components of face and body and their priors, from windows of the training split."""
+    bodies = [targets.windows(batch) for batch in prior_batches(data, config.window_frames)]
+    vectors: Float[Tensor, "N C"] = torch.cat([body.flatten(0, 1) for body in bodies])
+    body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
+    return (
+        Stream(*fit_face_prior(data, config)),
+        Stream(*with_components(body, bodies, config.seed_frames)),
+    )
 
 
 def branches_step(
@@ -97,18 +103,14 @@ def branches_step(
             steps = shard.of(steps[0]), shard.of(steps[1])
             t = both(lambda k: times.to(k.device)[k], steps)
             x_t = both(interpolate, noise, x_1, t)
-            conditions = {
-                "seed": both(lambda x: x[:, :seed_frames], x_1),
-                "has_seed": draws.keep(config.seed_dropout),
-                "has_speech": draws.keep(config.speech_dropout),
-                "speaker": shard.of(batch.speaker) * draws.keep(config.speaker_dropout),
-                "speech": shard.of(heard(config, network, batch, generator)),
-            }
+            told: dict[str, Any] = {"seed": both(lambda x: x[:, :seed_frames], x_1)}
+            hidden = "seed", "speech", "speaker"
+            told |= conditions(config, network, batch, draws, hidden)
         with shard.autocast():
-            predicted = network(x_t, t, **conditions)
+            predicted = network(x_t, t, **told)
             if teacher is not None:
                 wanted = one_solver_step(
-                    config, network, teacher, normalisers[GESTURE], x_t, steps, conditions
+                    config, network, teacher, normalisers[GESTURE], x_t, steps, told
                 )
         predicted = both(lambda x: x.float(), predicted)
         terms: dict[str, Tensor] = {}
@@ -125,9 +127,9 @@ def branches_step(
             terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
         if config.loss.feet or config.loss.contact:
             body = normalisers[GESTURE].restore(predicted[GESTURE])
-            told = decode(body, targets.space, targets.skeleton, targets.root)
+            posed = decode(body, targets.space, targets.skeleton, targets.root)
             recorded = recorded.to(shard.device)
-            found = foot_terms(config.loss, told.positions, recorded.positions, t[GESTURE])
+            found = foot_terms(config.loss, posed.positions, recorded.positions, t[GESTURE])
             terms |= {name: term.mean() for name, term in found.items()}
         return StepLoss.of(terms)
 

@@ -8,23 +8,17 @@ from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
-from model.systems.autoencoders.config import AutoencoderTrainConfig
+from model.systems.autoencoders import AutoencoderTrainConfig
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import WHOLE, Shard
-from model.training.statistics import statistics_batch
+from model.training.targets import statistics_batch
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 
 def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """The task of one autoencoder.
-
-    Raises:
-        CheckpointError: if the weights to start from are missing, damaged or of another shape.
-        DataError: if it is to see faces and they never move.
-    """
-    torch.manual_seed(config.random_seed)
-    given = setup.given()
+    """See `Family.make_task`."""
+    given = setup.begin(config, data)
     if given is None:
         statistics = fit_input(config, statistics_batch(data, config.window_frames, config.mirror))
     else:
@@ -32,10 +26,8 @@ def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSet
     normaliser = statistics.to(setup.shard.device)
     network = MotionAutoencoder(config.autoencoder)
     setup.put_weights_into(network, given)
-    return DescentTask(
-        config, network, autoencoder_step(config, normaliser), normaliser, config.window_frames,
-        shard=setup.shard,
-    )  # fmt: skip
+    step = autoencoder_step(config, normaliser)
+    return DescentTask(setup, config, network, step, normaliser, config.window_frames)
 
 
 def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:

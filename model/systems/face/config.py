@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, TrainConfig
+from model.training.config import PAPER, SMOKE, TrainConfig, chosen
 
 EXPRESSION = "expression"
 PRESETS = ("demo", "paper", "smoke")
@@ -34,21 +34,13 @@ class FaceTrainConfig(TrainConfig):
 
 
 def named_config(preset: str, system: str) -> FaceTrainConfig:
-    """The settings called ``preset``.
-
-    Raises:
-        ValueError: if there are none.
-    """
+    """The settings called ``preset``, see `chosen`."""
     config = FaceTrainConfig(system=system, steps=4000, batch_size=64, learning_rate=1e-3)
-    match preset:
-        case "demo":
-            return config
-        case "paper":
-            shape = replace(
-                config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024
-            )
-            return replace(config, expression=shape, plan_dropout=1.0, **PAPER)
-        case "smoke":
-            shape = replace(config.expression, width=32, num_blocks=1, num_heads=2)
-            return replace(config, expression=shape, plan_dropout=1.0, **SMOKE)
-    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")
+    large = replace(config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024)
+    small = replace(config.expression, width=32, num_blocks=1, num_heads=2)
+    presets = {
+        "demo": config,
+        "paper": replace(config, expression=large, plan_dropout=1.0, **PAPER),
+        "smoke": replace(config, expression=small, plan_dropout=1.0, **SMOKE),
+    }
+    return chosen(preset, presets)

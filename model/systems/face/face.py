@@ -14,22 +14,23 @@ from abc import abstractmethod
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window, Windowing
+from model.generation.family import Family
 from model.generation.stitching import SpeechWindow, fade
 from model.motion.packing import Normaliser
 from model.networks.branch import AddedTokens, PriorNetwork
 from model.networks.config import BranchConfig
+from model.networks.trained import Trained
 from model.plan.tracks import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError, load_card
-from model.storage.checkpoint import load_into, load_weights
 from model.systems.face.config import EXPRESSION, ExpressionConfig
 
 
@@ -168,15 +169,10 @@ def load_face(folder: Path) -> Face:
 
 @functools.lru_cache(maxsize=4)
 def _load(folder: Path, sha256: str) -> Face:
-    tensors, card = load_weights(folder, EXPRESSION)
-    with card.reading():
-        config = card.config(ExpressionConfig, "expression")
-        normaliser = Normaliser.of_tensors(tensors)
-        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-    network = FaceNetwork(config, prior)
-    load_into(network, tensors, "network.", EXPRESSION)
-    network.eval().requires_grad_(False)
-    return Face(network, normaliser, sha256)
+    trained = Trained.read(folder, EXPRESSION)
+    config = trained.card.config(ExpressionConfig, "expression")
+    network = trained.as_of(FaceNetwork(config, trained.prior(config.seed_frames)))
+    return Face(network, trained.normaliser, sha256)
 
 
 @dataclass(frozen=True)
@@ -194,6 +190,8 @@ class FacedSystem(System):
     window_type: ClassVar[type[Window]] = BodyWindow
     config: BranchConfig
     """Shape of the network that makes the body."""
+    normaliser: Normaliser
+    """Of the body's motion."""
     face: Face
 
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
@@ -239,16 +237,23 @@ class FacedSystem(System):
         return replace(super().join(older, newer), expression=newer.expression)
 
 
-def shared_windowing(name: str, body: BranchConfig, face: Face) -> Windowing:
-    """How body and face are cut, which must be alike.
-
-    Args:
-        name: of the body's weights.
+def faced(
+    family: Family, name: str, body: Trained, config: BranchConfig, folder: Path
+) -> dict[str, Any]:
+    """What a `FacedSystem` is made of, but for the network of its body, whose windows the face's
+    must be like.
 
     Raises:
-        CheckpointError: if they are not.
+        CheckpointError: if they are not, or files of the face are missing or damaged.
     """
-    windows = body.window_frames, body.seed_frames
+    face = load_face(folder)
+    windows = config.window_frames, config.seed_frames
     if windows != (face.config.window_frames, face.config.seed_frames):
-        raise CheckpointError(f"The windows of {name} and of the expression network differ.")
-    return Windowing(*windows, max(body.speech_context, face.config.speech_context))
+        raise CheckpointError(f"The windows of {body.name} and of the expression network differ.")
+    return family.fields_of(name, body.card) | {
+        "sha256s": {body.name: body.sha256, EXPRESSION: face.sha256},
+        "windowing": Windowing(*windows, max(config.speech_context, face.config.speech_context)),
+        "config": config,
+        "normaliser": body.normaliser,
+        "face": face,
+    }

@@ -1,7 +1,7 @@
 """Training of the expression network."""
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from model.data.annotated import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
@@ -12,15 +12,8 @@ from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import WHOLE, Draws, Shard
-from model.training.statistics import fit_face_prior
-from model.training.targets import heard
-from model.training.task import (
-    DescentTask,
-    StepFunction,
-    StepLoss,
-    TaskSetup,
-    check_speakers,
-)
+from model.training.targets import conditions, fit_face_prior
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 
 def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
@@ -32,19 +25,16 @@ def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> 
             annotated plan and the network shall be told plans.
     """
     shape = config.expression
-    check_speakers(data, shape.num_speakers)
-    torch.manual_seed(config.random_seed)
-    given = setup.given()
+    given = setup.begin(config, data, shape.num_speakers)
     statistics, prior = fit_face_prior(data, shape, given)
     normaliser = statistics.to(setup.shard.device)
     network = FaceNetwork(shape, prior)
     setup.put_weights_into(network, given, may_lack=True)
     plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
+    step = expression_step(config, normaliser, plans)
     return DescentTask(
-        config, network, expression_step(config, normaliser, plans), normaliser,
-        shape.window_frames, shape.speech_context, setup.shard,
-        statistics={"prior.covariance": prior.covariance},
-    )  # fmt: skip
+        setup, config, network, step, normaliser, shape.window_frames, shape.speech_context
+    )
 
 
 def expression_step(
@@ -62,27 +52,15 @@ def expression_step(
             x_1 = normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            has_seed = draws.keep(config.seed_dropout)
-            speaker = shard.of(batch.speaker) * draws.keep(config.speaker_dropout)
-            speech = shard.of(heard(config, network, batch, generator))
-            told: dict[str, Tensor] = {}
+            told = conditions(config, network, batch, draws, hidden=("seed", "speaker"))
             if plans is not None:
                 tracks, _ = plans.of(batch, config.expression.speech_context)
-                told = {
+                told |= {
                     "tracks": shard.of(tracks[..., FACE_TRACKS]),
                     "has_plan": draws.keep(config.plan_dropout),
                 }
         with shard.autocast():
-            predicted = network(
-                interpolate(x_0, x_1, t),
-                t,
-                speech=speech,
-                seed=x_1[:, :seed_frames],
-                speaker=speaker,
-                has_seed=has_seed,
-                has_speech=torch.ones_like(has_seed),
-                **told,
-            )
+            predicted = network(interpolate(x_0, x_1, t), t, seed=x_1[:, :seed_frames], **told)
         scaled = normaliser.scaled(normaliser.restore(predicted.float()))
         wanted = normaliser.scaled(units)
         terms = {

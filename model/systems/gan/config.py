@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import SMOKE, GeometricWeights, TrainConfig
+from model.training.config import SMOKE, GeometricWeights, TrainConfig, chosen
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Steps of each; 20 is the paper's demo."""
@@ -110,27 +110,16 @@ class GanConfig(TrainConfig):
 
 def named_config(preset: str, system: str) -> GanConfig:
     """The settings called ``preset``: ``demo`` trained the bundled weights, of ``small``
-    several training seeds are affordable, ``smoke`` takes a minute.
-
-    Raises:
-        ValueError: if there are none.
-    """
+    several training seeds are affordable, ``smoke`` takes a minute. See `chosen`."""
     config = GanConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,
     )  # fmt: skip
-    match preset:
-        case "demo":
-            return config
-        case "small":
-            return replace(
-                config,
-                generator=replace(config.generator, width=64, num_heads=2),
-                steps=1500,
-                save_every=750,
-                validate_every=750,
-            )
-        case "smoke":
-            shape = replace(config.generator, width=32, num_blocks=1, num_heads=2)
-            return replace(config, generator=shape, **SMOKE)
-    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")
+    small = replace(config.generator, width=64, num_heads=2)
+    least = replace(config.generator, width=32, num_blocks=1, num_heads=2)
+    presets = {
+        "demo": config,
+        "small": replace(config, generator=small, steps=1500, save_every=750, validate_every=750),
+        "smoke": replace(config, generator=least, **SMOKE),
+    }
+    return chosen(preset, presets)

@@ -8,18 +8,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw
-from model.motion.packing import Normaliser, rotations
+from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import shown
+from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, seeded_noise
-from model.sampling.prior import GaussianPrior
-from model.speech.encoders import make_encoder
-from model.storage.checkpoint import load_into, load_weights
-from model.systems.face.config import EXPRESSION
-from model.systems.face.face import BodyWindow, FacedSystem, load_face, shared_windowing
+from model.systems.face.face import BodyWindow, FacedSystem, faced
 from model.systems.gan import FAMILY
 from model.systems.gan.config import SOLVERS, GeneratorConfig
-from model.systems.gan.generator import Generator
+from model.systems.gan.network import Generator
 from model.systems.gan.sampling import posterior, solve, times
 
 
@@ -29,7 +26,6 @@ class GanSystem(FacedSystem):
 
     config: GeneratorConfig
     network: Generator
-    normaliser: Normaliser
 
     def body(
         self,
@@ -112,30 +108,12 @@ def load(name: str, folder: Path) -> GanSystem:
     Raises:
         CheckpointError: if its files are missing or damaged, or its windows are not the face's.
     """
-    weights = FAMILY.weights_of(name)
-    tensors, card = load_weights(folder, weights)
-    with card.reading():
-        config = card.config(GeneratorConfig, "generator")
-        speakers, encoder = card.speakers, make_encoder(card.encoder)
-        normaliser = Normaliser.of_tensors(tensors)
-        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-    network = Generator(config, prior, normaliser)
-    load_into(network, tensors, "network.", weights)
-    network.eval().requires_grad_(False)
-    face = load_face(folder)
+    trained = Trained.read(folder, FAMILY.weights_of(name))
+    config = trained.card.config(GeneratorConfig, "generator")
+    network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)
     return GanSystem(
-        name=name,
-        card=card,
-        sha256s={weights: card.sha256, EXPRESSION: face.sha256},
-        speakers=speakers,
-        encoder=encoder,
-        windowing=shared_windowing(weights, config, face),
-        samplers=FAMILY.samplers_of(name),
-        guidance=FAMILY.guidance_of(name),
+        **faced(FAMILY, name, trained, config, folder),
         frame="parent",
         root_motion="place",
-        config=config,
-        network=network,
-        normaliser=normaliser,
-        face=face,
+        network=trained.as_of(network),
     )

@@ -1,8 +1,8 @@
-"""Training of generator and discriminator against each other."""
+"""Training of generator and discriminator against each other: their losses, the penalty, and the
+watch that stops a collapsed training."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 import torch.distributed as dist
@@ -14,44 +14,112 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, Normaliser, decode
 from model.sampling.flow import time_weight
-from model.systems.gan.adversary import (
-    Discriminator,
-    Watch,
-    discriminator_loss,
-    gaussian_loss,
-    generator_loss,
-    gradient_penalty,
-)
 from model.systems.gan.config import GanConfig
-from model.systems.gan.generator import Generator
+from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses
 from model.training.losses import geometric_terms
-from model.training.parallel import Draws, Shard
-from model.training.rate import can_compile, compiled
-from model.training.statistics import fit_motion_prior
-from model.training.targets import Targets, heard, prepare_targets
-from model.training.task import TaskSetup, check_speakers, learning_rate_factor
+from model.training.parallel import Draws, Shard, compiled
+from model.training.run_folder import TrainingError
+from model.training.targets import Targets, conditions, fit_motion_prior, prepare_targets
+from model.training.task import DescentTask, StepLoss, TaskSetup
+
+PATIENCE = 1000
+"""Steps in a row that a training may look collapsed."""
+SEPARATED = 0.995
+"""Share of right verdicts, on real and on fake steps alike, from which on the discriminator tells
+all of them apart, and its gradient says nothing more."""
+STILL = 0.05
+"""Spread of generated motion over the batch, as a share of the recorded, below which all of it is
+one motion."""
+FAR = 5.0
+MEMORY = 0.98
+"""Of the running means that these limits hold for: verdicts on one batch come and go."""
 
 
 def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTask":
-    """The task of the family's one network.
-
-    Raises:
-        CheckpointError: if the weights to start from are missing, damaged or of another shape.
-        DataError: if a speaker's number does not fit the network's table.
-    """
+    """See `Family.make_task`."""
     shape = config.generator
-    check_speakers(data, shape.num_speakers)
-    torch.manual_seed(config.random_seed)
-    given = setup.given()
+    given = setup.begin(config, data, shape.num_speakers)
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
     normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
     setup.put_weights_into(generator, given)
-    compiles = setup.may_compile and can_compile()
-    return GanTask(config, generator, discriminator, normaliser, targets, setup.shard, compiles)
+    return GanTask(setup, config, generator, discriminator, normaliser, targets)
+
+
+def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
+    """Of scores: real ones shall be positive, fake ones negative."""
+    return F.softplus(-real) + F.softplus(fake)
+
+
+def generator_loss(fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
+    """Non-saturating: the generator shall be taken for real."""
+    return F.softplus(-fake)
+
+
+def gaussian_loss(
+    error: Float[Tensor, "*shape"], deviation: Float[Tensor, "*shape"]
+) -> Float[Tensor, ""]:
+    """Negative log-likelihood of errors under a deviation of each. Errors beyond `FAR` deviations
+    count as those, so that few of them do not decide."""
+    ratio = (error / deviation).clamp(-FAR, FAR)
+    return (deviation.log() + ratio.square() / 2).mean()
+
+
+def gradient_penalty(
+    scores: Float[Tensor, " B"], real: Float[Tensor, "B T C"]
+) -> Float[Tensor, " B"]:
+    """R1 (Mescheder et al., 2018): half the squared gradient of the scores at real samples."""
+    (slope,) = torch.autograd.grad(scores.sum(), real, create_graph=True)
+    return slope.square().sum((1, 2)) / 2
+
+
+@dataclass
+class Watch:
+    """Tells when generator and discriminator no longer teach each other."""
+
+    accuracy_real: float = 0.5
+    accuracy_fake: float = 0.5
+    liveliness: float = 1.0
+    separated: int = 0
+    """Steps in a row in which the discriminator told everything apart."""
+    still: int = 0
+    """Steps in a row in which the generator made one motion of all noise and speech."""
+
+    def state_dict(self) -> dict[str, float]:
+        """What a resumed run needs."""
+        return asdict(self)
+
+    def load_state_dict(self, state: Mapping[str, float]) -> None:
+        """The inverse of `state_dict`."""
+        vars(self).update(state)
+
+    def see(self, numbers: dict[str, float], step: int) -> None:
+        """Look at a step's log.
+
+        Raises:
+            TrainingError: if it has looked collapsed for `PATIENCE` steps.
+        """
+        for name in ("accuracy_real", "accuracy_fake", "liveliness"):
+            setattr(self, name, MEMORY * getattr(self, name) + (1 - MEMORY) * numbers[name])
+        apart = min(self.accuracy_real, self.accuracy_fake) > SEPARATED
+        self.separated = self.separated + 1 if apart else 0
+        self.still = self.still + 1 if self.liveliness < STILL else 0
+        if self.separated >= PATIENCE:
+            raise TrainingError(
+                f"The training has collapsed at step {step}: for {PATIENCE} steps the "
+                f"discriminator has told more than {SEPARATED:.1%} of generated steps from real "
+                "ones, and teaches nothing more. Lower its learning rate or raise the gradient "
+                "penalty; the last saved state is kept."
+            )
+        if self.still >= PATIENCE:
+            raise TrainingError(
+                f"The training has collapsed at step {step}: for {PATIENCE} steps generated "
+                f"motion has spread less than {STILL:.0%} of recorded motion. Raise the geometric "
+                "weight or lower the learning rates; the last saved state is kept."
+            )
 
 
 @dataclass(frozen=True)
@@ -74,49 +142,40 @@ class Drawn:
     """To generator and discriminator alike."""
 
 
-class GanTask:
-    """Two networks, each with its optimizer, and a moving average of the generator."""
+class GanTask(DescentTask):
+    """Two networks, each with its optimizer, and a moving average of the generator, which alone is
+    exported. Losses of validation are the explicit terms, which alone can be compared from step to
+    step."""
+
+    kept = (*DescentTask.kept, "discriminator", "judging", "watch")
+    config: GanConfig
+    network: Generator
 
     def __init__(
         self,
+        setup: TaskSetup,
         config: GanConfig,
         generator: Generator,
         discriminator: Discriminator,
         normaliser: Normaliser,
         targets: Targets,
-        shard: Shard,
-        compiles: bool,
     ) -> None:
-        self.config, self.targets, self.shard = config, targets, shard
-        self.window_frames = config.generator.window_frames
-        self.context = config.generator.speech_context
-        self.normaliser = normaliser.to(shard.device)
-        self.generator = generator.to(shard.device)
-        self.discriminator = discriminator.to(shard.device)
-        decay = torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
-        self.average = torch.optim.swa_utils.AveragedModel(self.generator, multi_avg_fn=decay)
-        self.optimizers = [
-            torch.optim.AdamW(
-                network.parameters(),
-                lr=rate,
-                betas=config.betas,
-                weight_decay=config.weight_decay,
-                fused=True,
-            )
-            for network, rate in zip(self.networks, self.rates, strict=True)
-        ]
+        shape, device = config.generator, setup.shard.device
+        super().__init__(
+            setup, config, generator, self.explicit_loss, normaliser.to(device),
+            shape.window_frames, shape.speech_context, setup.compiles,
+        )  # fmt: skip
+        self.targets, self.discriminator = targets, discriminator.to(device)
+        self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
         self.watch = Watch()
-        self.training_terms = compiled(self.explicit_terms) if compiles else self.explicit_terms
-        if compiles:
-            self.generator.compile(dynamic=False)
+        self.training_terms = (
+            compiled(self.explicit_terms) if self.compiles else self.explicit_terms
+        )
 
     @property
-    def networks(self) -> tuple[nn.Module, nn.Module]:
-        return self.generator, self.discriminator
-
-    @property
-    def rates(self) -> tuple[float, float]:
-        return self.config.learning_rate, self.config.discriminator_learning_rate
+    def betas(self) -> tuple[float, float]:
+        """Of both optimizers."""
+        return self.config.betas
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         """See `Task`; both networks change at once, each by the other as it was.
@@ -125,10 +184,10 @@ class GanTask:
             TrainingError: if the training has collapsed.
         """
         config = self.config
-        self.generator.train()
-        drawn = self.draw(self.generator, batch, generator)
-        mean, deviation = self.denoised(self.generator, drawn)
-        found = self.generator.drawn(mean, deviation, drawn.latent, drawn.told["has_seed"])
+        self.network.train()
+        drawn = self.draw(self.network, batch, generator)
+        mean, deviation = self.denoised(self.network, drawn)
+        found = self.network.drawn(mean, deviation, drawn.latent, drawn.told["has_seed"])
         real = drawn.x_before.requires_grad_()
         score_real = self.scores(real, drawn)
         score_fake = self.scores(self.step_back(found.detach(), drawn), drawn)
@@ -142,8 +201,8 @@ class GanTask:
             explicit["adversarial"] = config.loss.adversarial * deceiving
         total = torch.stack(list(explicit.values())).sum()
         norms = [
-            self._descend(network, loss)
-            for network, loss in zip(self.networks, (total, judging + penalty), strict=True)
+            self._put_gradient(self.network, total),
+            self._put_gradient(self.discriminator, judging + penalty),
         ]
         numbers = {
             **explicit,
@@ -161,23 +220,21 @@ class GanTask:
         logged = self.shard.mean({name: value.detach() for name, value in numbers.items()})
         losses.finite_or_raise(logged, number, batch.clips)
         self.watch.see(logged, number)
-        for optimizer, rate in zip(self.optimizers, self.rates, strict=True):
-            for group in optimizer.param_groups:
-                group["lr"] = rate * learning_rate_factor(number, config)
-            optimizer.step()
-        if number < 2 * config.warmup_steps:  # average only what has left the start behind
-            self.average.module.load_state_dict(self.generator.state_dict())
-        else:
-            self.average.update_parameters(self.generator)
+        self.descend(
+            number,
+            {
+                self.optimizer: config.learning_rate,
+                self.judging: config.discriminator_learning_rate,
+            },
+        )
         return logged
 
-    @torch.no_grad()
-    def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
-        """See `Task`: the explicit terms, which alone can be compared from step to step."""
-        network = self.average.module.eval()
+    def explicit_loss(
+        self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
+    ) -> StepLoss:
+        """The explicit terms of what a network says."""
         drawn = self.draw(network, batch, generator)
-        terms = self.explicit_terms(*self.denoised(network, drawn), drawn)
-        return terms | {"total": torch.stack(list(terms.values())).sum()}
+        return StepLoss.of(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
     @torch.no_grad()
     def draw(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> Drawn:
@@ -195,13 +252,8 @@ class GanTask:
         now, before = shard.of(number / counts), shard.of((number - 1) / counts)
         x_before = diffused(x_0, draws.noise(window), torch.zeros_like(before), before)
         x_now = diffused(x_before, draws.noise(window), before, now)
-        told = {
-            "has_seed": draws.keep(config.seed_dropout),
-            "has_speech": draws.keep(config.speech_dropout),
-            "speaker": shard.of(batch.speaker) * draws.keep(config.speaker_dropout),
-            "speech": shard.of(heard(config, network, batch, generator)),
-            "seed": x_0[:, : shape.seed_frames],
-        }
+        told = conditions(config, network, batch, draws, hidden=("seed", "speech", "speaker"))
+        told["seed"] = x_0[:, : shape.seed_frames]
         return Drawn(
             vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
             latent=draws.noise(window), expression=shard.of(batch.expression), told=told,
@@ -240,38 +292,12 @@ class GanTask:
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         if self.config.generator.latent:
             has_seed = drawn.told["has_seed"]
-            own = self.generator.prior_deviation(flow_time(drawn.now)[0], has_seed)
-            error = self.generator.along(drawn.x_0 - mean, has_seed) / own
+            own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
+            error = self.network.along(drawn.x_0 - mean, has_seed) / own
             means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means
 
-    def export(self) -> dict[str, Tensor]:
-        """The averaged generator and its statistics; what judged it is in the state only."""
-        found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
-        found |= self.normaliser.tensors()
-        found["prior.covariance"] = self.generator.prior.covariance
-        return {name: tensor.cpu() for name, tensor in found.items()}
-
-    def state(self) -> dict[str, Any]:
-        """See `Task`."""
-        return {
-            "generator": self.generator.state_dict(),
-            "discriminator": self.discriminator.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
-            "watch": asdict(self.watch),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """See `Task`."""
-        self.generator.load_state_dict(state["generator"])
-        self.discriminator.load_state_dict(state["discriminator"])
-        self.average.load_state_dict(state["average"])
-        for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
-            optimizer.load_state_dict(saved)
-        self.watch = Watch(**state["watch"])
-
-    def _descend(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
+    def _put_gradient(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
         """Put the loss's gradient for this network alone in place, averaged over all processes and
         clipped; its length before that."""
         parameters = [each for each in network.parameters() if each.requires_grad]

@@ -5,7 +5,7 @@ from typing import get_args
 
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
+from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig, chosen
 
 PRESETS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
 """What `named_config` knows."""
@@ -113,8 +113,7 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
             normalised channels and differences of positions, each also as ``-small``; ``paper`` is
             the size of the paper and the official code, ``smoke`` trains for a minute.
 
-    Raises:
-        ValueError: if the name is unknown; the message lists the valid ones.
+    See `chosen`.
     """
     config = GlobalDiffConfig(system=system)
     if system == BEST:
@@ -127,26 +126,20 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
             network=replace(config.network, rotation_space=rung.rotation_space),
             loss=replace(config.loss, **weights),
         )
-    match name:
-        case "demo":
-            return config
-        case "demo-small":
-            return _small(config)
-        case "paper-regime" if system in LADDER:
-            return _paper_regime(config)
-        case "paper-regime-small" if system in LADDER:
-            return _small(_paper_regime(config))
-        case "paper":
-            shape = replace(
-                config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
-            )
-            return replace(config, network=shape, **PAPER)
-        case "smoke":
-            shape = replace(config.network, width=48, num_blocks=1, num_heads=2)
-            return replace(config, network=shape, **SMOKE)
-    raise ValueError(
-        f"There is no config {name!r} for {system}; choose one of {', '.join(PRESETS)}."
+    large = replace(
+        config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
     )
+    least = replace(config.network, width=48, num_blocks=1, num_heads=2)
+    presets = {
+        "demo": config,
+        "demo-small": _small(config),
+        "paper": replace(config, network=large, **PAPER),
+        "smoke": replace(config, network=least, **SMOKE),
+    }
+    if system in LADDER:
+        regime = _paper_regime(config)
+        presets |= {"paper-regime": regime, "paper-regime-small": _small(regime)}
+    return chosen(name, presets)
 
 
 def _paper_regime(config: GlobalDiffConfig) -> GlobalDiffConfig:

@@ -5,7 +5,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS
-from model.networks.branch import ConditionedNetwork, MotionBranch, shown
+from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, shown
+from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import NetworkConfig
 
 
@@ -72,3 +73,14 @@ class MotionNetwork(ConditionedNetwork):
         rotation, and its gradient through Gram-Schmidt has no bound."""
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
         self.torso.out.bias.copy_(x_1[TORSO_CHANNELS])
+
+
+def make_network(
+    config: NetworkConfig, prior: GaussianPrior | None
+) -> MotionNetwork | PriorNetwork:
+    """An untrained network; one that stands on a prior is given it."""
+    if prior is None:
+        return MotionNetwork(config)
+    return PriorNetwork(
+        config, prior, channels=config.motion_dim, expression_dim=config.expression_dim
+    )

@@ -22,7 +22,7 @@ from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.autoencoder import ResidualBlock
 from model.networks.config import MatchingConfig
-from model.storage.checkpoint import load_into, load_weights
+from model.networks.trained import Trained
 
 _ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
 CHAINS: Mapping[str, tuple[str, ...]] = {
@@ -192,8 +192,6 @@ def load_judge(folder: Path, name: str) -> MatchingJudge:
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    tensors, card = load_weights(folder, name)
-    network = MatchingNetwork(card.config(MatchingConfig, "matching"))
-    load_into(network, tensors, "network.", name)
-    network.eval().requires_grad_(False)
-    return MatchingJudge(network, Normaliser.of_tensors(tensors), card.sha256)
+    trained = Trained.read(folder, name)
+    network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
+    return MatchingJudge(network, trained.normaliser, trained.sha256)

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
-from model.systems.matching.config import MatchingTrainConfig
+from model.systems.matching import MatchingTrainConfig
 from model.systems.matching.network import (
     PARTS,
     TRACKS,
@@ -17,8 +17,7 @@ from model.systems.matching.network import (
     motion_tracks,
 )
 from model.training.parallel import WHOLE, Shard
-from model.training.statistics import statistics_batch
-from model.training.targets import heard
+from model.training.targets import heard, statistics_batch
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 STD_FLOOR = 0.01
@@ -26,13 +25,8 @@ STD_FLOOR = 0.01
 
 
 def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """The task of the judge.
-
-    Raises:
-        CheckpointError: if the weights to start from are missing, damaged or of another shape.
-    """
-    torch.manual_seed(config.random_seed)
-    given = setup.given()
+    """See `Family.make_task`."""
+    given = setup.begin(config, data)
     if given is None:
         batch = statistics_batch(data, config.piece_frames, config.mirror)
         statistics = fit_tracks(motion_tracks(batch.poses))
@@ -41,10 +35,10 @@ def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup)
     normaliser = statistics.to(setup.shard.device)
     network = MatchingNetwork(config.matching)
     setup.put_weights_into(network, given)
+    step = matching_step(config, normaliser)
     return DescentTask(
-        config, network, matching_step(config, normaliser), normaliser,
-        config.pieces * config.piece_frames, shard=setup.shard,
-    )  # fmt: skip
+        setup, config, network, step, normaliser, config.pieces * config.piece_frames
+    )
 
 
 def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:

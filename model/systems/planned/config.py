@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from model.speech.codes import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import named_config as globaldiff_config
-from model.training.config import SMOKE, THROATS, TrainConfig
+from model.training.config import SMOKE, THROATS, TrainConfig, chosen
 
 PLANNED = "workbench/planned"
 PLANNER = "planner"
@@ -65,24 +65,17 @@ class PlannedConfig(GlobalDiffConfig):
 
 
 def named_config(preset: str, system: str) -> TrainConfig:
-    """The settings called ``preset``.
-
-    Raises:
-        ValueError: if there are none.
-    """
-    if preset not in PRESETS:
-        raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")
+    """The settings called ``preset``, see `chosen`."""
     if system == PLANNER:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
             speech_dropout=0.15, save_every=250, throats=THROATS,
             planner=PlannerConfig(codes=CodesConfig.codes),
         )  # fmt: skip
-        if preset == "demo":
-            return planner
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
-        return replace(planner, planner=shape, **SMOKE)
-    base = globaldiff_config(preset, BEST)
+        smoke = replace(planner, planner=shape, **SMOKE)
+        return chosen(preset, {"demo": planner, "smoke": smoke})
+    base = chosen(preset, {name: globaldiff_config(name, BEST) for name in PRESETS})
     told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
     shape = PlannedNetworkConfig(**vars(base.network))
     return PlannedConfig(system=system, network=shape, **told)

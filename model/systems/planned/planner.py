@@ -16,11 +16,11 @@ from torch import Tensor
 
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
+from model.networks.trained import Trained
 from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
 from model.speech.codes import SPEECH_ENCODER
-from model.storage.checkpoint import load_into, load_weights
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
 
@@ -300,13 +300,11 @@ def load_planner(folder: Path) -> Planner:
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    tensors, card = load_weights(folder, PLANNER)
-    with card.reading():
-        config = card.config(PlannerConfig, "planner")
-        kinds = KindTable.of_tensors(tensors)
-        goals = tensors["begins.goals"]
-    network = PlannerNetwork(config)
-    load_into(network, tensors, "network.", PLANNER)
-    network.eval().requires_grad_(False)
+    trained = Trained.read(folder, PLANNER)
+    config = trained.card.config(PlannerConfig, "planner")
+    with trained.card.reading():
+        kinds = KindTable.of_tensors(trained.tensors)
+        goals = trained.tensors["begins.goals"]
+    network = trained.as_of(PlannerNetwork(config))
     codes = load_codes(folder) if config.codes else None
-    return Planner(network, Normaliser.of_tensors(tensors), codes, goals, kinds, card.sha256)
+    return Planner(network, trained.normaliser, codes, goals, kinds, trained.sha256)

@@ -13,16 +13,12 @@ from conventions.joints import JOINT_INDEX
 from model.data.annotated import kinds_of
 from model.generation.base import Draw, Features
 from model.motion.motion import Motion
-from model.motion.packing import Normaliser
+from model.networks.trained import Trained
 from model.plan.plan import GesturePlan
 from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
 from model.sampling.flow import SpeechGuide
-from model.sampling.prior import GaussianPrior
-from model.speech.encoders import make_encoder
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import load_into, load_weights
-from model.systems.face.config import EXPRESSION
-from model.systems.face.face import load_face, shared_windowing
+from model.systems.face.face import faced
 from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned import FAMILY
 from model.systems.planned.causal import CausalPlanner
@@ -149,34 +145,19 @@ def load(name: str, folder: Path) -> PlannedSystem:
     Raises:
         CheckpointError: if files are missing or damaged, or do not belong together.
     """
-    tensors, card = load_weights(folder, name)
-    planner = load_planner(folder)
-    with card.reading():
-        config = card.config(PlannedNetworkConfig, "network")
-        speakers, encoder = card.speakers, make_encoder(card.encoder)
-        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-        known = tensors["kinds.names"]
+    trained, planner = Trained.read(folder, name), load_planner(folder)
+    config = trained.card.config(PlannedNetworkConfig, "network")
+    with trained.card.reading():
+        known = trained.tensors["kinds.names"]
     if not torch.equal(known, planner.kinds.tensors()["kinds.names"].float()):
         raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
-    network = PlannedNetwork(config, prior)
-    load_into(network, tensors, "network.", name)
-    network.eval().requires_grad_(False)
-    face = load_face(folder)
+    fields = faced(FAMILY, name, trained, config, folder)
+    fields["sha256s"] |= planner.sha256s
     return PlannedSystem(
-        name=name,
-        card=card,
-        sha256s={name: card.sha256, EXPRESSION: face.sha256, **planner.sha256s},
-        speakers=speakers,
-        encoder=encoder,
-        windowing=shared_windowing(name, config, face),
-        samplers=FAMILY.samplers,
+        **fields,
         frame="parent",
         root_motion=config.root,
-        guidance=FAMILY.guidance_of(name),
-        config=config,
-        network=network,
-        normaliser=Normaliser.of_tensors(tensors),
+        network=trained.as_of(PlannedNetwork(config, trained.prior(config.seed_frames))),
         home_s=HOME_S,
-        face=face,
         planner=planner,
     )

@@ -14,7 +14,6 @@ from model.networks.speech_codes import SpeechCodes, load_codes
 from model.systems.globaldiff.task import motion_step
 from model.systems.planned.config import (
     PlannedConfig,
-    PlannedNetworkConfig,
     PlannerConfig,
     PlannerTrainConfig,
 )
@@ -22,36 +21,28 @@ from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import heard_by_planner
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Draws, Shard
-from model.training.rate import can_compile
-from model.training.statistics import fit_features, fit_motion_prior
-from model.training.targets import heard, prepare_targets
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
+from model.training.targets import fit_features, fit_motion_prior, heard, prepare_targets
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 
 def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """The task of the planner or of the motion network.
-
-    Raises:
-        CheckpointError: if the weights to start from are missing, damaged or of another shape.
-        DataError: if a clip has no annotated plan, or a speaker's number does not fit.
-    """
-    torch.manual_seed(config.random_seed)
+    """See `Family.make_task`."""
     if isinstance(config, PlannerTrainConfig):
         return _planner_task(config, data, setup)
     return _motion_task(cast(PlannedConfig, config), data, setup)
 
 
 def _planner_task(config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    shape, given = config.planner, setup.given()
-    check_speakers(data, shape.num_speakers)
+    shape = config.planner
+    given = setup.begin(config, data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     network = PlannerNetwork(shape)
     setup.put_weights_into(network, given, may_lack=True)  # trained with fewer tiers, or no codes
     normaliser = given.normaliser if given else fit_features(data)
     codes = load_codes(setup.helpers) if shape.codes else None
     return DescentTask(
-        config, network, planner_step(config, normaliser, codes, plans), normaliser,
-        shape.window_frames, shape.context, setup.shard,
+        setup, config, network, planner_step(config, normaliser, codes, plans), normaliser,
+        shape.window_frames, shape.context,
         statistics={**plans.table.tensors(), "begins.goals": first_goals(data, plans, shape)},
     )  # fmt: skip
 
@@ -98,9 +89,8 @@ def planner_step(
 
 
 def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    shape, given = config.network, setup.given()
-    assert isinstance(shape, PlannedNetworkConfig)
-    check_speakers(data, shape.num_speakers)
+    shape = config.network
+    given = setup.begin(config, data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
     known, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
@@ -108,18 +98,12 @@ def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) ->
     setup.put_weights_into(network, given, may_lack=True)  # they may know of no plans
     normaliser = known.to(setup.shard.device)
 
-    def told(batch: Batch, draws: Draws, shard: Shard) -> dict[str, Tensor]:
-        tracks, kinds = plans.of(batch, shape.speech_context)
-        return {
-            "tracks": shard.of(tracks),
-            "kinds": shard.of(kinds),
-            "has_plan": draws.keep(config.plan_dropout),
-        }
+    def told_plan(batch: Batch, draws: Draws) -> dict[str, Tensor]:
+        tracks, kinds = (draws.shard.of(one) for one in plans.of(batch, shape.speech_context))
+        return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(config.plan_dropout)}
 
-    compiles = setup.may_compile and can_compile()
-    step = motion_step(config, normaliser, targets, compile_step=compiles, told=told)
-    names = {"kinds.names": plans.table.tensors()["kinds.names"]}
+    step = motion_step(config, normaliser, targets, compile_step=setup.compiles, more=told_plan)
     return DescentTask(
-        config, network, step, normaliser, shape.window_frames, shape.speech_context,
-        setup.shard, compiles, {"prior.covariance": prior.covariance, **names},
+        setup, config, network, step, normaliser, shape.window_frames, shape.speech_context,
+        setup.compiles, {"kinds.names": plans.table.tensors()["kinds.names"]},
     )  # fmt: skip

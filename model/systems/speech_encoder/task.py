@@ -10,10 +10,9 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork, Reading
 from model.speech.codes import TOLD
-from model.systems.speech_encoder.config import SpeechEncoderConfig
+from model.systems.speech_encoder import SpeechEncoderConfig
 from model.training.parallel import WHOLE, Shard
-from model.training.statistics import fit_features
-from model.training.targets import heard
+from model.training.targets import fit_features, heard
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 _NUMBERS = ("strength", "speed")
@@ -21,23 +20,17 @@ _NUMBERS = ("strength", "speed")
 
 
 def make_task(config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """The task of the speech encoder.
-
-    Raises:
-        CheckpointError: if the weights to start from are missing, damaged or of another shape.
-        DataError: if a clip has no annotated words and plan.
-    """
-    torch.manual_seed(config.random_seed)
-    given, shape = setup.given(), config.codes
+    """See `Family.make_task`."""
+    given, shape = setup.begin(config, data), config.codes
     spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
     network = CodesNetwork(shape)
     setup.put_weights_into(network, given)
     fitted = given.normaliser if given else fit_features(data)
     normaliser = fitted.to(setup.shard.device)
+    step = codes_step(config, normaliser, spoken)
     return DescentTask(
-        config, network, codes_step(config, normaliser, spoken), normaliser,
-        config.window_frames, shape.context, setup.shard,
-    )  # fmt: skip
+        setup, config, network, step, normaliser, config.window_frames, shape.context
+    )
 
 
 def codes_step(config: SpeechEncoderConfig, normaliser: Normaliser, spoken: Spoken) -> StepFunction:

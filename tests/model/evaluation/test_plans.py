@@ -34,7 +34,7 @@ from model.plan.editing import Gesture, added, gestures, sized
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders.config import FGD_ENCODER
+from model.systems.autoencoders import FGD_ENCODER
 from tests.helpers import smooth_motion_example
 from tests.model.plan.made import made_plan, phase
 

@@ -11,6 +11,7 @@ import torch
 from conventions.rates import SAMPLE_RATE
 from model.data.prepared import prepare
 from model.networks.speech_codes import Listener, heard_accents, listener_of, load_codes
+from model.networks.trained import Trained
 from model.speech.audio import load_speech
 from model.speech.encoders import make_encoder
 from model.speech.features import MelEncoder
@@ -20,7 +21,7 @@ from model.systems.gan.config import GeneratorConfig
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
-from model.training.task import Start, TaskSetup
+from model.training.task import TaskSetup
 from tests.model.made import made_speech
 
 CODES = 48
@@ -47,7 +48,7 @@ def conditions(speech: torch.Tensor, has_speech: bool = True) -> dict[str, torch
 
 def started(codes: int) -> MotionNetwork:
     network = MotionNetwork(replace(SHAPE, codes=codes))
-    given = Start(BUNDLED_WEIGHTS, "globaldiff/global").read()
+    given = Trained.read(BUNDLED_WEIGHTS, "globaldiff/global")
     TaskSetup(BUNDLED_WEIGHTS).put_weights_into(network, given)
     return network.eval()
 

@@ -18,7 +18,7 @@ from model.storage.checkpoint import load_weights
 from model.systems.globaldiff.config import named_config
 from model.systems.globaldiff.task import make_task
 from model.train import main
-from model.training import losses, rate
+from model.training import losses, parallel
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
 from model.training.targets import prepare_targets
@@ -173,7 +173,7 @@ def test_bf16_trains_as_fp32_does(data, tmp_path, monkeypatch, steps, left):
 @pytest.mark.slow
 def test_a_compiled_step_is_the_step(tmp_path, data_folder):
     """In processes of their own: the tests' checks of shapes are nothing that compiles."""
-    if not rate.can_compile():
+    if not parallel.can_compile():
         pytest.skip("There is no C++ compiler here.")
     for name, flags in (("plain", ["--no-compile"]), ("compiled", [])):
         command = [sys.executable, "-m", "model.train", "smoke", "--fp32", "--steps", "3", *flags,
@@ -267,10 +267,10 @@ def test_without_a_compiler_that_works_the_step_stays_as_it_is(monkeypatch, capl
     def broken(*_, **__):
         raise RuntimeError("ld: cannot find -lomp\nmore lines")
 
-    rate.can_compile.cache_clear()
-    monkeypatch.setattr(rate.shutil, "which", lambda name: found)
-    monkeypatch.setattr(rate.torch, "compile", broken)
+    parallel.can_compile.cache_clear()
+    monkeypatch.setattr(parallel.shutil, "which", lambda name: found)
+    monkeypatch.setattr(parallel.torch, "compile", broken)
     with caplog.at_level("INFO"):
-        assert not rate.can_compile()
+        assert not parallel.can_compile()
     assert told in caplog.text and "more lines" not in caplog.text
-    rate.can_compile.cache_clear()
+    parallel.can_compile.cache_clear()

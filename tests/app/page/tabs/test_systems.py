@@ -17,8 +17,8 @@ from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
 from app.run.experiments.step_curve import StepCurve, StepPoint, StepsAsk
 from app.run.requests.request import Grown, OnEvent, Progress, ShouldCancel
 from model.measures.hearing import Decided
+from model.systems.globaldiff import LADDER_EXPLAINED as EXPLAINED
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
-from model.systems.globaldiff.ladder import EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
 from tests.app.page.results.made_run import made_run

@@ -13,8 +13,7 @@ from model.systems.asynfusion.config import (
     DualBranchConfig,
     Interaction,
 )
-from model.systems.asynfusion.network import DualBranchNetwork, Pair
-from model.systems.asynfusion.streams import Stream, face_tensors
+from model.systems.asynfusion.network import DualBranchNetwork, Pair, Stream, face_tensors
 from tests.model.made import made_components, made_prior, save_made, shaken
 
 FACE, BODY = 52, AXIS_ANGLE_MOTION_DIM

@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 
 from model.systems.gan.config import WEIGHTS, GanConfig, GeneratorConfig
-from model.systems.gan.generator import Generator
+from model.systems.gan.network import Generator
 from tests.model.made import made_components, made_prior, make_weights, save_made, shaken
 
 TINY = GeneratorConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4, speech_context=6)

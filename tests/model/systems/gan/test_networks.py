@@ -6,18 +6,17 @@ import pytest
 import torch
 
 from model.networks.layers import RecurrentBlock
-from model.systems.gan import adversary
-from model.systems.gan.adversary import (
-    Discriminator,
+from model.systems.gan.config import DiscriminatorConfig
+from model.systems.gan.network import FINGERS, Discriminator, Generator
+from model.systems.gan.sampling import posterior, signal_and_noise, times
+from model.systems.gan.task import (
+    PATIENCE,
     Watch,
     discriminator_loss,
     gaussian_loss,
     generator_loss,
     gradient_penalty,
 )
-from model.systems.gan.config import DiscriminatorConfig
-from model.systems.gan.generator import FINGERS, Generator
-from model.systems.gan.sampling import posterior, signal_and_noise, times
 from model.training.run_folder import TrainingError
 from tests.model.made import made_components, made_prior, shaken
 from tests.model.systems.gan.made_generator import TINY, made_generator, told
@@ -246,10 +245,10 @@ def seen(watch: Watch, steps: int, **changes: float) -> Watch:
 
 def test_only_a_collapse_that_lasts_stops_the_training():
     watch, apart = seen(Watch(), 3000), {"accuracy_real": 1.0, "accuracy_fake": 1.0}
-    seen(watch, adversary.PATIENCE - 1, **apart)
+    seen(watch, PATIENCE - 1, **apart)
     seen(watch, 50)  # one bad spell is none
     with pytest.raises(TrainingError, match=r"told more than 99.5% of generated steps"):
-        seen(watch, 2 * adversary.PATIENCE, **apart)
+        seen(watch, 2 * PATIENCE, **apart)
     seen(Watch(), 3000, accuracy_real=0.0, accuracy_fake=1.0)  # everything is called fake
     with pytest.raises(TrainingError, match="spread less than 5% of recorded motion"):
-        seen(Watch(), 2 * adversary.PATIENCE, liveliness=0.01)
+        seen(Watch(), 2 * PATIENCE, liveliness=0.01)

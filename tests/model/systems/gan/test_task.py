@@ -12,7 +12,7 @@ from model.data.prepared import Batch, PreparedData, prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights
-from model.systems.gan import adversary
+from model.systems.gan import task as module
 from model.systems.gan.config import (
     STEP_COUNTS,
     WEIGHTS,
@@ -20,7 +20,7 @@ from model.systems.gan.config import (
     GanConfig,
     named_config,
 )
-from model.systems.gan.generator import Generator
+from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import GanTask, make_task
 from model.systems.registry import load_system
 from model.train import main
@@ -60,27 +60,31 @@ def batch(data, task) -> Batch:
     return data.window_batch(clips, 60, 8, rng, context=task.context)
 
 
+def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
+    return task.network, task.discriminator
+
+
 def changed(task: GanTask, **changes) -> GanTask:
     """One of other settings with the same statistics and, in the same shape, the same weights."""
     config = quick(WEIGHTS, **changes)
-    generator, discriminator = copy.deepcopy(task.networks)
+    generator, discriminator = copy.deepcopy(networks_of(task))
     if config.generator != task.config.generator:
-        generator = Generator(config.generator, task.generator.prior, task.normaliser)
+        generator = Generator(config.generator, task.network.prior, task.normaliser)
     targets = task.targets
-    return GanTask(config, generator, discriminator, task.normaliser, targets, FP32, False)
+    return GanTask(task.setup, config, generator, discriminator, task.normaliser, targets)
 
 
 def test_each_network_descends_its_own_loss_at_its_own_rate(task, batch):
     assert isinstance(task, Task)
-    rates = [optimizer.param_groups[0]["lr"] for optimizer in task.optimizers]
+    rates = [optimizer.param_groups[0]["lr"] for optimizer in (task.optimizer, task.judging)]
     assert rates == [task.config.learning_rate, task.config.discriminator_learning_rate]
     assert rates[0] != rates[1]
     for frozen, moving in ((0, 1), (1, 0)):
         name = "learning_rate" if frozen == 0 else "discriminator_learning_rate"
         other = changed(task, **{name: 0.0, "weight_decay": 0.0})
-        before = [[p.clone() for p in network.parameters()] for network in other.networks]
+        before = [[p.clone() for p in network.parameters()] for network in networks_of(other)]
         other.step(0, batch, torch.Generator().manual_seed(0))
-        after = [list(network.parameters()) for network in other.networks]
+        after = [list(network.parameters()) for network in networks_of(other)]
         assert all(torch.equal(a, b) for a, b in zip(before[frozen], after[frozen], strict=True))
         assert any(
             not torch.equal(a, b) for a, b in zip(before[moving], after[moving], strict=True)
@@ -90,7 +94,7 @@ def test_each_network_descends_its_own_loss_at_its_own_rate(task, batch):
 def test_real_steps_are_the_chains_and_every_number_of_steps_is_trained(task, batch):
     seen = set()
     for seed in range(40):
-        drawn = task.draw(task.generator, batch, torch.Generator().manual_seed(seed))
+        drawn = task.draw(task.network, batch, torch.Generator().manual_seed(seed))
         gaps = drawn.now - drawn.before
         seen |= {round(1 / float(gap)) for gap in gaps}
         assert (drawn.now <= 1).all() and (drawn.before >= -1e-6).all()
@@ -103,7 +107,7 @@ def test_the_right_answer_steps_back_to_the_data(task, batch):
     """With x_0 itself for the generator's, fake and real steps have the same mean and spread."""
     errors = []
     for seed in range(12):
-        drawn = task.draw(task.generator, batch, torch.Generator().manual_seed(seed))
+        drawn = task.draw(task.network, batch, torch.Generator().manual_seed(seed))
         errors.append((task.step_back(drawn.x_0, drawn) - drawn.x_before).mean((1, 2)))
     found = torch.cat(errors)
     assert abs(float(found.mean())) < 4 * float(found.std()) / len(found) ** 0.5
@@ -122,20 +126,18 @@ def test_the_penalty_is_descended_by_the_discriminator_alone(task, batch):
     without = changed(task, loss=replace(usual.config.loss, gradient_penalty=0.0))
     for one in (usual, without):
         one.step(0, batch, torch.Generator().manual_seed(0))
-    assert_equal_states(usual.generator.state_dict(), without.generator.state_dict())
+    assert_equal_states(usual.network.state_dict(), without.network.state_dict())
     weights = (one.discriminator.score.weight for one in (usual, without))
     assert not torch.equal(*weights)
 
 
 def test_a_loss_that_is_no_number_changes_nothing(task, batch, monkeypatch):
     task = changed(task)
-    before = [p.clone() for network in task.networks for p in network.parameters()]
-    import model.systems.gan.task as module
-
+    before = [p.clone() for network in networks_of(task) for p in network.parameters()]
     monkeypatch.setattr(module, "generator_loss", lambda fake: fake * float("nan"))
     with pytest.raises(FloatingPointError, match="adversarial is nan at step 0"):
         task.step(0, batch, torch.Generator().manual_seed(0))
-    after = [p for network in task.networks for p in network.parameters()]
+    after = [p for network in networks_of(task) for p in network.parameters()]
     assert all(torch.equal(a, b) for a, b in zip(before, after, strict=True))
 
 
@@ -200,10 +202,8 @@ def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(
     trained, data_folder, monkeypatch, capsys
 ):
     """A generator that is wrecked after the first save is told apart at once."""
-    monkeypatch.setattr(adversary, "PATIENCE", 3)
-    monkeypatch.setattr(adversary, "MEMORY", 0.1)
-    import model.systems.gan.task as module
-
+    monkeypatch.setattr(module, "PATIENCE", 3)
+    monkeypatch.setattr(module, "MEMORY", 0.1)
     real = module.Generator.drawn
 
     def wrecked(self, mean, deviation, latent, has_seed):

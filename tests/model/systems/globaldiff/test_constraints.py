@@ -10,7 +10,7 @@ from model.motion.kinematics import (
     open_body_skeleton,
 )
 from model.motion.rotations import matrix_from_axis_angle
-from model.systems.globaldiff import constraints
+from model.systems.globaldiff import task as constraints
 from model.systems.globaldiff.system import led_home
 from model.training.losses import position_loss
 from tests.helpers import random_local_rotations

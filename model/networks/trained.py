@@ -1,0 +1,83 @@
+"""Trained weights as networks are made of them: tensors, statistics among them, and their card."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self, TypeVar
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from model.motion.packing import Normaliser
+from model.sampling.prior import GaussianPrior
+from model.storage.cards import Card
+from model.storage.checkpoint import load_into, load_weights
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What is saved of a training under one name."""
+
+    name: str
+    tensors: dict[str, Tensor]
+    card: Card
+
+    @classmethod
+    def read(cls, folder: Path, name: str) -> Self:
+        """Raises:
+        CheckpointError: if files are missing or damaged.
+        """
+        return cls(name, *load_weights(folder, name))
+
+    @property
+    def sha256(self) -> str:
+        """Of the weights."""
+        return self.card.sha256
+
+    @property
+    def normaliser(self) -> Normaliser:
+        """Statistics of the input that the weights learned with."""
+        with self.card.reading():
+            return Normaliser.of_tensors(self.tensors)
+
+    def prior(self, seed_frames: int) -> GaussianPrior:
+        """The linear-Gaussian prior that the network stands on."""
+        with self.card.reading():
+            return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
+
+    def as_of(self, network: Network) -> Network:
+        """An untrained network with these weights, never changed again.
+
+        Raises:
+            CheckpointError: if they are of another shape.
+        """
+        load_into(network, self.tensors, "network.", self.name)
+        return network.eval().requires_grad_(False)
+
+    def start(self, network: nn.Module, *, may_lack: bool = False) -> None:
+        """Let a training of a network begin with these weights.
+
+        Args:
+            may_lack: the network may have parts which they do not know, which stay, and layers of
+                more inputs, which are not heard at first.
+
+        Raises:
+            CheckpointError: if they are of another shape.
+        """
+        tensors = self.tensors
+        if may_lack:
+            fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+            tensors = fresh | {
+                name: _with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
+                for name, tensor in tensors.items()
+            }
+        load_into(network, tensors, "network.", self.name)
+
+
+def _with_more_inputs(weight: Tensor, wanted: Tensor) -> Tensor:
+    """A linear layer's weight with columns of zeros for the last inputs that ``wanted`` has more
+    of; anything else as it is."""
+    both = weight.dim() == wanted.dim() == 2 and len(weight) == len(wanted)
+    more = wanted.shape[-1] - weight.shape[-1] if both else 0
+    return F.pad(weight, (0, more)) if more > 0 else weight
