@@ -73,7 +73,7 @@ def time_families() -> list[Figure]:
     figures = []
     for family in families():
         if family.has_cost:
-            code = f"import json; from {family.package}.cost import measured; "
+            code = f"import json; from {family.package}.system import measured; "
             rows = json.loads(told("-c", code + "print(json.dumps(measured()))"))
             figures += [Figure(*row) for row in rows]
     return figures

@@ -164,7 +164,7 @@ class Family:
     """What a person names to have its generators at all; a family with files has methods of its
     own that read them."""
     has_cost: bool = False
-    """Whether its folder has ``cost.measured()``: further rows of `make bench` on what its networks
+    """Whether its ``system`` has ``measured()``: further rows of `make bench` on what its networks
     cost, (title, value, unit, aim) of each, measured in a process of its own."""
 
     @property

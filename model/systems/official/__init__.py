@@ -70,7 +70,7 @@ class OfficialFamily(Family):
 
     def file_reports(self) -> tuple[FileReport, ...]:
         """Of each network, and of what hears for them."""
-        from model.systems.official.checkpoint import reports_of
+        from model.systems.official.networks import reports_of
 
         files = official_files()
         return () if files is None else tuple(reports_of(files))

@@ -18,8 +18,12 @@ from torch import Tensor
 from model.generation.stitching import num_windows
 from model.speech.encoder import EncoderError
 from model.speech.wavlm import normalises
-from model.systems.official.files import require_speech
-from model.systems.official.sizes import SEED_FRAMES, SPEECH_DIM, WINDOW_FRAMES
+from model.systems.official.files import (
+    SEED_FRAMES,
+    SPEECH_DIM,
+    WINDOW_FRAMES,
+    require_speech,
+)
 
 WINDOW_SAMPLES = 32_000
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)

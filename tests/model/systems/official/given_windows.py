@@ -14,9 +14,8 @@ from model.motion.motion import Motion
 from model.storage.cards import Card
 from model.systems.official import FAMILY
 from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
-from model.systems.official.seed import seed_of
 from model.systems.official.speech import OfficialEncoder, by_frame
-from model.systems.official.system import OfficialSystem, OfficialWindow
+from model.systems.official.system import OfficialSystem, OfficialWindow, seed_of
 from tests.model.systems.official.filled import made
 
 Networks = tuple[OfficialMotionNetwork, OfficialExpressionNetwork]

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.systems.official.checkpoint import make_network
-from model.systems.official.files import Part
-from model.systems.official.sizes import SPEECH_DIM, WINDOW_FRAMES
+from model.systems.official.files import SPEECH_DIM, WINDOW_FRAMES, Part
+from model.systems.official.networks import make_network
 from tests.model.systems.official.filled import fill, made
 
 NAMES: dict[Part, str] = {
@@ -31,8 +30,8 @@ def make_official(folder: Path) -> Path:
 
 def _calm(state: dict[str, torch.Tensor]) -> None:
     """Let the network's answer be near a body that stands, so that its motion can be shown."""
-    from model.systems.official.seed import standing
-    from model.systems.official.sizes import BODY_CHANNELS, HAND_CHANNELS
+    from model.systems.official.files import BODY_CHANNELS, HAND_CHANNELS
+    from model.systems.official.system import standing
 
     pose = standing()[0]
     for name, channels in (("hand", HAND_CHANNELS), ("body", BODY_CHANNELS)):

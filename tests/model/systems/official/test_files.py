@@ -11,8 +11,8 @@ from torch import Tensor
 
 from model.storage.cards import CheckpointError
 from model.storage.torch_file import read_tensors
-from model.systems.official.checkpoint import load_network, make_network
 from model.systems.official.files import official_files, part_of, require_official
+from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill, sha256_of
 from tests.model.training.made import assert_equal_states
 

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from model.motion.kinematics import local_from_global
 from model.motion.rotations import matrix_from_axis_angle
-from model.systems.official import sizes
-from model.systems.official.checkpoint import make_network
+from model.systems.official import files as sizes
 from model.systems.official.files import PARTS
+from model.systems.official.networks import make_network
 from model.systems.official.system import smoothed
 from tests.helpers import official_folder
 from tests.model.systems.official.filled import fill, made, sha256_of
