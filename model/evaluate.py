@@ -1,10 +1,12 @@
-"""Measure systems: ``python -m model.evaluate --data DIR --systems A,B --out DIR``.
+"""Measure systems: ``python -m model.evaluate [PROTOCOL] --data DIR --out OUT``.
 
-Three questions, each with a bootstrap interval over clips: how does generated motion move beside
-the recorded motion of the same clips, how near is its distribution, and does the right speech help
-more than the wrong one? Clips of the test split, of speakers the weights know. Writes
-``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are shared out over processes or a Dask
-cluster; each one's numbers are kept in ``clips``, and the same command goes on with the rest.
+- ``motion``, the usual one: how does generated motion move beside the recorded motion of the same
+  clips, how near is its distribution, and does the right speech help more than the wrong one? Each
+  value with a bootstrap interval over clips of the test split, of speakers the weights know. Writes
+  ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are shared out over processes or a Dask
+  cluster; each one's numbers are kept in ``clips``, and the same command goes on with the rest.
+- ``adherence``: does a system do what its plan says? Writes the file ``OUT``, as the next does.
+- ``finding``: how well are plans found in motion?
 """
 
 import argparse
@@ -25,14 +27,26 @@ import torch
 from tqdm import tqdm
 
 from conventions.names import printable
-from model.data.recordings import DataError, fingerprint, read_split
+from model.data.recordings import DataError, fingerprint, read_split, speaker_of
 from model.evaluation import frechet, tables
-from model.evaluation.clips import as_table, rooted_positions
-from model.evaluation.few_clips import FewClips
-from model.evaluation.matching import left_out
-from model.evaluation.one_clip import Cast, OneClip, load_rows, read_recording, speaker_in
-from model.evaluation.speakers import SpeakerJudge, judge_of
-from model.evaluation.speakers import left_out as speakers_left_out
+from model.evaluation.adherence import adherence
+from model.evaluation.clips import (
+    Cast,
+    OneClip,
+    as_table,
+    load_rows,
+    read_recording,
+    rooted_positions,
+)
+from model.evaluation.finding import finding
+from model.evaluation.matching import NO_HEARING_JUDGE
+from model.evaluation.speakers import (
+    NO_SPEAKER_JUDGE,
+    UNKNOWN_SPEAKERS,
+    FewClips,
+    SpeakerJudge,
+    judge_of,
+)
 from model.generation.base import System
 from model.measures import beats
 from model.motion.motion import Motion
@@ -56,50 +70,81 @@ ALONE = JobPool(1)
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m model.evaluate", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m model.evaluate",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("protocol", nargs="?", choices=PROTOCOLS, default="motion")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
-    parser.add_argument("--systems", default="all", help="names with commas between, or: all")
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True, help="a folder, or FILE.json")
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS)
-    parser.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
-    parser.add_argument(
+    parser.add_argument("--clips", type=int, help="only so many (default: all; adherence: 20)")
+    motion = parser.add_argument_group("motion")
+    motion.add_argument("--systems", default="all", help="names with commas between, or: all")
+    motion.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
+    motion.add_argument(
         "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
     )
-    parser.add_argument(
+    motion.add_argument(
         "--speakers",
         default=",".join(CALM_AND_LIVELY),
         metavar="CALM,LIVELY",
         help="two speakers whose manner is compared on a few clips (default: %(default)s)",
     )
-    parser.add_argument("--clips", type=int, help="only the first so many clips")
-    parser.add_argument("--processes", type=int, help="on this machine (default: all cores)")
-    parser.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
+    motion.add_argument("--processes", type=int, help="on this machine (default: all cores)")
+    motion.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
+    plans = parser.add_argument_group("adherence and finding, of a corpus with annotated plans")
+    plans.add_argument("--edits", type=int, default=10, help="of each clip; default: %(default)s")
+    plans.add_argument("--seed", type=int, default=0, help="of the edits; default: %(default)s")
+    plans.add_argument("--fit", action="store_true", help="train what finds plans first")
     args = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    names = list_systems(args.weights) if args.systems == "all" else args.systems.split(",")
     try:
-        speakers = _two(args.speakers)
-        cast = _load(tuple(names), args.weights.absolute())
-        clips = test_clips(args.data, cast.systems)[: args.clips]
-        table = evaluate(
-            args.data.absolute(),
-            clips,
-            cast.systems,
-            args.seeds,
-            judges=cast.judges,
-            matching=cast.matching,
-            guidance=args.guidance,
-            speakers=speakers,
-            pool=JobPool(args.processes, args.scheduler),
-            kept=args.out / "clips",
-            again=partial(_load, tuple(names), args.weights.absolute()),
-        )
-        write(table, args.out)
+        PROTOCOLS[args.protocol](args)
     except (JobsError, CheckpointError, UnknownNameError, OSError, ValueError) as error:
         sys.stderr.write(f"{printable(str(error))}\n")
         return 1
-    sys.stdout.write(tables.as_markdown(table))
     return 0
+
+
+def _motion(args: argparse.Namespace) -> None:
+    calm_and_lively = _two(args.speakers)
+    weights = args.weights.absolute()
+    names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
+    cast = _load(tuple(names), weights)
+    table = evaluate(
+        args.data.absolute(),
+        test_clips(args.data, cast.systems)[: args.clips],
+        cast.systems,
+        args.seeds,
+        judges=cast.judges,
+        matching=cast.matching,
+        guidance=args.guidance,
+        speakers=calm_and_lively,
+        pool=JobPool(args.processes, args.scheduler),
+        kept=args.out / "clips",
+        again=partial(_load, tuple(names), weights),
+    )
+    write(table, args.out)
+    sys.stdout.write(tables.as_markdown(table))
+
+
+def _plans(args: argparse.Namespace) -> None:
+    if args.protocol == "adherence":
+        answers = adherence(args.data, args.weights, args.clips or 20, args.edits, args.seed)
+    else:
+        answers = finding(args.data, args.clips, args.fit)
+    told = {}
+    for told in tqdm(answers, desc="clips", unit="clip"):
+        with written_atomically(args.out) as path:  # what there is so far
+            path.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    for question, answer in told.items():
+        numbers = ", ".join(f"{name} {number:.4g}" for name, number in answer.items())
+        sys.stdout.write(f"{question}: {numbers}\n")
+
+
+PROTOCOLS = {"motion": _motion, "adherence": _plans, "finding": _plans}
 
 
 def write(table: dict, out: Path) -> None:
@@ -124,7 +169,7 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
     """
     known = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
-    names = [name for name in names if speaker_in(name) in known]
+    names = [name for name in names if speaker_of(name)[1] in known]
     if not names:
         raise DataError(f"{folder} has no test clip of a speaker that the systems know.")
     return names
@@ -171,7 +216,8 @@ def evaluate(
         for motion in motions.values()
     ]
     few = FewClips.choose(folder, names, cast.systems, speakers)
-    speaker_judge = judge_of(folder, [speaker_in(name) for name in names])
+    whose = [speaker_of(name)[1] for name in names]
+    speaker_judge = judge_of(folder, whose)
     one = OneClip(
         folder=folder,
         cast=again or partial(Cast, cast.systems, cast.judges, matching),
@@ -199,7 +245,7 @@ def evaluate(
             for error in pool.do_all(jobs, on_done).values():
                 raise error
         rows = [load_rows(files[name]) for name in names]
-    table = as_table(rows, [speaker_in(name) for name in names])
+    table = as_table(rows, whose)
     return {
         "clips": names,
         "noise_seeds": seeds,
@@ -207,9 +253,9 @@ def evaluate(
         **table,
         "left_out": [
             *frechet.left_out(judges, motions.values()),
-            *left_out(matching),
-            *few.left_out(),
-            *speakers_left_out(speaker_judge),
+            *([] if matching else [NO_HEARING_JUDGE]),
+            *([] if few.speakers else [UNKNOWN_SPEAKERS]),
+            *([] if speaker_judge else [NO_SPEAKER_JUDGE]),
         ],
     }
 

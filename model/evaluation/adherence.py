@@ -1,4 +1,4 @@
-"""Does a system do what its plan says? ``python -m model.evaluation.adherence --data DIR``.
+"""The protocol ``adherence``: does a system do what its plan says?
 
 Plans are drawn for clips of the test split, performed, edited at random and performed again where
 they differ. What is asked: do strokes end when the plan says, does the hand that was asked move and
@@ -9,13 +9,9 @@ questions' own answers are worth.
 
 from __future__ import annotations
 
-import argparse
-import json
-import logging
 import math
-import sys
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,7 +22,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.data.recordings import read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.again import Performance, perform
 from model.generation.base import System
@@ -52,10 +48,7 @@ from model.plan.files import annotated_plan
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
 from model.plan.tracks import hand_tracks, tracks_of
-from model.speech.audio import Speech, SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.storage.files import written_atomically
-from model.storage.npz import MotionError
+from model.speech.audio import Speech
 from model.systems.autoencoders import FGD_ENCODER
 from model.systems.registry import load_system, usual_planner
 
@@ -74,7 +67,6 @@ EDITS = ("move", "hold", "delete", "add", "hand", "size", "height")
 SIZES = (0.6, 1.0, 1.5)
 HEIGHTS_M = (-0.12, 0.0, 0.12)
 Places = Mapping[Side, Float[np.ndarray, "T 3"]]
-log = logging.getLogger(__name__)
 
 
 def stroke_lags(
@@ -207,7 +199,7 @@ def _changed(
     return raised(plan, old, 0.2 * (by - 0.85)), old
 
 
-class Asked:
+class Answers:
     """Answers as they come, and what they say in the end."""
 
     def __init__(self) -> None:
@@ -238,7 +230,12 @@ def _rough(tracks: Tracks, frames: range) -> tuple[float, float]:
 
 
 def ask_clip(
-    system: System, speech: Speech, speaker: str, edits: int, rng: np.random.Generator, asked: Asked
+    system: System,
+    speech: Speech,
+    speaker: str,
+    edits: int,
+    rng: np.random.Generator,
+    answers: Answers,
 ) -> list[Motion]:
     """All questions of one clip; returns the unedited motion, then each edited one."""
     skeleton = open_body_skeleton()
@@ -247,9 +244,9 @@ def ask_clip(
     first = perform(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     places = wrist_places(tracks)
-    asked.add("drawn: strokes in time", _in_time(stroke_lags(places, plan)))
-    asked.add("rests at rest", [float(s < STILL_M_S) for s in rest_speeds(places, plan)])
-    asked.add("rest speed, m/s", rest_speeds(places, plan))
+    answers.add("drawn: strokes in time", _in_time(stroke_lags(places, plan)))
+    answers.add("rests at rest", [float(s < STILL_M_S) for s in rest_speeds(places, plan)])
+    answers.add("rest speed, m/s", rest_speeds(places, plan))
 
     def again(changed: GesturePlan) -> Performance:
         return perform(system, speech, replace(options, conditions=(changed,)), first)
@@ -261,37 +258,37 @@ def ask_clip(
         motions.append(made.motion)
         new_tracks = track_points(made.motion, skeleton)
         new = wrist_places(new_tracks)
-        asked.add("edited: strokes in time", _in_time(stroke_lags(new, edited.plan, made.fresh)))
-        asked.add("share made anew", [sum(map(len, made.fresh)) / speech.num_frames])
+        answers.add("edited: strokes in time", _in_time(stroke_lags(new, edited.plan, made.fresh)))
+        answers.add("share made anew", [sum(map(len, made.fresh)) / speech.num_frames])
         if gesture is not None:
             end = round(gesture.lands_s * FPS)
             own = GesturePlan(plan.duration_s).with_hand(
                 gesture.side, edited.plan.hand(gesture.side)
             )
             lags = stroke_lags(new, own, [range(end - 1, end + 2)])
-            asked.add("the edited stroke in time", _in_time(lags))
-            asked.add(f"the edited stroke in time: {name}", _in_time(lags))
+            answers.add("the edited stroke in time", _in_time(lags))
+            answers.add(f"the edited stroke in time: {name}", _in_time(lags))
             alone = moves_alone(new, edited.plan, gesture)
             if alone is not None:
-                asked.add("the asked hand moves, the other not", [float(alone)])
+                answers.add("the asked hand moves, the other not", [float(alone)])
         for part in made.fresh:
             if len(part) > 15:
                 jerk, slide = _rough(new_tracks, part)
                 jerk_before, slide_before = _rough(tracks, part)
-                asked.add("jerk, edited / unedited", [jerk / jerk_before])
+                answers.add("jerk, edited / unedited", [jerk / jerk_before])
                 if slide_before > 0:
-                    asked.add("slide, edited / unedited", [slide / slide_before])
+                    answers.add("slide, edited / unedited", [slide / slide_before])
     there = [g for side in SIDES for g in gestures(plan, side)]
     inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, sized, again)
-        asked.add("sizes in order", _in_order([gesture_size(*one) for one in larger]))
-        asked.add("extents in order", _in_order([_extent(*one) for one in larger]))
+        answers.add("sizes in order", _in_order([gesture_size(*one) for one in larger]))
+        answers.add("extents in order", _in_order([_extent(*one) for one in larger]))
         told = [_extent(planned_places(one), one, gesture) for _, one, _ in larger]
-        asked.add("extents of plans in order", _in_order(told))
+        answers.add("extents of plans in order", _in_order(told))
         higher = _varied(plan, gesture, HEIGHTS_M, raised, again)
-        asked.add("heights in order", _in_order([_height(*one) for one in higher]))
+        answers.add("heights in order", _in_order([_height(*one) for one in higher]))
     return motions
 
 
@@ -371,62 +368,50 @@ def _height(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
     return float(places[gesture.side][at - 2 : at + 3, 1].mean())
 
 
-def ask_recording(motion: Motion, plan: GesturePlan, asked: Asked) -> None:
+def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
     """What the questions say of recorded motion beside its own annotation."""
     places = wrist_places(track_points(motion, open_body_skeleton()))
-    asked.add("recorded: strokes in time", _in_time(stroke_lags(places, plan)))
+    answers.add("recorded: strokes in time", _in_time(stroke_lags(places, plan)))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [moves_alone(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1]
-    asked.add("recorded: one hand moves, the other not", [float(a) for a in alone if a is not None])
-    speeds = [s for s in rest_speeds(places, plan) if not math.isnan(s)]
-    asked.add("recorded: rests at rest", [float(s < STILL_M_S) for s in speeds])
-    asked.add("recorded: rest speed, m/s", speeds)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m model.evaluation.adherence", description=__doc__
+    answers.add(
+        "recorded: one hand moves, the other not", [float(a) for a in alone if a is not None]
     )
-    parser.add_argument("--data", type=Path, required=True, help="a corpus with annotated plans")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.json")
-    parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
-    parser.add_argument("--clips", type=int, default=20, help="default: %(default)s")
-    parser.add_argument("--edits", type=int, default=10, help="of each clip; default: %(default)s")
-    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    options = parser.parse_args(arguments)
-    logging.basicConfig(format="%(message)s", level=logging.INFO)
-    asked, rng = Asked(), np.random.default_rng(options.seed)
-    try:
-        system = load_system(usual_planner(), options.weights)
-        distances = Distances(load_encoder(options.weights, FGD_ENCODER))
-        names = [n for n, split in read_split(options.data).items() if split == "test"]
-        known = [n for n in names if speaker_of(n)[1] in system.speakers]
-        for name in rng.permutation(np.array(known))[: options.clips].tolist():
-            motion, speech = read_files(options.data, name)
-            cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
-            plan = annotated_plan(options.data / "textgrid" / f"{name}.TextGrid")
-            recorded = first_frames(motion, cut.num_frames)
-            ask_recording(recorded, _until(plan, cut.duration_s), asked)
-            made = ask_clip(system, cut, speaker_of(name)[1], options.edits, rng, asked)
-            distances.add(recorded, made)
-            told = asked.told() | distances.told()
-            with written_atomically(options.out) as path:  # what there is so far
-                path.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-            log.info("%s", name)
-    except (DataError, MotionError, SpeechError, CheckpointError, PlanError, OSError) as error:
-        log.error("%s", error)
-        return 1
-    for question, answer in (asked.told() | distances.told()).items():
-        log.info("%-45s %.3f of %d", question, answer["mean"], answer["count"])
-    return 0
+    speeds = [s for s in rest_speeds(places, plan) if not math.isnan(s)]
+    answers.add("recorded: rests at rest", [float(s < STILL_M_S) for s in speeds])
+    answers.add("recorded: rest speed, m/s", speeds)
+
+
+def adherence(
+    folder: Path, weights: Path, clips: int, edits: int, seed: int
+) -> Iterator[dict[str, dict[str, float]]]:
+    """The protocol: after each clip, the answers of all so far, by question.
+
+    Args:
+        folder: a corpus with annotated plans.
+        edits: of each clip.
+
+    Raises:
+        DataError, MotionError, SpeechError, CheckpointError, PlanError: if something that it needs
+            cannot be used.
+    """
+    answers, rng = Answers(), np.random.default_rng(seed)
+    system = load_system(usual_planner(), weights)
+    distances = Distances(load_encoder(weights, FGD_ENCODER))
+    names = [n for n, split in read_split(folder).items() if split == "test"]
+    known = [n for n in names if speaker_of(n)[1] in system.speakers]
+    for name in rng.permutation(np.array(known))[:clips].tolist():
+        motion, speech = read_files(folder, name)
+        cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
+        plan = annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
+        recorded = first_frames(motion, cut.num_frames)
+        ask_recording(recorded, _until(plan, cut.duration_s), answers)
+        made = ask_clip(system, cut, speaker_of(name)[1], edits, rng, answers)
+        distances.add(recorded, made)
+        yield answers.told() | distances.told()
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:
     """What the plan says of hands up to some time."""
     hands = {side: tuple(p for p in plan.hand(side) if p.end_s <= end_s) for side in SIDES}
     return GesturePlan(end_s, left=hands["left"], right=hands["right"])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

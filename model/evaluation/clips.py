@@ -1,8 +1,11 @@
-"""From clips to the evaluation's table: what is measured on each, and intervals over all."""
+"""The protocol ``motion``: each clip measured, every system's motion beside the recorded one, kept
+on disk; and intervals over all of them, the evaluation's table."""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -10,10 +13,12 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
+from model.data.recordings import read_files, speaker_of
 from model.diagnostics import measures
 from model.evaluation import frechet, matching
 from model.evaluation.frechet import window_diversity
 from model.evaluation.matching import coupling, frame_loudness, matched, speech_tracks, voiced
+from model.evaluation.speakers import FewClips, SpeakerJudge
 from model.evaluation.tables import (
     Interval,
     bootstrap,
@@ -21,16 +26,21 @@ from model.evaluation.tables import (
     bootstrap_of,
     bootstrap_ratio,
 )
-from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
+from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction, System
+from model.generation.clip_noise import clip_seed
+from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats, differences, face, hearing
 from model.measures.differences import l1_to_mean
 from model.measures.face import face_and_hands, face_measures
 from model.measures.hearing import SILENCE_S, speed_in_silence
-from model.motion.kinematics import RestSkeleton, open_body_skeleton
-from model.motion.motion import Motion
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
+from model.speech.audio import Speech
+from model.speech.encoder import SpeechEncoder
 from model.speech.features import MelEncoder
+from model.storage.files import written_atomically
 from model.systems.matching.network import MatchingJudge
 
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
@@ -43,25 +53,25 @@ MOTION_MEASURES = (
 )
 
 
-@dataclass(frozen=True)
-class ClipMeasures:
-    """Numbers of one motion; a clip too short to have one lacks it."""
+def clip_measures(
+    motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
+) -> tuple[dict[str, float], list[float]]:
+    """Smoothness (raw), wander, diversity within the clip, and the error of the face, as far as a
+    clip is long enough; and its jerk by depth.
 
-    numbers: dict[str, float]
-    jerk_by_depth: list[float]
-
-
-def clip_measures(motion: Motion, recorded: Motion, skeleton: RestSkeleton) -> ClipMeasures:
-    """Smoothness (raw), wander, diversity within the clip, and the error of the face."""
-    found = measures(motion, skeleton)
+    Args:
+        joints: see `rooted_positions`.
+    """
+    found = measures(motion, open_body_skeleton())
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
-    numbers["pelvis_wander_m"] = wander(motion)
-    numbers["l1_to_mean_m"] = l1_to_mean(rooted_positions(motion))
+    place = motion.trans[:, [0, 2]]
+    numbers["pelvis_wander_m"] = float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
+    numbers["l1_to_mean_m"] = l1_to_mean(joints)
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
         numbers["face_mse"] = face_error(motion, recorded)
-    return ClipMeasures(numbers, found["jerk_by_depth_m_s3"])
+    return numbers, found["jerk_by_depth_m_s3"]
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
@@ -82,12 +92,6 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
         found[f"{part}_by_speech"] = told.by_speech
         found[f"{part}_same_noise"] = told.same_noise
     return found | {"arm_rotations_same_noise": hearing.arm_rotations_same_noise(grid)}
-
-
-def wander(motion: Motion) -> float:
-    """Root mean square distance of the pelvis from its mean place on the floor, metres."""
-    place = motion.trans[:, [0, 2]]
-    return float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
 
 
 def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
@@ -115,6 +119,7 @@ def face_error(motion: Motion, recorded: Motion) -> float:
     return float(np.square(difference[:, used]).mean()) if used.any() else 0.0
 
 
+_NUMBERS = ("measures", "by_depth", "couplings", "errors")
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")
 RATIOS = (
@@ -184,11 +189,6 @@ class ClipContext:
             for kind, track in speech_tracks(own[:, None], foreign[:, None]).items()
         }
 
-    def in_silence(self) -> dict[str, float]:
-        """Speeds of the recorded motion in the silences of its own speech; nothing where it has
-        none that is long enough."""
-        return speed_in_silence(self.recorded, voiced(self.heard[0]))
-
     def row(
         self,
         motions: Sequence[Motion],
@@ -203,17 +203,19 @@ class ClipContext:
             elsewhere: what the system made of the foreign speech with the same noise.
             more: measures that were found on other motions.
         """
-        measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
         positions = [rooted_positions(motion) for motion in motions]
+        measured = [
+            clip_measures(m, self.recorded, p) for m, p in zip(motions, positions, strict=True)
+        ]
         numbers = [
-            one.numbers
+            one
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness["right"])
             | face_and_hands(motion, joints)
             | (matched(self.matching, motion, *self.heard) if self.matching else {})
-            for one, joints, motion in zip(measured, positions, motions, strict=True)
+            for (one, _), joints, motion in zip(measured, positions, motions, strict=True)
         ]
-        by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
+        by_depth = {"jerk_m_s3": np.mean([by_depth for _, by_depth in measured], 0).tolist()}
         if prediction is not None:
             by_depth["position_error_m"] = prediction.position_error_by_depth_m
         features = {}
@@ -234,6 +236,134 @@ class ClipContext:
             windows=differences.windows_of(motions[0]),
             errors=prediction.errors if prediction else {},
         )
+
+
+def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
+    """Write a clip's rows, whole or not at all: numbers as JSON, arrays as they are."""
+    arrays: dict[str, np.ndarray] = {}
+    told = {}
+    for place, (name, row) in enumerate(rows.items()):
+        own = {f"features.{key}": value for key, value in row.features.items()}
+        own |= {f"positions.{seed}": joints for seed, joints in enumerate(row.positions)}
+        own["windows"] = row.windows
+        arrays |= {f"{place}.{key}": array for key, array in own.items()}
+        told[name] = {key: getattr(row, key) for key in _NUMBERS}
+    text = json.dumps(told).encode()
+    with written_atomically(path) as part:
+        np.savez(part, rows=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
+
+
+def load_rows(path: Path) -> dict[str, ClipRow]:
+    """What `save_rows` wrote."""
+    with np.load(path, allow_pickle=False) as archive:
+        told = json.loads(archive["rows"].tobytes())
+        rows = {}
+        for place, (name, numbers) in enumerate(told.items()):
+            start = f"{place}."
+            own = {key[len(start) :]: archive[key] for key in archive if key.startswith(start)}
+            features = {k.partition(".")[2]: v for k, v in own.items() if k.startswith("features.")}
+            seeds = sum(key.startswith("positions.") for key in own)
+            rows[name] = ClipRow(
+                **numbers,
+                features=features,
+                positions=[own[f"positions.{seed}"] for seed in range(seeds)],
+                windows=own["windows"],
+            )
+    return rows
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who is measured, and the encoders of the distances."""
+
+    systems: Sequence[System]
+    judges: Mapping[str, FrozenEncoder]
+    matching: MatchingJudge | None = None
+    """Who tells matched from mismatched speech."""
+
+
+@dataclass(frozen=True)
+class ReadClip:
+    """A test clip: its motion, its speech, and what each encoder hears in it."""
+
+    motion: Motion
+    speech: Speech
+
+    def features(self, encoder: SpeechEncoder) -> Float[np.ndarray, "T dim"]:
+        """The speech of the motion's frames; encoded once for all systems with that encoder."""
+        if encoder.name not in self._heard:
+            found = encoder.encode(self.speech.waveform, self.motion.num_frames)
+            self._heard[encoder.name] = found
+        return self._heard[encoder.name]
+
+    @cached_property
+    def _heard(self) -> dict[str, Float[np.ndarray, "T dim"]]:
+        return {}
+
+
+def read_recording(folder: Path, name: str) -> ReadClip:
+    """The frames that both motion and speech have.
+
+    Raises:
+        DataError, MotionError, SpeechError: if it cannot be used.
+    """
+    motion, speech = read_files(folder, name)
+    return ReadClip(first_frames(motion, min(motion.num_frames, speech.num_frames)), speech)
+
+
+@dataclass(frozen=True)
+class OneClip:
+    """What is the same for all clips of an evaluation."""
+
+    folder: Path
+    cast: Callable[[], Cast]
+    seeds: int
+    guidance: float | None
+    few: FewClips
+    speaker_judge: SpeakerJudge | None
+    batch_windows: int
+    mean_speed: np.ndarray
+    """Of the joints whose beats count, over all clips."""
+
+    def measure(self, name: str, other: str, out: Path) -> None:
+        """Write the rows of clip ``name``; the speech of ``other`` is the wrong one."""
+        cast = self.cast()
+        mine, foreign = read_recording(self.folder, name), read_recording(self.folder, other)
+        motion = mine.motion
+        context = ClipContext(
+            motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges,
+            cast.matching,
+        )  # fmt: skip
+        # Silences of its own speech; nothing where none is long enough.
+        in_silence = speed_in_silence(motion, voiced(context.heard[0]))
+        of_recordings = (
+            in_silence | self.few.recorded_measures(self.folder, name) | self._told([motion], name)
+        )
+        rows = {RECORDED: context.row([motion], more=of_recordings)}
+        for system in cast.systems:
+            guidance = None if system.guidance is None else self.guidance
+            options = GenerateOptions(
+                speaker=speaker_of(name)[1],
+                seed=clip_seed(0, name),
+                samples=self.seeds,
+                guidance=guidance,
+            )
+            prediction = system.predict_with(
+                motion,
+                speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
+                system.speaker_index(speaker_of(name)[1]),
+                self.batch_windows,
+            )
+            motions = generate_motion(system, mine.speech, options)
+            elsewhere = generate_motion(system, foreign.speech, options)
+            more = self.few.measures(system, name, mine.speech, guidance)
+            more |= self._told(motions, name)
+            rows[system.name] = context.row(motions, prediction, elsewhere, more)
+        save_rows(out, rows)
+
+    def _told(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
+        judge = self.speaker_judge
+        return {} if judge is None else judge.measures(motions, speaker_of(name)[1])
 
 
 def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:

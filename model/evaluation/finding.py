@@ -1,4 +1,4 @@
-"""How well are plans found in motion? ``python -m model.evaluation.finding --data DIR --out FILE``.
+"""The protocol ``finding``: how well are plans found in motion?
 
 Plans found in recordings of the corpus's test split are held against their exact annotation. With
 ``--fit`` the network that tells phases is trained first, on the train split.
@@ -6,12 +6,8 @@ Plans found in recordings of the corpus's test split are held against their exac
 
 from __future__ import annotations
 
-import argparse
-import json
-import logging
-import sys
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,15 +19,14 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.recordings import DataError, read_split, speaker_of
+from model.data.recordings import read_split, speaker_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_places
 from model.plan.files import annotated_plan
 from model.plan.found import DILATIONS, KERNEL, WEIGHTS, found_plan, hand_features
-from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase, PlanError
+from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
-from model.storage.npz import MotionError
 
 WITHIN_S = 0.1
 MOMENT_S = 0.15
@@ -42,7 +37,6 @@ LEAST_OVERLAP = 0.3
 FIT_EVERY = 6
 """Of the train split's clips."""
 STEPS, BATCH, FRAMES, HIDDEN, RATE = 1200, 16, 300, 40, 6e-3
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -252,42 +246,29 @@ def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray
     }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m model.evaluation.finding", description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="a corpus with annotated plans")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.json")
-    parser.add_argument("--clips", type=int, help="of the test split; default: all")
-    parser.add_argument("--fit", action="store_true", help="train the network first")
-    options = parser.parse_args(arguments)
-    logging.basicConfig(format="%(message)s", level=logging.INFO)
+def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, dict[str, float]]]:
+    """The protocol: after each clip, the counts of all so far, by question.
+
+    Args:
+        folder: a corpus with annotated plans.
+        fits: train the network first.
+
+    Raises:
+        DataError, MotionError, PlanError, OSError: if something that it needs cannot be used.
+    """
     total: defaultdict[str, Counts] = defaultdict(Counts)
     speakers: defaultdict[str, Counts] = defaultdict(Counts)
-    try:
-        split = read_split(options.data)
-        if options.fit:
-            learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]
-            fit(options.data, learned, WEIGHTS)
-        names = [name for name, of in split.items() if of == "test"][: options.clips]
-        for name in tqdm(names, desc="test"):
-            motion = load_motion(options.data / f"smplxflame_30/{name}.npz")
-            told = annotated_plan(options.data / f"textgrid/{name}.TextGrid")
-            counts = agreement(found_plan(motion, open_body_skeleton()), told)
-            for question, one in counts.items():
-                total[question] += one
-            speakers[speaker_of(name)[1]] += counts["strokes"]
-    except (DataError, MotionError, PlanError, OSError) as error:
-        log.error("%s", error)
-        return 1
-    answers = {question: counts.as_json() for question, counts in total.items()}
-    by_speaker = {name: round(counts.f1, 3) for name, counts in sorted(speakers.items())}
-    with written_atomically(options.out) as path:
-        path.write_text(json.dumps({**answers, "f1 of strokes": by_speaker}, indent=1) + "\n")
-    for question, answer in answers.items():
-        log.info("%-22s %s", question, answer)
-    log.info("f1 of strokes by speaker: %s", by_speaker)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    split = read_split(folder)
+    if fits:
+        learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]
+        fit(folder, learned, WEIGHTS)
+    for name in [name for name, of in split.items() if of == "test"][:clips]:
+        motion = load_motion(folder / f"smplxflame_30/{name}.npz")
+        told = annotated_plan(folder / f"textgrid/{name}.TextGrid")
+        counts = agreement(found_plan(motion, open_body_skeleton()), told)
+        for question, one in counts.items():
+            total[question] += one
+        speakers[speaker_of(name)[1]] += counts["strokes"]
+        by_speaker = {name: round(one.f1, 3) for name, one in sorted(speakers.items())}
+        answers = {question: one.as_json() for question, one in total.items()}
+        yield {**answers, "f1 of strokes": by_speaker}

@@ -22,6 +22,9 @@ from model.speech.features import NUM_MELS
 from model.systems.matching import HEARING_JUDGE
 from model.systems.matching.network import MatchingJudge, agreement
 
+NO_HEARING_JUDGE = (
+    f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."
+)
 PIECE_FRAMES = 300
 MEASURES: Mapping[str, tuple[str, ...]] = {
     "matched": ("arms", "trunk"),
@@ -36,13 +39,6 @@ _VOICING = NUM_MELS + 3
 """The column of `MelEncoder` that tells whether there is a voice."""
 
 _Heard = Float[np.ndarray, "_ 68"]
-
-
-def left_out(judge: MatchingJudge | None) -> list[str]:
-    """A sentence where nobody is there to judge."""
-    if judge is not None:
-        return []
-    return [f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."]
 
 
 def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:

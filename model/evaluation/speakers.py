@@ -1,4 +1,5 @@
-"""Whose manner a motion takes on: what the speaker decides of it, and a judge of speakers.
+"""Whose manner a motion takes on: a judge of speakers, what the speaker decides of a motion, and
+whether it rests where speech does.
 
 The judge is Fisher's linear discriminant, fitted to recorded motion of the training split alone: to
 each piece of 10 s it assigns one of the speakers. Chance is one over their number. It sees mean and
@@ -8,11 +9,12 @@ no speech.
 What the speaker decides is asked of one speech, moved by several speakers under several noise
 seeds. As `model.measures.hearing` asks of speech: two motions that share the speaker and not the
 noise, less two that share neither, are alike in what the speaker decides. And of a calm speaker and
-a lively one: how much less the calm one moves.
+a lively one: how much less the calm one moves. Both take motions of their own and are asked on a
+few clips only: the first seconds of a clip's speech and then silence.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -20,15 +22,25 @@ import numpy as np
 from jaxtyping import Float64
 
 from conventions.joints import JOINT_INDEX
-from conventions.rates import FPS
+from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation.matching import PIECE_FRAMES, cut
+from model.generation.base import System
+from model.generation.clip_noise import clip_seed
+from model.generation.windows import GenerateOptions, generate_motion
 from model.measures.face import wrist_speed
-from model.measures.hearing import Grid, arm_rotations_same_noise, decided
+from model.measures.hearing import (
+    LEAST_FRAMES,
+    SILENCE_S,
+    Grid,
+    arm_rotations_same_noise,
+    decided,
+    speed_in_silence,
+)
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion
+from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
-from model.speech.audio import SpeechError
+from model.speech.audio import Speech, SpeechError
 from model.storage.npz import MotionError
 
 RECORDINGS = 6
@@ -42,10 +54,15 @@ ARMS = [
 ]
 JOINTS = [JOINT_INDEX[name] for name in ("spine1", "spine2", "spine3", "neck", "head", *ARMS)]
 WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
-LEFT_OUT = (
+NO_SPEAKER_JUDGE = (
     "Speakers are not told apart: fewer than two of those in the test clips have recordings of 10 s"
     " in the training split."
 )
+NUM_CLIPS = 6
+SPEECH_S = 10.0
+"""Of each clip, at most."""
+NOISE_SEEDS = 2
+UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that were asked for."
 
 
 @dataclass(frozen=True)
@@ -81,7 +98,8 @@ def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
             own[speaker].append(name)
     found = {}
     for speaker, names in own.items():
-        pieces = [*islice(filter(len, (_numbers(folder, name) for name in names)), RECORDINGS)]
+        motions = (motion for name in names if (motion := _motion(folder, name)) is not None)
+        pieces = [*islice(filter(len, map(manner_numbers, motions)), RECORDINGS)]
         if pieces:
             found[speaker] = np.concatenate(pieces)
     return discriminant(found) if len(found) > 1 else None
@@ -113,20 +131,8 @@ def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
     return np.concatenate([places.mean(1), spread, np.log(moved.mean(1) + 1e-3)], axis=1)
 
 
-def _numbers(folder: Path, name: str) -> Float64[np.ndarray, "pieces numbers"]:
-    try:
-        return manner_numbers(read_files(folder, name)[0])
-    except (DataError, MotionError, SpeechError):
-        return np.zeros((0, 0))
-
-
-def left_out(judge: SpeakerJudge | None) -> list[str]:
-    """A sentence where nobody is told apart."""
-    return [] if judge else [LEFT_OUT]
-
-
 @dataclass(frozen=True)
-class Manner:
+class OfSpeaker:
     """What the speaker decides of the arms."""
 
     by_speaker: float
@@ -136,7 +142,7 @@ class Manner:
     speaker gives the same gestures."""
 
 
-def manner_of(motions: Grid) -> Manner:
+def manner_of(motions: Grid) -> OfSpeaker:
     """Of one speech.
 
     Args:
@@ -145,7 +151,7 @@ def manner_of(motions: Grid) -> Manner:
     Raises:
         ValueError: see `model.measures.hearing.decided`.
     """
-    return Manner(decided(motions)["arms"].by_speech, arm_rotations_same_noise(motions))
+    return OfSpeaker(decided(motions)["arms"].by_speech, arm_rotations_same_noise(motions))
 
 
 def wrist_speed_m_s(motion: Motion) -> float:
@@ -156,5 +162,112 @@ def wrist_speed_m_s(motion: Motion) -> float:
 
 def calm_over_lively(calm: Sequence[Motion], lively: Sequence[Motion]) -> float:
     """Mean `wrist_speed_m_s` of a calm speaker's motions over that of a lively one's."""
-    slow, fast = (np.mean([wrist_speed_m_s(motion) for motion in own]) for own in (calm, lively))
-    return float(slow / fast)
+    found = _wrist_speeds(calm, lively)
+    return found["calm_wrist_m_s"] / found["lively_wrist_m_s"]
+
+
+def _wrist_speeds(calm: Sequence[Motion], lively: Sequence[Motion]) -> dict[str, float]:
+    slow, fast = (float(np.mean([*map(wrist_speed_m_s, own)])) for own in (calm, lively))
+    return {"calm_wrist_m_s": slow, "lively_wrist_m_s": fast}
+
+
+@dataclass(frozen=True)
+class FewClips:
+    """Which clips, and who moves in them."""
+
+    names: tuple[str, ...]
+    speakers: tuple[str, str] | None
+    """A calm one and a lively one; None where not every system knows them: then each clip's own
+    speaker moves, and manner is left out."""
+    recorded: Mapping[str, tuple[str, str]]
+    """By clip, a recording of the calm speaker and one of the lively."""
+
+    @staticmethod
+    def choose(
+        folder: Path,
+        clips: Sequence[str],
+        systems: Sequence[System],
+        speakers: tuple[str, str],
+        count: int = NUM_CLIPS,
+    ) -> "FewClips":
+        """The first of the clips, and recordings of the speakers from any split."""
+        names = tuple(clips[:count])
+        if not all(speaker in system.speakers for system in systems for speaker in speakers):
+            return FewClips(names, None, {})
+        calm, lively = (_recordings(folder, speaker, len(names)) for speaker in speakers)
+        recorded = dict(zip(names, zip(calm, lively, strict=False), strict=False))
+        return FewClips(names, speakers, recorded)
+
+    def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
+        """Wrist speeds of the recordings that go with clip ``name``; nothing where there are
+        none."""
+        if name not in self.recorded:
+            return {}
+        calm, lively = (read_files(folder, clip)[0] for clip in self.recorded[name])
+        return _wrist_speeds([calm], [lively])
+
+    def measures(
+        self, system: System, name: str, speech: Speech, guidance: float | None
+    ) -> dict[str, float]:
+        """Of a system, on clip ``name``; nothing on a clip that is not among the few."""
+        if name not in self.names:
+            return {}
+        heard = with_silence(speech)
+        spoken = heard.num_frames - round(SILENCE_S * FPS)
+        speakers = self.speakers or (speaker_of(name)[1],)
+        moved = {
+            speaker: generate_motion(
+                system,
+                heard,
+                GenerateOptions(
+                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, guidance=guidance
+                ),
+            )
+            for speaker in speakers
+        }
+        motions = [motion for own in moved.values() for motion in own]
+        voiced = np.arange(heard.num_frames) < spoken
+        silences = [speed_in_silence(motion, voiced) for motion in motions]
+        found = {
+            key: float(np.mean([one[key] for one in silences]))
+            for key in silences[0]
+            if all(key in one for one in silences)
+        }
+        if self.speakers is None or spoken < LEAST_FRAMES:
+            return found
+        speaking = {
+            (speaker, seed): first_frames(motion, spoken)
+            for speaker, own in moved.items()
+            for seed, motion in enumerate(own)
+        }
+        manner = manner_of(speaking)
+        calm, lively = (
+            [motion for (speaker, _), motion in speaking.items() if speaker == which]
+            for which in self.speakers
+        )
+        return found | {
+            "arms_by_speaker": manner.by_speaker,
+            "arm_rotations_other_speaker": manner.arm_rotations_same_noise,
+            **_wrist_speeds(calm, lively),
+        }
+
+
+def with_silence(speech: Speech) -> Speech:
+    """The first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
+    said = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
+    silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
+    return replace(speech, waveform=np.concatenate([said, silence]))
+
+
+def _recordings(folder: Path, speaker: str, count: int) -> list[str]:
+    """Names of a speaker's first recordings that can be read."""
+    own = (name for name in sorted(read_split(folder)) if speaker_of(name)[1] == speaker)
+    return list(islice((name for name in own if _motion(folder, name) is not None), count))
+
+
+def _motion(folder: Path, name: str) -> Motion | None:
+    """Of a recording; None where it cannot be read."""
+    try:
+        return read_files(folder, name)[0]
+    except (DataError, MotionError, SpeechError):
+        return None

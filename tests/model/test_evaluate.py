@@ -11,13 +11,10 @@ import torch
 
 from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
-from model.evaluation import speakers
-from model.evaluation.clips import ClipContext, ClipRow, as_table
-from model.evaluation.few_clips import UNKNOWN_SPEAKERS
+from model.evaluation.clips import ClipContext, ClipRow, as_table, read_recording
 from model.evaluation.frechet import ENCODERS
-from model.evaluation.matching import MEASURES, left_out
-from model.evaluation.one_clip import read_recording
-from model.evaluation.speakers import calm_over_lively
+from model.evaluation.matching import MEASURES, NO_HEARING_JUDGE
+from model.evaluation.speakers import NO_SPEAKER_JUDGE, UNKNOWN_SPEAKERS, calm_over_lively
 from model.evaluation.tables import (
     as_csv,
     as_markdown,
@@ -164,7 +161,7 @@ def test_what_cannot_be_evaluated_is_told(data, weights, system, tmp_path, capsy
 
 
 def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
-    others = [*left_out(None), UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
+    others = [NO_HEARING_JUDGE, UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
     assert judged["left_out"] == others  # no distance
     assert len({judged[f"{measure}_floor"]["mean"] for measure in ENCODERS}) == 3
     for measure in ENCODERS:
@@ -185,7 +182,7 @@ def test_faces_in_other_units_are_left_out_of_what_sees_faces(data, system, judg
     assert not {"fmd", "fed", "fmd_floor", "fed_floor"} & {*table["motion"][NAME], *table}
     assert "div" not in table["motion"]["recorded"] and "div_gesture" in table["motion"]["recorded"]
     sentence, *others = table["left_out"]
-    assert "ARKit" in sentence and others == [*left_out(None), UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
+    assert "ARKit" in sentence and others == [NO_HEARING_JUDGE, UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
 
 
 @pytest.mark.slow
@@ -283,7 +280,7 @@ def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, 
     assert not manner & {*plain["motion"][NAME]}
     assert "spread_at_will_m" not in plain["motion"][NAME], "it needs two of a kind"
     assert plain["motion"][NAME]["arms_in_silence"]["mean"] > 0
-    assert plain["left_out"][-2:] == [UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
+    assert plain["left_out"][-2:] == [UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
 
 
 @pytest.mark.slow  # clips of ten seconds; what a judge tells is tested beside it
@@ -291,7 +288,7 @@ def test_matched_speech_has_rows_where_its_judge_is_there(system, made_once, tmp
     judge = load_judge(made_once("judge", make_judge), HEARING_JUDGE)
     data = of_test_split(make_data_folder(tmp_path / "data", seconds=10))
     table = evaluate(data, CLIPS, [system], 1, matching=judge)
-    assert left_out(None)[0] not in table["left_out"]
+    assert NO_HEARING_JUDGE not in table["left_out"]
     text = as_markdown(table)
     assert "| matched, share right | " in text and "| of the jaw | " in text
     for row in ("recorded", NAME):

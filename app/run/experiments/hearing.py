@@ -28,7 +28,7 @@ from conventions.names import file_stem
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
-    from model.evaluation.speakers import Manner
+    from model.evaluation.speakers import OfSpeaker
     from model.measures.hearing import Decided, Grid
     from model.motion.motion import Motion
     from model.speech.audio import Speech
@@ -149,7 +149,7 @@ class Compared:
 
     calm: str
     lively: str
-    manner: Manner
+    manner: OfSpeaker
     calm_over_lively: float
     """Speed of the wrists."""
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from model.evaluation.clips import read_recording
 from model.evaluation.matching import (
     MEASURES,
     coupling,
@@ -17,7 +18,6 @@ from model.evaluation.matching import (
     speech_tracks,
     spoken,
 )
-from model.evaluation.one_clip import read_recording
 from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder

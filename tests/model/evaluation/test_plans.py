@@ -10,7 +10,7 @@ import torch
 from model.evaluation import finding
 from model.evaluation.adherence import (
     EDITS,
-    Asked,
+    Answers,
     Distances,
     gesture_size,
     moves_alone,
@@ -112,7 +112,7 @@ def test_random_edits_are_of_every_kind_and_tell_what_they_are_about(plan):
 
 
 def test_answers_are_told_with_their_number():
-    asked = Asked()
+    asked = Answers()
     asked.add("a", [1.0, 0.0])
     asked.add("a", [1.0, math.nan])
     asked.add("b", [])

@@ -8,15 +8,16 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from model.data.recordings import read_files
-from model.evaluation.few_clips import FewClips, with_silence
 from model.evaluation.matching import PIECE_FRAMES
 from model.evaluation.speakers import (
+    FewClips,
     SpeakerJudge,
     calm_over_lively,
     discriminant,
     judge_of,
     manner_numbers,
     manner_of,
+    with_silence,
     wrist_speed_m_s,
 )
 from model.generation.clip_noise import clip_seed
