@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from conventions.joints import FINGERTIP_JOINTS, MIRROR_PERMUTATION
-from model.motion.kinematics import RestSkeleton, mirror_transl
+from model.motion.kinematics import RestSkeleton
 from model.motion.motion import ExpressionBasis, Motion
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -101,8 +101,9 @@ def official_folder() -> Path:
 def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
     """The mirror image of a rest skeleton; left and right change places."""
     num_left = len(FINGERTIP_JOINTS) // 2
-    tips = mirror_transl(skeleton.tip_offsets)
+    image = torch.tensor([-1.0, 1.0, 1.0])
+    tips = image * skeleton.tip_offsets
     return RestSkeleton(
-        rest_joints=mirror_transl(skeleton.rest_joints)[list(MIRROR_PERMUTATION)],
+        rest_joints=(image * skeleton.rest_joints)[list(MIRROR_PERMUTATION)],
         tip_offsets=torch.cat([tips[num_left:], tips[:num_left]]),
     )

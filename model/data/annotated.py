@@ -54,13 +54,8 @@ class Plans:
     def of(
         self, batch: Batch, context: int
     ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
-        """Plans of a batch's windows and ``context`` frames on either side, held past a clip's end.
-
-        Raises:
-            ValueError: if windows are mirrored.
-        """
-        if batch.mirrored.any():
-            raise ValueError("Plans know no mirror; train with mirror=0.")
+        """Plans of a batch's windows and ``context`` frames on either side, held past a clip's
+        end."""
         frames = batch.frames
         rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         which = np.searchsorted(self._starts, frames[:, 0], side="right") - 1

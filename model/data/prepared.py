@@ -8,13 +8,13 @@ may be stored several times, at other speeds and as other microphones would have
 import json
 import logging
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 from tqdm import tqdm
 
@@ -29,7 +29,6 @@ from model.data.recordings import (
     read_split,
     speaker_of,
 )
-from model.motion.kinematics import mirror_face_units, mirror_poses, mirror_transl
 from model.motion.motion import Motion
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
@@ -74,26 +73,10 @@ class Batch:
     clips: list[str]
     frames: Int[np.ndarray, "B T"]
     """Rows of the arrays."""
-    mirrored: Bool[Tensor, " B"]
-    """Windows whose motion and face are seen in a mirror. What else is read from the rows
-    ``frames`` and has a left and a right must be mirrored there too."""
 
     def rows(self, which: slice) -> "Batch":
         """Some of the windows."""
         return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
-
-    def mirror(self, which: Bool[Tensor, " B"]) -> "Batch":
-        """The same windows, with the motion and face of these in a mirror."""
-        if self.mirrored.any():
-            raise ValueError("The batch is mirrored already.")
-        rows = which[:, None, None]
-        return replace(
-            self,
-            poses=torch.where(rows, mirror_poses(self.poses), self.poses),
-            transl=torch.where(rows, mirror_transl(self.transl), self.transl),
-            expression=torch.where(rows, mirror_face_units(self.expression), self.expression),
-            mirrored=which,
-        )
 
 
 def home_of(transl: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "3"]:
@@ -139,13 +122,11 @@ class PreparedData:
         window: int,
         size: int,
         rng: np.random.Generator,
-        mirror: float = 0.0,
         context: int = 0,
     ) -> Batch:
         """``size`` windows of ``window`` frames, every possible start equally likely.
 
         Args:
-            mirror: share of windows seen in a mirror.
             context: frames of speech before and after each window; past a clip's end it is held.
 
         Raises:
@@ -158,8 +139,7 @@ class PreparedData:
         chosen = rng.choice(len(usable), size, p=starts / starts.sum())
         first = [usable[c].start + int(rng.integers(starts[c])) for c in chosen]
         frames = np.array(first)[:, None] + np.arange(window)
-        batch = self.batch(frames, [usable[c] for c in chosen], context)
-        return batch.mirror(torch.from_numpy(rng.random(size) < mirror)) if mirror > 0 else batch
+        return self.batch(frames, [usable[c] for c in chosen], context)
 
     def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip], context: int = 0) -> Batch:
         """The rows at ``frames`` (absolute indices) as tensors."""
@@ -178,7 +158,6 @@ class PreparedData:
             speaker=torch.tensor([clip.speaker for clip in clips]),
             clips=[clip.name for clip in clips],
             frames=frames,
-            mirrored=torch.zeros(len(clips), dtype=torch.bool),
         )
 
 

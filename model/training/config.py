@@ -19,9 +19,6 @@ class TrainConfig:
     throats: tuple[float, float] | None = None
     """Stretch the mel bands by a factor between these, as throats of other lengths do; for those
     who shall understand voices that are not in the data."""
-    mirror: float = 0.0
-    """Share of windows seen as in a mirror, left and right exchanged. Where speakers are known by
-    the hand they prefer, as in the bundled data, it would blur them."""
     augmented_copies: int = 1
     """Copies of each training recording at another speed, heard by another microphone."""
     steps: int = 8000

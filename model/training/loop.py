@@ -89,7 +89,7 @@ def train(
         rng = np.random.default_rng([config.random_seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         batch = data.window_batch(
-            train_clips, task.window_frames, config.batch_size, rng, config.mirror, task.context
+            train_clips, task.window_frames, config.batch_size, rng, task.context
         )
         history.add(step, task.step(step, batch, generator))
         done = step + 1
@@ -99,7 +99,7 @@ def train(
             for k in range(VALIDATION_BATCHES):  # the same every time
                 rng = np.random.default_rng([k, 91])
                 batch = data.window_batch(
-                    val_clips, task.window_frames, config.batch_size, rng, context=task.context
+                    val_clips, task.window_frames, config.batch_size, rng, task.context
                 )
                 parts = task.validate(batch, torch.Generator().manual_seed(k))
                 sums = {name: sums.get(name, 0.0) + value for name, value in parts.items()}

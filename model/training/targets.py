@@ -72,12 +72,6 @@ class Targets:
                 None.
         """
         vectors = self.windows(batch)
-        if batch.mirrored.any():  # the arrays know no mirror
-            mirrored = to_vectors(self.space, batch.poses, batch.transl, self.root)
-            if self.root == "place":  # homes are known from the arrays only
-                mirrored[..., -ROOT_DIM:] = vectors[..., -ROOT_DIM:]
-                mirrored[batch.mirrored, :, -ROOT_DIM] *= -1
-            return mirrored, decode(mirrored, self.space, self.skeleton, self.root)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
         decoded = Decoded(
@@ -89,7 +83,7 @@ class Targets:
         return vectors, decoded
 
     def windows(self, batch: Batch) -> Float[Tensor, "B T C"]:
-        """Vectors of a batch's windows, not mirrored."""
+        """Vectors of a batch's windows."""
         return torch.from_numpy(self.vectors[batch.frames])
 
 
@@ -183,10 +177,10 @@ def conditions(
     }
 
 
-def statistics_batch(data: PreparedData, window_frames: int, mirror: float) -> Batch:
+def statistics_batch(data: PreparedData, window_frames: int) -> Batch:
     """At most 400 windows, always the same."""
     rng = np.random.default_rng(0)
-    return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng, mirror)
+    return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng)
 
 
 def fit_features(data: PreparedData) -> Normaliser:
@@ -207,24 +201,23 @@ def fit_normaliser(
     data: PreparedData,
     targets: Targets,
     window_frames: int,
-    mirror: float,
     representation: Representation = "normalised",
 ) -> Normaliser:
     """Statistics of the motion vectors that a network aims at."""
-    vectors, _ = targets.of(statistics_batch(data, window_frames, mirror), rotations=False)
+    vectors, _ = targets.of(statistics_batch(data, window_frames), rotations=False)
     groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
     return Normaliser.fit(vectors.flatten(0, 1), representation, groups)
 
 
 def fit_motion_prior(
-    data: PreparedData, targets: Targets, shape: BranchConfig, mirror: float, given: Trained | None
+    data: PreparedData, targets: Targets, shape: BranchConfig, given: Trained | None
 ) -> tuple[Normaliser, GaussianPrior]:
     """Components of motion and their linear-Gaussian prior, from windows of the training split,
     or those that given weights learned with."""
     if given is not None:
         return given.normaliser, given.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
-    normaliser = fit_normaliser(data, targets, shape.window_frames, mirror)
+    normaliser = fit_normaliser(data, targets, shape.window_frames)
     return with_components(normaliser, windows, shape.seed_frames)
 
 

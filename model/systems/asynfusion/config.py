@@ -51,7 +51,7 @@ class DualBranchConfig(BranchConfig):
 
 
 @dataclass(frozen=True)
-class LossConfig:
+class AsynFusionLoss:
     """Weights of eq. 15."""
 
     noise: float = 10.0
@@ -75,7 +75,7 @@ class AsynFusionConfig(TrainConfig):
 
     network: DualBranchConfig = field(default_factory=DualBranchConfig)
     aim: Aim = "noise"
-    loss: LossConfig = field(default_factory=LossConfig)
+    loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
     apart: float = 0.5
     """Share of samples whose branches are at steps of their own, as they are when the face is
     sampled in fewer; the paper does not say that it trains for that."""

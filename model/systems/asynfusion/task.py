@@ -12,7 +12,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, decode
 from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, interpolate, time_weight
-from model.systems.asynfusion.config import DDIM, AsynFusionConfig, DualBranchConfig, LossConfig
+from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
     GESTURE,
@@ -149,7 +149,7 @@ def draw_steps(
 
 
 def noise_terms(
-    weights: LossConfig,
+    weights: AsynFusionLoss,
     normaliser: Normaliser,
     x_t: Float[Tensor, "B T C"],
     predicted: Float[Tensor, "B T C"],
@@ -169,7 +169,7 @@ def noise_terms(
 
 
 def foot_terms(
-    weights: LossConfig,
+    weights: AsynFusionLoss,
     positions: Float[Tensor, "B T 55 3"],
     recorded: Float[Tensor, "B T 55 3"],
     t: Float[Tensor, " B"],

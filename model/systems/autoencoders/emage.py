@@ -64,7 +64,7 @@ class Pool(nn.Module):
         return self.get_buffer("weight") @ frames
 
 
-class Level(nn.Module):
+class EmageLevel(nn.Module):
     """Two convolutions beside each other, of four frames and of one, and what follows both.
 
     The first is normed over groups of channels *and all frames of the clip*.
@@ -89,7 +89,7 @@ class EmageEncoder(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(nn.Sequential(Level(*level)) for level in _LEVELS)
+        self.layers = nn.ModuleList(nn.Sequential(EmageLevel(*level)) for level in _LEVELS)
 
     def forward(self, rotations: Float[Tensor, "n T 330"]) -> Float[Tensor, "n codes 240"]:
         """Of whole clips, whose frames are a multiple of 16."""

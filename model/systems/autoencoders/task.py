@@ -20,7 +20,7 @@ def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSet
     """See `Family.make_task`."""
     given = setup.begin(config, data)
     if given is None:
-        statistics = fit_input(config, statistics_batch(data, config.window_frames, config.mirror))
+        statistics = fit_input(config, statistics_batch(data, config.window_frames))
     else:
         statistics = given.normaliser
     normaliser = statistics.to(setup.shard.device)

@@ -42,7 +42,7 @@ def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTa
     shape = config.generator
     given = setup.begin(config, data, shape.num_speakers)
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-    normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
+    normaliser, prior = fit_motion_prior(data, targets, shape, given)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
     setup.put_weights_into(generator, given)

@@ -43,7 +43,7 @@ class NetworkConfig(BranchConfig):
 
 
 @dataclass(frozen=True)
-class LossConfig(GeometricWeights):
+class GlobalDiffLoss(GeometricWeights):
     """Weights of the training terms; a term of weight 0 is not computed."""
 
     seed: float = 1.0
@@ -66,7 +66,7 @@ class GlobalDiffConfig(TrainConfig):
     system: str = "globaldiff/global"
     network: NetworkConfig = field(default_factory=NetworkConfig)
     representation: Representation = "normalised"
-    loss: LossConfig = field(default_factory=LossConfig)
+    loss: GlobalDiffLoss = field(default_factory=GlobalDiffLoss)
     flow_time_power: float = 2.0
     """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says
     little and speech has to decide."""
@@ -78,7 +78,7 @@ class Rung:
 
     rotation_space: RotationSpace
     constraints: tuple[str, ...] = ()
-    """Fields of `LossConfig` that get their weight from `CONSTRAINT_WEIGHTS`."""
+    """Fields of `GlobalDiffLoss` that get their weight from `CONSTRAINT_WEIGHTS`."""
 
 
 LADDER: dict[str, Rung] = {

@@ -17,7 +17,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, Normaliser, decode
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.sampling.flow import interpolate, time_weight
-from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
+from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.network import MotionNetwork, make_network
 from model.training import losses
 from model.training.losses import geometric_terms, positions_of, weighted
@@ -45,13 +45,11 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) ->
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
     prior = None
     if shape.prior:
-        known, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
+        known, prior = fit_motion_prior(data, targets, shape, given)
     elif given:
         known = given.normaliser
     else:
-        known = fit_normaliser(
-            data, targets, shape.window_frames, config.mirror, config.representation
-        )
+        known = fit_normaliser(data, targets, shape.window_frames, config.representation)
     network = make_network(shape, prior)
     if isinstance(network, MotionNetwork):
         network.start_at(mean_vector(known, targets))
@@ -137,7 +135,7 @@ def motion_step(
 
 
 def constraint_terms(
-    weights: LossConfig, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+    weights: GlobalDiffLoss, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
 ) -> dict[str, Float[Tensor, " B"]]:
     """The paper's three constraints, weighted, one value per sample; those of weight 0 are left
     out. L_j and L_m need rotations and vectors, L_m its encoder."""

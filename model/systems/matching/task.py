@@ -28,7 +28,7 @@ def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup)
     """See `Family.make_task`."""
     given = setup.begin(config, data)
     if given is None:
-        batch = statistics_batch(data, config.piece_frames, config.mirror)
+        batch = statistics_batch(data, config.piece_frames)
         statistics = fit_tracks(motion_tracks(batch.poses))
     else:
         statistics = given.normaliser

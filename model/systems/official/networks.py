@@ -78,7 +78,7 @@ EXPRESSION_NUM_HEADS = 4
 
 
 class OfficialExpressionNetwork(nn.Module):
-    """Decoder layers whose memory is what goes into the first of them."""
+    """VAEDecoder layers whose memory is what goes into the first of them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -111,7 +111,7 @@ VAE_NUM_LAYERS = 6
 VAE_NUM_HEADS = 8
 
 
-class ResidualBlock(nn.Module):
+class OfficialResidualBlock(nn.Module):
     """Two convolutions over time, each behind a norm, added to what came in."""
 
     def __init__(self) -> None:
@@ -140,7 +140,7 @@ def _over_time(
     return layers(tokens.transpose(1, 2)).transpose(1, 2)
 
 
-class Encoder(nn.Module):
+class VAEEncoder(nn.Module):
     """Frames to means and log variances, fewer of them than frames."""
 
     def __init__(self, resnets: nn.Sequential) -> None:
@@ -157,7 +157,7 @@ class Encoder(nn.Module):
         return self.out_prj(self.encoders(self.pe(tokens)))
 
 
-class Decoder(nn.Module):
+class VAEDecoder(nn.Module):
     """Codes to motion."""
 
     def __init__(self, resnets: nn.Sequential) -> None:
@@ -187,11 +187,11 @@ class OfficialMaskedVAE(nn.Module):
         down: list[nn.Module] = []
         up: list[nn.Module] = []
         for _ in range(stages):
-            down += [*(ResidualBlock() for _ in range(blocks)), nn.MaxPool1d(2)]
-            up += [nn.Upsample(scale_factor=2), *(ResidualBlock() for _ in range(blocks))]
+            down += [*(OfficialResidualBlock() for _ in range(blocks)), nn.MaxPool1d(2)]
+            up += [nn.Upsample(scale_factor=2), *(OfficialResidualBlock() for _ in range(blocks))]
         self.mask_val = nn.Parameter(torch.randn(1, 1, VAE_WIDTH))
-        self.E = Encoder(nn.Sequential(*down))
-        self.D = Decoder(nn.Sequential(*up))
+        self.E = VAEEncoder(nn.Sequential(*down))
+        self.D = VAEDecoder(nn.Sequential(*up))
         self.in_prj = nn.Linear(MOTION_DIM, VAE_WIDTH)
 
     def encode(

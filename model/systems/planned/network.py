@@ -70,7 +70,7 @@ _LEAST_SPREAD = 0.02
 
 
 @dataclass(frozen=True)
-class Marks:
+class MarkMixture:
     """A mixture of Gaussians with axes of their own."""
 
     logits: Float[Tensor, "*rows K"]
@@ -110,12 +110,14 @@ class TierHead(nn.Module):
         """Log shares of staying and of each state that may begin."""
         return F.log_softmax(self.event_out(self.event(state)).float(), dim=-1)
 
-    def marks(self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]) -> Marks:
+    def marks(
+        self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]
+    ) -> MarkMixture:
         """The mark of a state that begins."""
         told = self.mark_out(self.mark(state + self.begun(begun))).float()
         parts = told.unflatten(-1, (self.mixtures, -1))
         mean, spread = parts[..., 1:].chunk(2, dim=-1)
-        return Marks(parts[..., 0], mean, F.softplus(spread) + _LEAST_SPREAD)
+        return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _LEAST_SPREAD)
 
 
 class PlannerNetwork(nn.Module):

@@ -93,7 +93,7 @@ def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) ->
     given = setup.begin(config, data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
-    known, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
+    known, prior = fit_motion_prior(data, targets, shape, given)
     network = PlannedNetwork(shape, prior)
     setup.put_weights_into(network, given, may_lack=True)  # they may know of no plans
     normaliser = known.to(setup.shard.device)

@@ -1,4 +1,4 @@
-"""Training data: copies in time with their speech, mirrored windows, and real BEAT2 folders."""
+"""Training data: copies in time with their speech, and real BEAT2 folders."""
 
 import logging
 import shutil
@@ -10,7 +10,6 @@ import torch
 
 from model.data.prepared import prepare
 from model.data.recordings import DataError, augmented_copy, encode_clip, read_split
-from model.motion.kinematics import mirror_face_units, mirror_poses, mirror_transl
 from model.motion.motion import save_motion
 from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder
@@ -76,32 +75,9 @@ def test_motion_stays_in_time_with_its_speech(copy):
     assert 180 < jump < 224
 
 
-def test_mirrored_windows_are_the_same_windows_in_a_mirror(data):
-    clips = data.of_split("train")
-
-    def draw(mirror: float):
-        return data.window_batch(clips, 60, 64, np.random.default_rng(5), mirror=mirror)
-
-    plain, half, every = draw(0.0), draw(0.5), draw(1.0)
-    assert every.mirrored.all() and not plain.mirrored.any()
-    assert 16 < int(half.mirrored.sum()) < 48
-    for batch in (half, every):
-        np.testing.assert_array_equal(batch.frames, plain.frames)
-        rows = batch.mirrored
-        for name, mirror in (
-            ("poses", mirror_poses),
-            ("transl", mirror_transl),
-            ("expression", mirror_face_units),
-        ):
-            seen, before = getattr(batch, name), getattr(plain, name)
-            torch.testing.assert_close(seen[rows], mirror(before)[rows], rtol=0, atol=0)
-            torch.testing.assert_close(seen[~rows], before[~rows], rtol=0, atol=0)
-        assert torch.equal(batch.speech, plain.speech)
-        assert torch.equal(batch.speaker, plain.speaker)
-    with pytest.raises(ValueError, match="mirrored already"):
-        every.mirror(every.mirrored)
+def test_clips_shorter_than_a_window_are_told(data):
     with pytest.raises(DataError, match="None of the 6 clips has 600 frames"):
-        data.window_batch(clips, 600, 2, np.random.default_rng(0))
+        data.window_batch(data.of_split("train"), 600, 2, np.random.default_rng(0))
 
 
 def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
@@ -123,7 +99,7 @@ def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
     assert data.speakers == {2: "scott"}
     assert data.clips[0].num_frames > 1500
     assert not data.expression.any()  # FLAME coefficients are no face units
-    batch = data.window_batch(data.clips, 60, 4, np.random.default_rng(0), mirror=0.5)
+    batch = data.window_batch(data.clips, 60, 4, np.random.default_rng(0))
     assert batch.poses.shape == (4, 60, 165) and torch.isfinite(batch.speech).all()
 
 

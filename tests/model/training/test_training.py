@@ -100,18 +100,6 @@ def test_places_are_from_where_each_clip_is_at_home(data):
         np.testing.assert_allclose(place[:, 1], data.transl[clip.start : clip.stop, 1], atol=1e-6)
 
 
-@pytest.mark.parametrize("root", ["velocity", "place"])
-def test_a_mirrored_window_is_the_mirror_image(data, root):
-    skeleton = open_body_skeleton()
-    targets = prepare_targets(data, "global", root, skeleton)
-    batch = data.window_batch(data.of_split("train"), 60, 2, np.random.default_rng(0))
-    _, seen = targets.of(batch, rotations=False)
-    _, found = targets.of(batch.mirror(torch.tensor([True, False])), rotations=False)
-    torch.testing.assert_close(found.root[1], seen.root[1], atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(found.root[0, :, 1:], seen.root[0, :, 1:], atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(found.root[0, :, 0], -seen.root[0, :, 0], atol=1e-5, rtol=1e-4)
-
-
 def test_targets_of_another_skeleton_are_made_anew(data):
     index = data.folder / "targets-global-velocity.json"
     prepare_targets(data, "global", "velocity", open_body_skeleton())

@@ -18,7 +18,7 @@ from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
 from model.plan.tracks import hand_tracks, tracks_of
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED
-from model.systems.planned.network import Marks
+from model.systems.planned.network import MarkMixture
 from model.systems.planned.planner import Planner, _Events, load_planner
 from model.systems.registry import load_system
 from tests.model.plan.made import made_plan
@@ -77,7 +77,7 @@ def test_shares_are_those_of_slow_counting(planner):
 
 
 def test_marks_have_the_density_of_a_mixture():
-    marks = Marks(
+    marks = MarkMixture(
         torch.tensor([[0.0, np.log(3.0)]]).float(),
         torch.tensor([[[0.0, 1.0], [2.0, -1.0]]]),
         torch.tensor([[[1.0, 0.5], [0.3, 2.0]]]),

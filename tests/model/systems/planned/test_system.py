@@ -172,8 +172,6 @@ def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_cop
         begins = [b.frame + data.clips[clip].start for b in plans.chains[clip]["right"][1:]]
         expected = [frame in begins for frame in frames]
         assert (events.event["right"][row] > 0).tolist() == expected
-    with pytest.raises(ValueError, match="mirror=0"):
-        plans.of(batch.mirror(torch.ones(8, dtype=torch.bool)), 0)
     plain, copy = (next(k for k, c in enumerate(data.clips) if c.copy == n) for n in (0, 1))
     assert data.clips[plain].name == data.clips[copy].name
     speed = data.clips[plain].num_frames / data.clips[copy].num_frames
