@@ -27,6 +27,7 @@ class GanSystem(FacedSystem):
     config: GeneratorConfig
     network: Generator
 
+    @torch.inference_mode()
     def body(
         self,
         speech: Float[Tensor, "heard dim"],
@@ -34,25 +35,7 @@ class GanSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """See `FacedSystem.body`."""
-        x_0 = self._clean(speech, expression, seed, draw)
-        vectors = self.normaliser.restore(x_0)
-        return BodyWindow(
-            rotmat=rotations(vectors, "axis-angle"),
-            root=vectors[..., -ROOT_DIM:],
-            expression=expression.expand(draw.samples, -1, -1),
-            clean=x_0,
-        )
-
-    @torch.inference_mode()
-    def _clean(
-        self,
-        speech: Float[Tensor, "heard dim"],
-        expression: Float[Tensor, "T E"],
-        seed: Float[Tensor, "B S C"] | None,
-        draw: Draw,
-    ) -> Float[Tensor, "B T C"]:
-        """One normalised window. As the generator was taught, x_0 is drawn at each time, and x at
+        """See `FacedSystem.body`. As the generator was taught, x_0 is drawn at each time, and x at
         the earlier time from the posterior; a solver follows the mean of x_0 instead."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
@@ -75,7 +58,7 @@ class GanSystem(FacedSystem):
             )
             return guide.guided(answers), open_[..., :size]
 
-        noise = draw.noise((config.window_frames, config.channels))
+        x = draw.noise((config.window_frames, config.channels))
         if draw.sampler in SOLVERS:
 
             def predict(x: Tensor, now: float, before: float) -> Tensor:
@@ -83,16 +66,22 @@ class GanSystem(FacedSystem):
                 return expected(x, *at)[0]
 
             solver = SOLVERS[SOLVERS.index(draw.sampler)]
-            return solve(predict, noise, solver=solver, steps=draw.steps)
-        x = noise
-        way = [torch.full((size,), t) for t in times(draw.steps)]
-        for k in range(draw.steps):
-            again, latent = self.step_noise(draw, k + 1).unbind(1)
-            mean_x_0, open_ = expected(x, way[k], way[k + 1])
-            x_0 = self.network.drawn(mean_x_0, open_, latent, has_seed)
-            mean, deviation = posterior(x, x_0, way[k + 1], way[k])
-            x = mean + deviation * again
-        return x
+            x = solve(predict, x, solver=solver, steps=draw.steps)
+        else:
+            way = [torch.full((size,), t) for t in times(draw.steps)]
+            for k in range(draw.steps):
+                again, latent = self.step_noise(draw, k + 1).unbind(1)
+                mean_x_0, open_ = expected(x, way[k], way[k + 1])
+                x_0 = self.network.drawn(mean_x_0, open_, latent, has_seed)
+                mean, deviation = posterior(x, x_0, way[k + 1], way[k])
+                x = mean + deviation * again
+        vectors = self.normaliser.restore(x)
+        return BodyWindow(
+            rotmat=rotations(vectors, "axis-angle"),
+            root=vectors[..., -ROOT_DIM:],
+            expression=expression.expand(size, -1, -1),
+            clean=x,
+        )
 
     def step_noise(self, draw: Draw, step: int) -> Float[Tensor, "B 2 T C"]:
         """Standard normal numbers of a step, counted from 1, for the posterior and as the latent:

@@ -43,6 +43,7 @@ class GlobalDiffSystem(FacedSystem):
     """In which a body that has a place would be led home, if it were always led as fast as at
     first."""
 
+    @torch.inference_mode()
     def body(
         self,
         speech: Float[Tensor, "heard dim"],
@@ -50,39 +51,14 @@ class GlobalDiffSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """See `FacedSystem.body`."""
-        config = self.config
-        x_1 = self._clean(speech, expression, seed, draw)
-        vectors = self.normaliser.restore(x_1)
-        if seed is not None and config.root == "place":
-            vectors = led_home(vectors, config.seed_frames, self.home_s)
-        rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
-        if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
-            vectors = pack(rot6d_from_matrix(rotmat), root, "place")
-        return BodyWindow(
-            rotmat=rotmat,
-            root=root,
-            expression=expression.expand(draw.samples, -1, -1),
-            clean=self.normaliser.normalise(vectors),
-        )
-
-    @torch.inference_mode()
-    def _clean(
-        self,
-        speech: Float[Tensor, "heard dim"],
-        expression: Float[Tensor, "T E"],
-        seed: Float[Tensor, "B S C"] | None,
-        draw: Draw,
-    ) -> Float[Tensor, "B T C"]:
-        """One normalised window. Early in the flow the seed frames of x_1 are held at the seed
+        """See `FacedSystem.body`. Early in the flow the seed frames of x_1 are held at the seed
         (in-painting); later the network may reconcile them with what follows, which halves the pop
         that holding them to the end leaves behind the seed. A system that stands on a prior knows
         its seed and needs no holding. The join is faded afterwards."""
-        config, prior = self.config, self.network.prior
-        size = draw.samples
+        config, prior, size = self.config, self.network.prior, draw.samples
         x_0 = self.noise(draw)
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
-        last: dict[str, Tensor] = {}
+        x_1 = x_0
         guide = self.guide(draw)
         copies, hears = guide.copies(size), guide.hears(size)
         conditions = {
@@ -94,17 +70,30 @@ class GlobalDiffSystem(FacedSystem):
         }
 
         def predict(x_t: Tensor, t: float) -> Tensor:
+            nonlocal x_1
             answers = self.network(guide.twice(x_t), torch.full((copies,), t), **conditions)
-            last["x_1"] = x_1 = guide.guided(answers)
+            x_1 = guide.guided(answers)
             if seed is None or prior is not None or t >= INPAINT_UNTIL:
                 return x_1
             return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
 
         sampler = FLOW_SAMPLERS[FLOW_SAMPLERS.index(draw.sampler)]
         if prior is not None and sampler != "reinterpolate":
-            return prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
-        sample(predict, x_0, steps=draw.steps, sampler=sampler)
-        return last["x_1"]  # every sampler ends on its last prediction
+            x_1 = prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
+        else:  # every sampler ends on its last prediction
+            sample(predict, x_0, steps=draw.steps, sampler=sampler)
+        vectors = self.normaliser.restore(x_1)
+        if seed is not None and config.root == "place":
+            vectors = led_home(vectors, config.seed_frames, self.home_s)
+        rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
+        if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
+            vectors = pack(rot6d_from_matrix(rotmat), root, "place")
+        return BodyWindow(
+            rotmat=rotmat,
+            root=root,
+            expression=expression.expand(size, -1, -1),
+            clean=self.normaliser.normalise(vectors),
+        )
 
     def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
         """Where the flow begins."""
