@@ -155,7 +155,6 @@ def _family_files() -> list[Finding]:
             report.error is None,
             report.detail if report.error is None else _told(report.error),
             report.advice,
-            report.is_needed,
         )
         for family in families()
         for report in family.file_reports()

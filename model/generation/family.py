@@ -95,7 +95,6 @@ class FileReport:
     error: Exception | None = None
     """Why it does not."""
     advice: str = ""
-    is_needed: bool = True
 
 
 Use = Literal[

@@ -37,20 +37,20 @@ HAND_CHANNELS = _channels(_FINGERS)
 BODY_CHANNELS = (*_channels((*_TORSO, *_LEGS)), 330, 331, 332, *_channels(_HEAD))
 """In the order in which the body branch has them, the translation between legs and head."""
 
-Part = Literal["motion", "expression", "vae2", "vae3"]
+Part = Literal["motion", "expression"]
 PARTS: tuple[Part, ...] = get_args(Part)
 FOLDER_VARIABLE = "OFFICIAL_DIR"
 SPEECH_VARIABLE = "OFFICIAL_FEATURES"
 SEED_VARIABLE = "OFFICIAL_SEED"
 _ENDINGS = (".pt", ".pth", ".bin", ".ckpt", ".zip")
 _EPOCH = re.compile(r"epoch_(\d+)")
-_NAMES: tuple[tuple[re.Pattern[str], Part], ...] = (
+_NAMES: tuple[tuple[re.Pattern[str], Part | None], ...] = (
     (re.compile(r"diffusiondit|epoch_\d|motion"), "motion"),
-    (re.compile(r"vae_?2"), "vae2"),
-    (re.compile(r"vae_?3"), "vae3"),
+    (re.compile(r"vae"), None),
     (re.compile(r"speech|expression"), "expression"),
 )
-"""In the order in which they are asked: the motion network's folder names a VAE, too."""
+"""In the order in which they are asked: the motion network's folder names a VAE, too, which only
+their training needs."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def require_official(folder: Path | None = None) -> OfficialFiles:
             "The systems official/... need the authors' checkpoints; name their folder with "
             "--official FOLDER."
         )
-    for part in ("motion", "expression"):
+    for part in PARTS:
         files.path(part)
     return files
 
@@ -154,8 +154,6 @@ def _missing(folder: Path, part: Part) -> str:
     names = {
         "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
         "expression": ("expression model", "SimpleSpeechModel/best.pt"),
-        "vae2": ("masked VAE 2", "MaskedVAE2.../best.pt"),
-        "vae3": ("masked VAE 3", "MaskedVAE3.../best.pt"),
     }
     what, called = names[part]
     return f"{folder} holds no file of the {what}; put it there as {called}."

@@ -4,10 +4,9 @@ files that their training script saves: attributes are named as in them."""
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from model.generation.family import FileReport
@@ -103,115 +102,6 @@ class OfficialExpressionNetwork(nn.Module):
         style = self.style_embed(speaker)[:, None].expand(-1, speech.shape[1], -1)
         tokens = self.pos_enc(self.audio_feature_map(torch.cat([speech, style], dim=-1)))
         return self.vertice_map_r(self.transformer_decoder(tokens, tokens))
-
-
-VAE_WIDTH = 256
-LATENT_DIM = 128
-VAE_NUM_LAYERS = 6
-VAE_NUM_HEADS = 8
-
-
-class OfficialResidualBlock(nn.Module):
-    """Two convolutions over time, each behind a norm, added to what came in."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.bn1 = nn.BatchNorm1d(VAE_WIDTH)
-        self.bn2 = nn.BatchNorm1d(VAE_WIDTH)
-        self.conv1 = nn.Conv1d(VAE_WIDTH, VAE_WIDTH, 3, padding=1)
-        self.conv2 = nn.Conv1d(VAE_WIDTH, VAE_WIDTH, 3, padding=1)
-
-    def forward(self, x: Float[Tensor, "B width T"]) -> Float[Tensor, "B width T"]:
-        """As many frames as came in."""
-        inner = self.conv1(torch.nn.functional.silu(self.bn1(x)))
-        return x + self.conv2(torch.nn.functional.silu(self.bn2(inner)))
-
-
-def _layers() -> nn.TransformerEncoder:
-    layer = nn.TransformerEncoderLayer(
-        VAE_WIDTH, VAE_NUM_HEADS, 4 * VAE_WIDTH, dropout=0.1, batch_first=True
-    )
-    return nn.TransformerEncoder(layer, VAE_NUM_LAYERS, enable_nested_tensor=False)
-
-
-def _over_time(
-    layers: nn.Module, tokens: Float[Tensor, "B T width"]
-) -> Float[Tensor, "B tokens width"]:
-    return layers(tokens.transpose(1, 2)).transpose(1, 2)
-
-
-class VAEEncoder(nn.Module):
-    """Frames to means and log variances, fewer of them than frames."""
-
-    def __init__(self, resnets: nn.Sequential) -> None:
-        super().__init__()
-        self.in_prj = nn.Linear(VAE_WIDTH, VAE_WIDTH)
-        self.pe = Positions(VAE_WIDTH)
-        self.resnets = resnets
-        self.encoders = _layers()
-        self.out_prj = nn.Linear(VAE_WIDTH, 2 * LATENT_DIM)
-
-    def forward(self, frames: Float[Tensor, "B T width"]) -> Float[Tensor, "B tokens 256"]:
-        """Mean, then log variance, of each code."""
-        tokens = _over_time(self.resnets, self.in_prj(frames))
-        return self.out_prj(self.encoders(self.pe(tokens)))
-
-
-class VAEDecoder(nn.Module):
-    """Codes to motion."""
-
-    def __init__(self, resnets: nn.Sequential) -> None:
-        super().__init__()
-        self.in_prj = nn.Linear(LATENT_DIM, VAE_WIDTH)
-        self.pe = Positions(VAE_WIDTH)
-        self.encoders = _layers()
-        self.resnets = resnets
-        self.out_prj = nn.Linear(VAE_WIDTH, MOTION_DIM)
-
-    def forward(self, codes: Float[Tensor, "B tokens 128"]) -> Float[Tensor, "B T 333"]:
-        """Motion of as many frames as the codes stand for."""
-        tokens = self.encoders(self.pe(self.in_prj(codes)))
-        return self.out_prj(_over_time(self.resnets, tokens))
-
-
-class OfficialMaskedVAE(nn.Module):
-    """Motion to codes and back; frames can be hidden from it.
-
-    Args:
-        kind: 2 has half as many codes as frames, 3 a quarter.
-    """
-
-    def __init__(self, kind: Literal[2, 3]) -> None:
-        super().__init__()
-        stages, blocks = (1, 3) if kind == 2 else (2, 2)
-        down: list[nn.Module] = []
-        up: list[nn.Module] = []
-        for _ in range(stages):
-            down += [*(OfficialResidualBlock() for _ in range(blocks)), nn.MaxPool1d(2)]
-            up += [nn.Upsample(scale_factor=2), *(OfficialResidualBlock() for _ in range(blocks))]
-        self.mask_val = nn.Parameter(torch.randn(1, 1, VAE_WIDTH))
-        self.E = VAEEncoder(nn.Sequential(*down))
-        self.D = VAEDecoder(nn.Sequential(*up))
-        self.in_prj = nn.Linear(MOTION_DIM, VAE_WIDTH)
-
-    def encode(
-        self, motion: Float[Tensor, "B T 333"], hidden: Bool[Tensor, "B T"] | None = None
-    ) -> Float[Tensor, "B tokens 256"]:
-        """Mean, then log variance, of each code.
-
-        Args:
-            hidden: frames that it does not see.
-        """
-        frames = self.in_prj(motion)
-        if hidden is not None:
-            frames = torch.where(hidden[..., None], self.mask_val, frames)
-        return self.E(frames)
-
-    def forward(
-        self, motion: Float[Tensor, "B T 333"], hidden: Bool[Tensor, "B T"] | None = None
-    ) -> Float[Tensor, "B T 333"]:
-        """The motion as its mean codes tell it."""
-        return self.D(self.encode(motion, hidden)[..., :LATENT_DIM])
 
 
 MOTION_WIDTH = 384
@@ -328,12 +218,7 @@ class OfficialMotionNetwork(nn.Module):
         return x_1
 
 
-_NETWORKS = {
-    "motion": OfficialMotionNetwork,
-    "expression": OfficialExpressionNetwork,
-    "vae2": lambda: OfficialMaskedVAE(2),
-    "vae3": lambda: OfficialMaskedVAE(3),
-}
+_NETWORKS = {"motion": OfficialMotionNetwork, "expression": OfficialExpressionNetwork}
 
 
 def make_network(part: Part) -> nn.Module:
@@ -381,12 +266,12 @@ _ADVICE = "see docs/official.md"
 def reports_of(files: OfficialFiles) -> Iterator[FileReport]:
     """Of each network, and of what hears for them."""
     for part in PARTS:
-        name, is_needed = f"official {part}", part in ("motion", "expression")
+        name = f"official {part}"
         try:
             path = files.path(part)
             count = sum(each.numel() for each in load_network(part, path).parameters())
         except Exception as error:  # whatever is wrong with a file is what is told
-            yield FileReport(name, error=error, advice=_ADVICE, is_needed=is_needed)
+            yield FileReport(name, error=error, advice=_ADVICE)
         else:
             detail = f"{path.relative_to(files.folder)}, {count / 1e6:.1f} M parameters"
             yield FileReport(name, detail)
