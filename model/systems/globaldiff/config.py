@@ -130,15 +130,14 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
     )
     least = replace(config.network, width=48, num_blocks=1, num_heads=2)
-    presets = {
-        "demo": config,
-        "demo-small": _small(config),
-        "paper": replace(config, network=large, **PAPER),
-        "smoke": replace(config, network=least, **SMOKE),
-    }
+    presets = {"demo": config, "demo-small": _small(config)}
     if system in LADDER:
         regime = _paper_regime(config)
         presets |= {"paper-regime": regime, "paper-regime-small": _small(regime)}
+    presets |= {
+        "paper": replace(config, network=large, **PAPER),
+        "smoke": replace(config, network=least, **SMOKE),
+    }
     return chosen(name, presets)
 
 
