@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -23,12 +23,14 @@ class Trained:
     tensors: dict[str, Tensor]
     card: Card
 
-    @classmethod
-    def read(cls, folder: Path, name: str) -> Self:
-        """Raises:
-        CheckpointError: if files are missing or damaged.
+    @staticmethod
+    def read(folder: Path, name: str) -> "Trained":
+        """The weights of that name.
+
+        Raises:
+            CheckpointError: if files are missing or damaged.
         """
-        return cls(name, *load_weights(folder, name))
+        return Trained(name, *load_weights(folder, name))
 
     @property
     def sha256(self) -> str:
