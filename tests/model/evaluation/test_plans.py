@@ -1,5 +1,6 @@
 """Whether motion does what a plan says, and found plans agree with annotated ones."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from model.evaluate import main
 from model.evaluation import finding
 from model.evaluation.adherence import (
     EDITS,
@@ -193,6 +195,16 @@ def test_what_is_fitted_is_what_is_computed_without_torch(tmp_path, monkeypatch)
     np.testing.assert_allclose(likely, own, atol=0.02)
     assert np.isfinite(stay).all() and np.isfinite(change).all()
     found._weights.cache_clear()
+
+
+def test_the_command_asks_a_protocol_by_its_name(annotated_folder, tmp_path, capsys):
+    command = ["--data", str(annotated_folder), "--out", str(tmp_path / "told.json")]
+    assert main(["finding", *command]) == 0
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert told["strokes"]["annotated"] > 0 and list(told["f1 of strokes"]) == ["eve"]
+    assert f"strokes: f1 {told['strokes']['f1']:.4g}, precision" in capsys.readouterr().out
+    assert main(["adherence", *command, "--weights", str(tmp_path)]) == 1
+    assert "workbench/planned" in capsys.readouterr().err
 
 
 def moved(seed: int, size: float) -> Motion:
