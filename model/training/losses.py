@@ -27,25 +27,13 @@ def simple_loss(x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]) -> 
     return (x_1 - target).square().mean((1, 2))
 
 
-def position_loss(
-    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+def points_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"], order: int = 0
 ) -> Float[Tensor, " B"]:
-    """L_pos: smooth L1 error of points in metres (joints through forward kinematics)."""
-    return _smooth_l1(positions, target)
-
-
-def velocity_loss(
-    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
-) -> Float[Tensor, " B"]:
-    """Smooth L1 error of first differences, metres per frame (official code, not in the paper)."""
-    return _smooth_l1(positions.diff(dim=1), target.diff(dim=1))
-
-
-def acceleration_loss(
-    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
-) -> Float[Tensor, " B"]:
-    """Smooth L1 error of second differences, metres per frame^2 (official code, not the paper)."""
-    return _smooth_l1(positions.diff(n=2, dim=1), target.diff(n=2, dim=1))
+    """L_pos: smooth L1 error of points in metres (joints through forward kinematics); of an order
+    above 0 that of their differences, metres per frame^order (official code, not in the paper)."""
+    a, b = positions.diff(n=order, dim=1), target.diff(n=order, dim=1)
+    return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
 
 
 def contact_loss(
@@ -55,10 +43,6 @@ def contact_loss(
     still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < STANDS_BELOW_M
     steps = 100 * positions[:, :, FEET][..., [0, 2]].diff(dim=1)
     return (steps.square().sum(-1) * still).mean((1, 2))
-
-
-def _smooth_l1(a: Tensor, b: Tensor) -> Float[Tensor, " B"]:
-    return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
 
 
 def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
@@ -101,9 +85,9 @@ def geometric_terms(
     world = predicted.positions, target.positions
     positions = positions_of(weights, predicted, target)
     terms = {
-        "position": lambda: position_loss(*positions),
-        "velocity": lambda: velocity_loss(*positions),
-        "acceleration": lambda: acceleration_loss(*positions),
+        "position": lambda: points_loss(*positions),
+        "velocity": lambda: points_loss(*positions, 1),
+        "acceleration": lambda: points_loss(*positions, 2),
         "contact": lambda: contact_loss(*world),
     }
     return weighted(weights, terms)

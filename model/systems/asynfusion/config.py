@@ -61,7 +61,7 @@ class AsynFusionLoss:
     """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
     none."""
     feet: float = 0.0
-    """Of the steps of ankles and feet through forward kinematics, `losses.velocity_loss`. The paper
+    """Of the steps of ankles and feet through forward kinematics, `losses.points_loss`. The paper
     has no term on the body in the world."""
     contact: float = 0.0
     """Of the horizontal steps of feet that stand in the recording, `losses.contact_loss`."""

@@ -178,7 +178,7 @@ def foot_terms(
     feet, wanted = (joints[:, :, losses.FEET] for joints in (positions, recorded))
     by_sample = time_weight(t, weights.time_weight_floor)
     return {
-        "feet": weights.feet * by_sample * losses.velocity_loss(feet, wanted),
+        "feet": weights.feet * by_sample * losses.points_loss(feet, wanted, 1),
         "contact": weights.contact * by_sample * losses.contact_loss(positions, recorded),
     }
 

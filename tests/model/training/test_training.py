@@ -45,7 +45,7 @@ def test_position_loss_turns_from_squared_to_absolute_at_two_centimetres():
     positions = target + error[:, None, None, None]
     # e^2 / (2 * 0.02) below, e - 0.01 above
     expected = torch.tensor([0.0025, 0.01, 0.11])
-    torch.testing.assert_close(losses.position_loss(positions, target), expected)
+    torch.testing.assert_close(losses.points_loss(positions, target), expected)
 
 
 def test_differences_ignore_what_is_constant_or_grows_evenly():
@@ -53,12 +53,12 @@ def test_differences_ignore_what_is_constant_or_grows_evenly():
     zero = torch.zeros_like(time)
     still, drifting, speeding = zero + 1, 0.1 * time, 0.05 * time**2
     none = torch.zeros(2)
-    torch.testing.assert_close(losses.velocity_loss(still, zero), none)
+    torch.testing.assert_close(losses.points_loss(still, zero, 1), none)
     # 0.1 m per frame: 0.1 - 0.01
-    torch.testing.assert_close(losses.velocity_loss(drifting, zero), none + 0.09)
-    torch.testing.assert_close(losses.acceleration_loss(drifting, zero), none, atol=1e-6, rtol=0)
+    torch.testing.assert_close(losses.points_loss(drifting, zero, 1), none + 0.09)
+    torch.testing.assert_close(losses.points_loss(drifting, zero, 2), none, atol=1e-6, rtol=0)
     # the second difference of 0.05 k^2 is 0.1
-    torch.testing.assert_close(losses.acceleration_loss(speeding, zero), none + 0.09)
+    torch.testing.assert_close(losses.points_loss(speeding, zero, 2), none + 0.09)
 
 
 def test_difference_loss_sees_flicker_and_no_offset():

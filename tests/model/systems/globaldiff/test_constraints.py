@@ -12,7 +12,7 @@ from model.motion.kinematics import (
 from model.motion.rotations import matrix_from_axis_angle
 from model.systems.globaldiff import task as constraints
 from model.systems.globaldiff.system import led_home
-from model.training.losses import position_loss
+from model.training.losses import points_loss
 from tests.helpers import random_local_rotations
 
 ANCHORS = constraints.octahedron_anchors()
@@ -38,7 +38,7 @@ def turned(rotmat: Tensor, axis_angle: list[float], *, joint: int) -> Tensor:
 def test_twist_of_a_leaf_joint_is_seen_by_anchors_and_not_by_positions():
     target = rotations()
     twisted = turned(target, [0.5, 0, 0], joint=TIP)
-    assert (position_loss(positions_of(twisted), positions_of(target)) == 0).all()
+    assert (points_loss(positions_of(twisted), positions_of(target)) == 0).all()
     loss = constraints.joint_structure_loss(twisted, target, ANCHORS)
     # Chord of 0.5 rad for the four anchors off the axis, one joint of 55.
     chord = 2 * 0.05 * torch.sin(torch.tensor(0.25))
