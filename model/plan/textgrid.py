@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import nan
 
 _CLASSES = ("IntervalTier", "TextTier")
-_VALUE = re.compile(r'"((?:[^"]|"")*)"|(?<![^\s=])([-+.\d][^\s"]*)')
+_VALUE = re.compile(r'"([^"]*(?:""[^"]*)*)"|(?<![^\s=])([-+.\d][^\s"]*)')
 """All that Praat reads in its text formats, long or short: texts, and numbers that stand free."""
 
 
