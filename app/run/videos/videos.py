@@ -21,8 +21,9 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, file_of, read_run
 from app.run.output.telling import Reporter, share_teller
 from app.run.requests.display import Display, displayed, marks_of
-from app.run.requests.request import MAX_COMPARED, ArtefactKind, Grown, OnEvent, ShouldCancel
-from conventions.names import REFERENCE_NAME, file_stem
+from app.run.requests.request import ArtefactKind, Grown, OnEvent, ShouldCancel
+from app.run.rows import names_that_fit
+from conventions.names import file_stem
 from conventions.views import CLOSE_UPS, LOOKS, CloseUp, Framing, View
 
 if TYPE_CHECKING:
@@ -399,13 +400,6 @@ def draw_behind(request: VideosRequest, on_event: OnEvent, should_cancel: Should
             on_file=reporter.file,
         )
         if len(motions) > 1:
-            names = names_that_fit(list(motions))
+            names = names_that_fit(list(motions), reporter)
             with joined_side_by_side(names, speech, folder, reporter):
                 pass
-
-
-def names_that_fit(names: Sequence[str]) -> list[str]:
-    """As many as stand side by side, the reference among them."""
-    reference = [name for name in names if name == REFERENCE_NAME]
-    systems = [name for name in names if name != REFERENCE_NAME]
-    return [*systems[: MAX_COMPARED - len(reference)], *reference]

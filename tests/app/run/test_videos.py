@@ -19,6 +19,7 @@ from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_videos
 from app.run.requests.display import Display
 from app.run.requests.request import Ask, Progress
+from app.run.rows import names_that_fit
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import (
     BODY,
@@ -338,3 +339,13 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     with pytest.raises(CancelledRun):
         draw_seen(asked(tmp_path, GRID), told.append, lambda: bool(told))
     assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
+
+
+def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_by_side() -> None:
+    reporter = Reporter(lambda event: None, lambda: False)
+    for number in (1, 5, 6, 8):
+        names = [f"system{i}" for i in range(number)]
+        assert names_that_fit([*names, "reference"], reporter) == [*names[:5], "reference"]
+    assert "they show system0, system1, " in reporter.notes[0]
+    names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
+    assert names_that_fit(names, reporter) == ["a/b", "a/c"]

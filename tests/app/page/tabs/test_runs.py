@@ -35,7 +35,6 @@ from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.run.many.sets import Sets
 from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
-from app.run.videos.videos import names_that_fit
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
@@ -468,6 +467,3 @@ def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_t
     (*_, last) = list(tab.updates())
     assert list(last) == [tab.parts.status]
     assert "Done." in last[tab.parts.status] and "No OpenGL backend" in last[tab.parts.status]
-    for number in (1, 5, 6, 8):
-        names = [f"system{i}" for i in range(number)]
-        assert names_that_fit([*names, "reference"]) == [*names[:5], "reference"]
