@@ -34,8 +34,9 @@ const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
 const HEIGHTS_PX = [330, 760];
-const OPENING_PX = 330; // the least of an example
-const UNDER_PX = 12; // of the window, free under an example
+const OPENING_PX = 270; // the least of an example
+const UNDER_PX = 12; // of the window, free under everything
+const UNDER_OPENING_PX = 60; // the controls of an example
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const CLICK_PX = 5; // of a pointer that turned nothing
@@ -519,7 +520,7 @@ export class Stage {
     const { top, bottom } = this.view.getBoundingClientRect();
     const above = top + window.scrollY + UNDER_PX;
     const [least, most] = HEIGHTS_PX;
-    const beside = isLive ? above + UNDER_LIVE_PX : isOpening ? above : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
+    const beside = isLive ? above + UNDER_LIVE_PX : isOpening ? above + UNDER_OPENING_PX : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
