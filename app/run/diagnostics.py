@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.diagnostics import Diagnostics, Versions
-    from model.measures.error_growth import ErrorGrowth
     from model.measures.results import Measures
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -253,26 +252,3 @@ def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
         )
 
     return {kind: of(versions.of(kind)) for kind in VERSIONS}
-
-
-def draw_error_growth(errors: Mapping[str, ErrorGrowth], folder: ResultFolder) -> list[Path]:
-    """The experiment on the recorded motion, or on the first where there is none."""
-    from pandas import DataFrame
-
-    from model.measures.error_growth import NOISE_RAD, growth_sentence
-    from renderer.figures.curves import error_growth_figure
-
-    name = REFERENCE_NAME if REFERENCE_NAME in errors else next(iter(errors))
-    growth = errors[name]
-    spreads = DataFrame(
-        {
-            "point": growth.points,
-            "local": growth.local_spread_m,
-            "global": growth.global_spread_m,
-            "predicted_local": growth.predicted_local_spread_m,
-            "predicted_global": growth.predicted_global_spread_m,
-        }
-    )
-    sentence = f"{name}: {growth_sentence(growth, NOISE_RAD)}"
-    files = error_growth_figure(spreads, folder.path("error_growth.png").with_suffix(""), sentence)
-    return [folder.path(path.name) for path in files]

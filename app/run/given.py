@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,6 @@ from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_a
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
     from model.faults.evidence import Finding
-    from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.speech.audio import Speech
@@ -249,37 +248,3 @@ def _windows(ask: Ask, read: _Read) -> dict[str, Windows]:
     except ValueError as error:
         raise RunError(str(error)) from error
     return dict.fromkeys(read.all, windows)
-
-
-def grown_errors(
-    motions: Mapping[str, Motion], joint: str, run: RunWriter
-) -> dict[str, ErrorGrowth]:
-    """By name; empty where nothing moves the followed joint."""
-    from model.measures.error_growth import measure_error_growth
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import moving_chain
-
-    found = {}
-    for name, motion in motions.items() if moving_chain(joint) else ():
-        run.stop_if_asked()
-        found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
-    return found
-
-
-def growth_told(errors: Mapping[str, ErrorGrowth], joint: str) -> dict[str, object]:
-    """The content of error_growth.json."""
-    from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence
-    from model.measures.results import as_json
-
-    return {
-        "noise_rad": NOISE_RAD,
-        "draws": DRAWS,
-        "seed": 0,
-        "joint": joint,
-        "motions": {
-            name: as_json(vars(growth))
-            | {"ratio": growth.ratio, "predicted_ratio": growth.predicted_ratio}
-            | {"sentence": growth_sentence(growth, NOISE_RAD)}
-            for name, growth in errors.items()
-        },
-    }

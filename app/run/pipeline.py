@@ -18,13 +18,12 @@ from app import text
 from app.errors import CancelledRun, RunError
 from app.run.body_motion import body_motion, in_register
 from app.run.diagnostics import (
-    draw_error_growth,
     draw_figure6,
     draw_jitter,
     measure_motions,
     write_diagnostics,
 )
-from app.run.given import NO_SPEECH, as_read, given_rows, grown_errors, growth_told, sha256_of
+from app.run.given import NO_SPEECH, as_read, given_rows, sha256_of
 from app.run.made import made_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import make_provenance
@@ -146,7 +145,7 @@ def _as_far_as_anything_draws(ask: Ask, run: RunWriter) -> Ask:
 
 
 def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diagnostics:
-    """All numbers, and of given motions how errors grow along the chain."""
+    """All numbers."""
 
     def on_share(part: float) -> None:
         run.stop_if_asked()
@@ -160,12 +159,6 @@ def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diag
     )
     if rows.readings:
         diagnostics = as_read(diagnostics, rows)
-        errors = grown_errors(rows.measured, ask.joint, run)
-        if errors:
-            path, told = folder.path("error_growth.json"), growth_told(errors, ask.joint)
-            path.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-            run.file("numbers", path.stem, path)
-            run.files("figure", draw_error_growth(errors, folder))
     run.note(*diagnostics.notes)
     run.progress("numbers", 1.0)
     run.measured(diagnostics)

@@ -377,7 +377,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
         page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
     page.locator("#own-files-fold button").first.click()
-    expect(page.locator("#own-files")).to_contain_text("error_growth")
+    expect(page.locator("#own-files")).to_contain_text("figure6")
     page.wait_for_function(OWN_STAGED, arg=2)
     lanes = page.locator("#own-player .lane:has(.words)")  # gestures below the words, no rest
     expect(lanes).to_contain_text(["Words", "Gesture left"])

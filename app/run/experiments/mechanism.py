@@ -78,7 +78,7 @@ def show_mechanism(
     on_local, on_global = noisy_motions(found.motion, asked.noise_rad, ask.seed)
     noisy: dict[str, Motion] = dict(zip(NAMES, (on_local, on_global), strict=True))
     if asked.played is not None:
-        _play(ask, asked.played, noisy, on_event)
+        _play(asked, asked.played, noisy, growth, on_event)
     if ask.has_video:
         on_share = share_teller("video", on_event, should_cancel)
         _draw(ask, asked.noise_rad, found.motion, noisy, on_share)
@@ -86,14 +86,38 @@ def show_mechanism(
     return ask.out if ask.has_video else None, sentences
 
 
-def _play(ask: Ask, out: Path, noisy: Mapping[str, Motion], on_event: OnEvent) -> None:
+def _play(
+    asked: MechanismAsk,
+    out: Path,
+    noisy: Mapping[str, Motion],
+    growth: ErrorGrowth,
+    on_event: OnEvent,
+) -> None:
+    """Both bodies, then how far points along the chain are moved, as a figure."""
+    from pandas import DataFrame
+
+    from model.measures.error_growth import growth_sentence
+    from renderer.figures.curves import error_growth_figure
+
+    ask = asked.ask
     tip = choose_tip_source(get_body(ask.body), ask.body, TIP)
     record = RunRecord(
         kind="given", point=TIP, layout=picture_layout("front", ask.size, ("hands",), "knees")
     )
     with ResultFolder(out, is_kept=True) as folder, RunWriter(folder, record, on_event) as run:
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
-        run.find_plans(noisy)
+        spreads = DataFrame(
+            {
+                "point": growth.points,
+                "local": growth.local_spread_m,
+                "global": growth.global_spread_m,
+                "predicted_local": growth.predicted_local_spread_m,
+                "predicted_global": growth.predicted_global_spread_m,
+            }
+        )
+        stem = folder.path("error_growth.png").with_suffix("")
+        files = error_growth_figure(spreads, stem, growth_sentence(growth, asked.noise_rad))
+        run.files("figure", [folder.path(path.name) for path in files])
         run.finish("")
 
 

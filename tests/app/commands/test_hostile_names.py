@@ -99,7 +99,7 @@ def test_diagnose_tells_of_files_with_hostile_names(tmp_path, monkeypatch):
     out = tmp_path / f"out{TITLE}{NO_TEXT}"
     assert main(["diagnose", *map(str, motions), "--out", str(out), "--no-pictures"]) == 0
     terminal.check()
-    assert {"figure6.svg", "jitter.svg", "error_growth.svg"} <= {*check_folder(out)}
+    assert {"figure6.svg", "jitter.svg"} <= {*check_folder(out)}
     with (out / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP + TEX} <= {row["name"] for row in rows}

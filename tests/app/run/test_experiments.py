@@ -189,6 +189,7 @@ def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismAsk)
     assert path is None and not ask.out.exists() and "0.05 rad" in " ".join(sentences)
     told = read_run(out)
     assert [row.name for row in told.rows] == list(NAMES) and told.sound and told.timeline
+    assert "error_growth.png" in told.files and "0.05 rad" in (out / "error_growth.txt").read_text()
     clean = load_motion(ask.motions[0])
     on_local, on_global = (load_motion(out / row.files["motion"]) for row in told.rows)
     pelvis = slice(0, 3)

@@ -37,7 +37,7 @@ from tests.app.measured import both, diagnostics_of
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
-FIGURES = ("figure6", "jitter", "error_growth")
+FIGURES = ("figure6", "jitter")
 
 
 def test_everything_is_measured_beside_a_reference_with_speech_and_words(
@@ -59,7 +59,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     heard = Heard()
     found = do(request, heard.take)
     assert {path.name for path in request.out.iterdir()} == {
-        *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
+        *("diagnostics.json", "diagnostics.csv"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
     }
@@ -78,10 +78,6 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert told["words_origin"] == "aligned"  # a text is better than none
     assert [word["text"] for word in told["words"]] == ["There", "are", "three", "reasons"]
     assert len(told["phones"]) > 2 * len(told["words"])
-    growth = json.loads((request.out / "error_growth.json").read_text())
-    assert growth["joint"] == "left_wrist"
-    assert set(growth["motions"]) == {"clip", "again", "reference"}
-    assert growth["motions"]["clip"]["ratio"] > 1
     with (request.out / "diagnostics.csv").open() as file:
         rows = {(row["name"], row["measure"]) for row in csv.DictReader(file)}
     assert ("clip", "position_error_m") in rows and ("reference", "tip_jerk_m_s3") in rows
@@ -115,7 +111,6 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
     kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
-    assert not list(request.out.glob("error_growth*"))
     assert any("one frame has 1 frame; speed needs 2" in note for note in diagnosis.notes)
 
 

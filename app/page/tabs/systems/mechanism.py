@@ -14,15 +14,17 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, in_turn, player_part, reveal_on_click, shown
+from app.page.parts.html_parts import AT_ONCE, in_turn, mount, player_part, reveal_on_click, shown
 from app.page.player.player import NOTHING, Showing
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, last_share
+from app.page.results.result_parts import figures_html
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.motion_run import showing_of
 from app.page.tabs.services import Services
 from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NOISE_RAD, MechanismAsk, show_mechanism
+from app.run.output.run_folder import file_of
 from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
@@ -90,7 +92,13 @@ def build_mechanism(tab: gr.Tab, services: Services) -> None:
                 gr.HTML(markup.idle_status(text.READY), elem_id="mechanism-status"),
                 gr.HTML("", visible=False),
                 player_part("mechanism-"),
-                gr.HTML("", visible=False, elem_id="mechanism-says"),
+                gr.HTML(
+                    "",
+                    visible=False,
+                    js_on_load=mount("figures.js", "mountFigures"),
+                    apply_default_css=False,
+                    elem_id="mechanism-says",
+                ),
             )
     needs_video = gr.Checkbox(False, visible=False)
     first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
@@ -185,6 +193,8 @@ class _Work:
     def finished(self, result: Shown) -> Updates:
         path, sentences = result
         told = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+        files = (file_of(self.showing.folder, name) for name in self.showing.record.files)
+        figures = figures_html(filter(None, files), self.showing.address)
         video = ""
         if path is not None:
             source = self.addresses.address(path, self.cookie)
@@ -195,5 +205,5 @@ class _Work:
         return {
             self.parts.status: markup.sentence_status(self._line),
             self.parts.player: self._played(),
-            self.parts.says: shown(f'{video}<div class="says">{told}</div>'),
+            self.parts.says: shown(f'{video}<div class="says">{told}</div>{figures}'),
         }
