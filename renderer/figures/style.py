@@ -95,8 +95,6 @@ class SeriesStyle:
     """How one system's curve is drawn."""
 
     color: str
-    dashes: tuple[float, ...]
-    """On and off lengths in line widths, for the page's keys; figures draw no dashes."""
     marker: str
     width_pt: float
 
@@ -114,14 +112,14 @@ class SeriesStyle:
         }
 
 
-REFERENCE_STYLE = SeriesStyle("#000000", (), "o", 1.1)
+REFERENCE_STYLE = SeriesStyle("#000000", "o", 1.1)
 SYSTEM_STYLES = (  # the first few differ most in lightness
-    SeriesStyle("#D55E00", (9.0, 1.5), "s", 0.8),
-    SeriesStyle("#56B4E9", (3.0, 1.5), "^", 0.8),
-    SeriesStyle("#0072B2", (6.0, 1.5, 1.5, 1.5), "D", 0.8),
-    SeriesStyle("#E69F00", (1.3, 1.3), "v", 0.8),
-    SeriesStyle("#009E73", (4.0, 1.3, 1.3, 1.3, 1.3, 1.3), "P", 0.8),
-    SeriesStyle("#CC79A7", (9.0, 1.5, 3.0, 1.5), "X", 0.8),
+    SeriesStyle("#D55E00", "s", 0.8),
+    SeriesStyle("#56B4E9", "^", 0.8),
+    SeriesStyle("#0072B2", "D", 0.8),
+    SeriesStyle("#E69F00", "v", 0.8),
+    SeriesStyle("#009E73", "P", 0.8),
+    SeriesStyle("#CC79A7", "X", 0.8),
 )
 MAX_SYSTEMS = len(SYSTEM_STYLES)
 

@@ -134,7 +134,6 @@ class Showing:
             "name": row.name,
             "label": row.label,
             "color": row.color,
-            "dashes": row.dashes,
             **self._addresses(files),
             **({"take": row.take.number, "of": row.take.of} if row.take else {}),
             **({"there": row.there.model_dump()} if row.there else {}),

@@ -185,7 +185,7 @@ def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
     return any(column.read(measure, kind) is not None for column in columns for kind in VERSIONS)
 
 
-def _finding(found: Told) -> str:
+def _finding(found: Told, label: str) -> str:
     """With a button that goes to where it is worst, wherever there is a player."""
     go = ""
     if found.at is not None:
@@ -195,13 +195,14 @@ def _finding(found: Told) -> str:
             f'<button type="button" class="go" data-at="{found.at:.3f}">'
             f"{text.GO_THERE.format(time=time)}</button>"
         )
-    return f"<li><b>{escape(found.name)}</b>{escape(found.sentence)}{go}</li>"
+    return f"<li><b>{escape(label)}</b>{escape(found.sentence)}{go}</li>"
 
 
 def _findings(run: RunRecord) -> str:
     """What stands out in the motions, the gravest few apart, and in which nothing does."""
-    items = [_finding(found) for found in run.findings]
-    by_name = {str(n): [each for each in run.findings if each.name == n] for n in run.numbers}
+    labels = short_names(run.numbers)
+    items = [_finding(found, labels.get(found.name, found.name)) for found in run.findings]
+    by_name = {labels[n]: [each for each in run.findings if each.name == n] for n in run.numbers}
     line = clean_line(by_name)
     clean = f"<p>{escape(line)}</p>" if line else ""
     if not items:

@@ -22,7 +22,7 @@ from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.measures_table import Column, Numbers, table_of
 from app.page.results.result_parts import ResultParts
-from app.run.output.run_folder import RunRecord, series_looks
+from app.run.output.run_folder import RunRecord, colors_of
 from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.timeline import NUM_SECONDS
 from conventions.names import REFERENCE_NAME
@@ -264,10 +264,9 @@ def _rows(a: RunRecord, b: RunRecord, values: Sequence[dict[str, Any]]) -> list[
                     "layout": values[i]["layout"],
                 }
             )
-    looks = series_looks(row["name"] for row in rows)
+    colors = colors_of(row["name"] for row in rows)
     for row in rows:
-        look = looks[row["name"]]
-        row |= {"color": look.color, "dashes": list(look.dashes)}
+        row["color"] = colors[row["name"]]
     return rows[:MAX_VIDEOS]
 
 

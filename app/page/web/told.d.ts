@@ -8,8 +8,6 @@ export interface Row {
   name: string;
   label?: string;
   color: string;
-  /** On and off lengths; none of a solid line. */
-  dashes: number[];
   stem: string;
   is_reference: boolean;
   /** What it shares with those that were drawn from the same noise. */

@@ -10,7 +10,6 @@ import re
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -92,7 +91,8 @@ class Row(_Strict):
     name: Name
     label: Name
     color: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-    dashes: Annotated[list[Number], Field(max_length=8)]
+    dashes: Annotated[list[Number], Field(max_length=8, exclude=True)] = []
+    """Of runs of before: no line is dashed any more."""
     files: dict[RowKind, FileName] = {}
     there: There | None = None
     take: TakeOf | None = None
@@ -193,31 +193,21 @@ def noise_of(name: str) -> str | None:
 
 def rows_of(names: Sequence[str]) -> list[Row]:
     """As they look in players and figures."""
-    looks, labels = series_looks(names), short_names(names)
+    labels = short_names(names)
     return [
-        Row(name=name, label=labels[name], color=look.color, dashes=list(look.dashes))
-        for name, look in looks.items()
+        Row(name=name, label=labels[name], color=color) for name, color in colors_of(names).items()
     ]
 
 
-@dataclass(frozen=True)
-class SeriesLook:
-    """How the curve and the label of one motion look, here and in the figures."""
-
-    color: str
-    dashes: tuple[float, ...]
-    """On and off lengths in line widths; empty means solid."""
-
-
-def series_looks(names: Iterable[str]) -> dict[str, SeriesLook]:
-    """The figures' own styles: the reference black, the others by their order."""
+def colors_of(names: Iterable[str]) -> dict[str, str]:
+    """The figures' own: the reference black, the others by their order."""
     from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 
     names = list(names)
     systems = [name for name in names if name != REFERENCE_NAME]
     styles = {name: SYSTEM_STYLES[i % len(SYSTEM_STYLES)] for i, name in enumerate(systems)}
     styles[REFERENCE_NAME] = REFERENCE_STYLE
-    return {name: SeriesLook(styles[name].color, styles[name].dashes) for name in names}
+    return {name: styles[name].color for name in names}
 
 
 def read_run(folder: Path) -> RunRecord:

@@ -15,13 +15,13 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
+    colors_of,
     ending_of,
     file_of,
     is_run_zip,
     noise_of,
     read_run,
     rows_of,
-    series_looks,
     zip_run,
 )
 from app.run.pieces import HEADER
@@ -39,7 +39,7 @@ from tests.helpers import smooth_motion_example
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
 RECORD: dict[str, Any] = {"format": 1, "kind": "given", "point": "right_middle"}
-ROW = {"name": "a", "label": "a", "color": "#000000", "dashes": []}
+ROW = {"name": "a", "label": "a", "color": "#000000"}
 REST = HandPhase(0.0, 2.0, "rest", (0.2, -0.2, 0.2))
 SAID = Transcript(
     (Word(0.2, 0.5, "<b>hello"),),
@@ -183,8 +183,7 @@ def test_the_gravest_findings_come_first_each_with_its_second():
 
 
 def test_rows_look_as_in_the_figures_and_close_ups_stand_where_they_do_in_a_video():
-    looks = series_looks(("x", "y", "reference"))
-    assert [look.color for look in looks.values()] == [
+    assert list(colors_of(("x", "y", "reference")).values()) == [
         *(style.color for style in SYSTEM_STYLES[:2]),
         REFERENCE_STYLE.color,
     ]

@@ -75,7 +75,6 @@ def test_figures_of_several_threads_are_those_of_one(tmp_path):
 def test_styles_differ_without_colour():
     styles = [REFERENCE_STYLE, *SYSTEM_STYLES]
     assert len({style.marker for style in styles}) == len(styles)
-    assert len({style.dashes for style in styles}) == len(styles)  # of the page's keys
     swatches = [Image.new("RGB", (1, 1), style.color) for style in styles[:3]]
     greys = sorted(int(np.asarray(swatch.convert("L"))[0, 0]) for swatch in swatches)
     assert min(b - a for a, b in itertools.pairwise(greys)) > 35

@@ -210,7 +210,7 @@ class Live {
     this.#cameras = new Following(mesh, facts, reaches, this.#rolling);
     this.#clock.follow(this.#rolling);
     this.#feed = () => this.#stage.feed(NAME, this.#rolling.shown, this.#cameras, mesh, facts);
-    this.#stage.show([{ name: NAME, label: "You speak", color: COLOR, dashes: [], stem: NAME, is_reference: false, noise: null }]);
+    this.#stage.show([{ name: NAME, label: "You speak", color: COLOR, stem: NAME, is_reference: false, noise: null }]);
     this.#feed();
   }
 
