@@ -41,7 +41,10 @@ FLOAT_M, FLOAT_RISE_S = 0.08, 0.5
 CALMER = 0.9
 
 
-def planted_files(folder: Path) -> tuple[list[str], str, str, str]:
+RECORDED = "recorded"
+
+
+def planted_files(folder: Path) -> list[str]:
     """The motion with faults, which is made once, and its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
@@ -49,9 +52,9 @@ def planted_files(folder: Path) -> tuple[list[str], str, str, str]:
     path = folder / f"{FAULTY}.npz"
     if not path.is_file():
         save_motion(with_faults(load_motion(TWO_MINUTES)), path)
-    beside = (TWO_MINUTES, TWO_MINUTES.with_suffix(".ogg"), TWO_MINUTES.with_suffix(".TextGrid"))
-    reference, speech, transcript = map(str, beside)
-    return [str(path)], reference, speech, transcript
+        shutil.copyfile(TWO_MINUTES, folder / f"{RECORDED}.npz")
+    speech, transcript = (TWO_MINUTES.with_suffix(ending) for ending in (".ogg", ".TextGrid"))
+    return [str(each) for each in (path, folder / f"{RECORDED}.npz", speech, transcript)]
 
 
 def with_faults(motion: Motion) -> Motion:

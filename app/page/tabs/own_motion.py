@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.page.parts.asked import Field, Fields, a_file, whole
+from app.page.parts.asked import Field, Fields, whole
 from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, named_fields, reveal_on_click
 from app.page.results.result_parts import ResultParts, build_results
@@ -24,15 +25,24 @@ from app.page.tabs.own_motion_run import (
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.services import Services, UploadCheck
 from app.page.tabs.videos_run import VideosBehind
-from app.run.examples import planted_files
+from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
 from app.run.many.sets import measure_sets
 from app.run.many.unpacked import stem_of
 from app.run.requests.request import MAX_COMPARED, read_assumptions, read_channel
+from app.run.requests.upload_check import kind_of
 
 TAB = "Your motion"
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
+FILES_LABEL = "Motions, and what goes with them"
+FILES_HELP = (
+    "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, or English as "
+    ".txt), zips of clips. What each is is seen from it."
+)
+RECORDED_LABEL = "Recorded motion among them, as reference"
+NO_RECORDED = "none"
+_IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
 WINDOWS_HELP = (
     "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
     "period from 2 to 240 frames is tried."
@@ -81,8 +91,8 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         api_name="own_motion",
     )
     planted = form.planted.click(
-        lambda: planted_files(services.config.temp / "planted"),
-        outputs=form.of_planted,
+        lambda: (planted_files(services.config.temp / "planted"), RECORDED),
+        outputs=asks["inputs"][:2],
         **PRIVATE,
         trigger_mode="once",
     ).then(runner.run, **asks, api_visibility="private")
@@ -117,8 +127,6 @@ class FormParts:
     start: gr.Button
     cancel: gr.Button
     planted: gr.Button
-    of_planted: list[Any]
-    """Fields that the planted example fills in."""
     assume: gr.Textbox
     otherwise: gr.Button
     """Pressed by the chips of a row: says one thing otherwise, and runs anew."""
@@ -128,12 +136,21 @@ def build_own_form(check: UploadCheck) -> FormParts:
     """The left column."""
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = check.file(
-        "motions",
-        "Motions (.npz, .npy, .bvh), or zips of them",
-        [".npz", ".npy", ".bvh", *SETS],
+        "files",
+        FILES_LABEL,
+        [".npz", ".npy", ".bvh", ".TextGrid", ".txt", "audio", *SETS],
         "own-motions",
         height=170,
         file_count="multiple",
+    )
+    gr.HTML(f'<p class="hint">{FILES_HELP}</p>')
+    reference = gr.Dropdown(
+        choices=[(NO_RECORDED, "")],
+        value="",
+        allow_custom_value=True,  # as below
+        visible=False,
+        label=RECORDED_LABEL,
+        elem_id="own-reference",
     )
     shown = gr.Dropdown(
         choices=[],
@@ -145,21 +162,6 @@ def build_own_form(check: UploadCheck) -> FormParts:
         info=SHOWN_HELP,
         elem_id="own-shown",
     )
-    motions.change(_choices, motions, shown, **AT_ONCE)
-    reference = check.file(
-        "motions",
-        text.REFERENCE_LABEL,
-        [".npz", ".npy", ".bvh", *SETS],
-        "own-reference",
-        height=120,
-    )
-    speech = check.file(
-        "sounds",
-        "Speech of all of them (optional, for BeatAlign)",
-        ["audio", *SETS],
-        "own-speech",
-        height=120,
-    )
     channel = gr.Dropdown(
         [("All channels, mixed", ""), ("Left channel", "left"), ("Right channel", "right")],
         value="",
@@ -167,10 +169,7 @@ def build_own_form(check: UploadCheck) -> FormParts:
         elem_id="own-channel",
         visible=False,
     )
-    speech.change(lambda path: gr.update(visible=bool(path)), speech, channel, **AT_ONCE)
-    transcript = check.file(
-        "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "own-transcript", height=120
-    )
+    motions.change(_choices, motions, [reference, shown, channel], **AT_ONCE)
     has_words = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
     point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
     start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
@@ -194,26 +193,30 @@ def build_own_form(check: UploadCheck) -> FormParts:
     check.guard(start, reason)
     fields = {
         "motions": Field(motions, lambda paths: tuple(map(Path, paths or ()))),
-        "reference": Field(reference, a_file),
-        "speech": Field(speech, a_file),
+        "reference": Field(reference),
         "joint": Field(point, lambda name: name or TIP),
         "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
         "window": Field(window, lambda frames: a_window(frames) or None),
         "overlap": Field(overlap, whole("Shared by two", 0, LAST_FRAME, 0)),
         "shown": Field(shown, lambda names: tuple(names or ())),
         "has_video": Field(has_videos),
-        "transcript": Field(transcript, a_file),
         "words": Field(has_words, words_of),
         "told": Field(assume, read_assumptions),
         "channel": Field(channel, lambda side: read_channel(side) if side else None),
     }
     otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
-    of_planted = [motions, reference, speech, transcript]
-    return FormParts(fields, start, cancel, planted, of_planted, assume, otherwise)
+    return FormParts(fields, start, cancel, planted, assume, otherwise)
 
 
-def _choices(paths: list[str] | None) -> Any:
-    """The motions that can be chosen; nothing is asked where all fit."""
-    names = display_names([stem_of(Path(path)) for path in paths or ()])
+def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
+    """Which motion is the recorded one, as a name says it; which are shown, where not all fit; and
+    a channel where there is sound."""
+    kinds = {path: kind_of(path) for path in map(Path, paths or ())}
+    names = display_names([stem_of(path) for path, kind in kinds.items() if kind == "motions"])
+    recorded = next(filter(_IS_RECORDED.search, names), "")
     first = list(names[:MAX_COMPARED])
-    return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)
+    return (
+        gr.update(choices=[(NO_RECORDED, ""), *names], value=recorded, visible=len(names) > 1),
+        gr.update(choices=list(names), value=first, visible=len(names) > MAX_COMPARED),
+        gr.update(visible="sounds" in kinds.values()),
+    )

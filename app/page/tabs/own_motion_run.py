@@ -28,9 +28,12 @@ from app.run.many.opened import is_one_run
 from app.run.many.unpacked import is_packed, stem_of
 from app.run.requests.display import Display
 from app.run.requests.request import MAX_COMPARED, Ask
+from app.run.requests.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, printable
 from conventions.views import CLOSE_UPS
 
+ONE_FILE = "One file of {what} goes with all motions; {count} were given."
+NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
@@ -52,6 +55,7 @@ def own_ask(told: Mapping[str, Any], out: Path, config: AppConfig) -> Ask:
     Raises:
         RunError: with a sentence for the visitor.
     """
+    told = {**told, **as_they_are(told["motions"], told["reference"])}
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
     if not motions:
         raise RunError(NO_MOTION)
@@ -60,20 +64,19 @@ def own_ask(told: Mapping[str, Any], out: Path, config: AppConfig) -> Ask:
     limit = MAX_COMPARED - (reference is not None)
     if has_sets(motions):
         _check_sets(motions, reference, speech, limit)
-        names = display_names([stem_of(path) for path in motions])
-        beside = ("reference", "speech", "told", "channel")
-        return Ask(motions=motions, names=names, out=out, **{name: told[name] for name in beside})
+        beside = ("motions", "names", "reference", "speech", "told", "channel")
+        return Ask(out=out, **{name: told[name] for name in beside})
     if len(motions) > MAX_FILES:
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(motions)))
-    if len(told["shown"]) > limit:
-        raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(told["shown"])))
+    names = told["names"]
+    chosen = tuple(name for name in told["shown"] if name in names)
+    if len(chosen) > limit:
+        raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(chosen)))
     files = [*motions, *filter(None, [reference])]
     if any(map(is_packed, [*files, *filter(None, [speech])])):
         raise RunError(NO_SETS)
-    names = display_names([path.stem for path in motions])
     own = {
-        "names": names,
-        "shown": told["shown"] if len(motions) > limit else (),
+        "shown": chosen if len(motions) > limit else (),
         "told": told["told"].known(files, *names),
     }
     return Ask(
@@ -84,6 +87,36 @@ def own_ask(told: Mapping[str, Any], out: Path, config: AppConfig) -> Ask:
         weights=config.weights,
         max_frames=MAX_FRAMES,
     )
+
+
+def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
+    """What of an ask some files are, as is seen from them.
+
+    Args:
+        recorded: the name of a motion among them that is the reference.
+
+    Raises:
+        RunError: where there is no such, or more than one speech or text.
+    """
+    by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
+    for path in files:
+        by_kind[kind_of(path)].append(path)
+    for kind, what in (("sounds", "speech"), ("transcript", "words")):
+        if len(by_kind[kind]) > 1:
+            raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))
+    names = display_names([stem_of(path) for path in by_kind["motions"]])
+    motions = dict(zip(names, by_kind["motions"], strict=True))
+    if recorded and recorded not in motions:
+        raise RunError(NO_REFERENCE.format(name=printable(recorded)))
+    reference = motions.pop(recorded) if recorded else None
+    speech, transcript = (next(iter(by_kind[kind]), None) for kind in ("sounds", "transcript"))
+    return {
+        "motions": tuple(motions.values()),
+        "names": tuple(motions),
+        "reference": reference,
+        "speech": speech,
+        "transcript": transcript,
+    }
 
 
 def has_sets(motions: Sequence[Path]) -> bool:

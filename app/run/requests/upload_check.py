@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,9 +17,28 @@ PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
 """Endings of archives of many files."""
 NO_ZIP = "{name} is no readable zip; pack it again."
 
-UploadKind = Literal["speech", "reference", "motion", "sounds", "motions", "transcript", "plan"]
+FileKind = Literal["motions", "sounds", "transcript"]
+UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files"]
 """What a file is meant to be: references and motions are any file that can be read; of
-motions and sounds a zip may hold many."""
+motions and sounds a zip may hold many; files are whichever of these each is."""
+MOTIONS, WORDS, SOUNDS = (".npz", ".npy", ".bvh"), (".textgrid", ".txt"), (".wav", ".mp3", ".flac")
+_MAX_LIST_BYTES = 300_000
+"""Of the list of files at the end of a zip that is looked at."""
+
+
+def kind_of(path: Path) -> FileKind:
+    """What a file is, as its name tells, or of a zip the names in it; nothing is unpacked."""
+    name = path.name.lower()
+    if name.endswith(PACKED):
+        with suppress(OSError), path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - _MAX_LIST_BYTES))
+            name += file.read().decode("latin-1").lower() if path.suffix.lower() == ".zip" else ""
+        has_motions = any(ending in name for ending in MOTIONS)
+        has_sounds = any(part in name for part in (*SOUNDS, "speech", "audio", "sound"))
+        return "sounds" if has_sounds and not has_motions else "motions"
+    if name.endswith(WORDS):
+        return "transcript"
+    return "motions" if name.endswith(MOTIONS) else "sounds"
 
 
 @dataclass(frozen=True)
@@ -39,7 +59,8 @@ def refusal_of(
     can."""
     for path in given.paths:
         try:
-            _read(given.kind, path, given.max_speech_s)
+            kind = kind_of(path) if given.kind == "files" else given.kind
+            _read(kind, path, given.max_speech_s)
         except Exception as error:
             sentence = sentence_of(error)
             if sentence is None:

@@ -293,7 +293,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
-    (path,), reference, speech, transcript = planted_files(tmp_path)
+    path, reference, speech, transcript = planted_files(tmp_path)
     request = Ask(
         motions=(Path(path),),
         out=tmp_path / "out",

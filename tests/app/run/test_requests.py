@@ -158,8 +158,7 @@ def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
         ("reference", [CLEAN]),
         ("motion", [CLEAN]),
         ("motion", []),
-        ("motions", [asks]),
-        ("sounds", [packed]),
+        ("files", [asks, packed, CLEAN, text]),
         ("transcript", [CLEAN.with_suffix(".TextGrid")]),
         ("transcript", [text]),
     ):

@@ -184,26 +184,32 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
 
 
+MOTIONS = [f"{letter}.npz" for letter in "abcdefghijklmnopqrstuvwxy"]
+
+
 def own(form: Fields, *motions: str, **changes: Any) -> Ask:
     return own_ask(told(form, motions=list(motions), **changes), Path("out"), CONFIG)
 
 
 def test_the_form_of_own_motion_becomes_the_ask(own_form):
-    files = own(own_form, "/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0)
+    given = "/up/1/a.npz", "/up/2/a.npz", "/up/r.npz", "/up/said.txt"
+    files = own(own_form, *given, reference="r", start_frame=30.0)
     assert files.names == ("a", "a (2)")
     assert files.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
     assert (files.reference, files.speech) == (Path("/up/r.npz"), None)
+    assert files.transcript == Path("/up/said.txt")
     assert (files.start_frame, files.joint, files.out) == (30, "right_middle", Path("out"))
     assert files.has_video and (files.window, files.overlap) == (None, 0)
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
-    assert own(own_form, *"abcdefgh", shown=["b", "h"]).shown == ("b", "h")
-    assert own(own_form, *"abc", shown=["b"]).shown == (), "all of them fit"
+    assert own(own_form, *MOTIONS[:8], shown=["b", "h"], reference="h").shown == ("b",)
+    assert own(own_form, *MOTIONS[:3], shown=["b"]).shown == (), "all of them fit"
 
 
 def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone(own_form):
     said = {"told": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
-    asked = own(own_form, "/up/a.npz", speech="/up/s.wav", **said)
+    asked = own(own_form, "/up/a.npz", "/up/s.wav", **said)
+    assert asked.speech == Path("/up/s.wav")
     assert [each[0] for each in asked.told.says] == ["a", ""] and asked.channel == 1
     sets = own(own_form, "/up/a.tar.gz", **said)
     assert has_sets(sets.motions) and not has_sets(asked.motions)
@@ -213,18 +219,19 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
 @pytest.mark.parametrize(
     ("motions", "changes", "words"),
     [
-        ("", {}, "at least one motion"),
-        ("abcdefghijklmnopqrstuvwxy", {}, "At most 24 files are measured at once; 25"),
-        ("abcdefgh", {"shown": [*"abcdefg"]}, "At most 6 motions are shown"),
-        ("abcdefgh", {"shown": [*"abcdef"], "reference": "r.npz"}, "At most 5 motions"),
-        ("a", {"start_frame": -1}, "from 0 to 1000000; got -1"),
-        ("a", {"start_frame": 1.5}, "from 0 to 1000000; got 1.5"),
-        ("a", {"window": 0.5}, "Frames of a window must be a whole number"),
-        (["a.npz"], {"reference": "r.zip"}, "A zip goes beside zips"),
-        (["a.npz"], {"speech": "r.zip"}, "A zip goes beside zips"),
+        (["s.wav", "said.txt"], {}, "at least one motion"),
+        (["a.npz", "s.wav", "t.mp3"], {}, "One file of speech goes with all motions; 2"),
+        (["a.npz"], {"reference": "b"}, "no motion 'b' among the files"),
+        (MOTIONS, {}, "At most 24 files are measured at once; 25"),
+        (MOTIONS[:8], {"shown": [*"abcdefg"]}, "At most 6 motions are shown"),
+        (MOTIONS[:8], {"shown": [*"abcdefg"], "reference": "h"}, "At most 5 motions"),
+        (MOTIONS[:1], {"start_frame": -1}, "from 0 to 1000000; got -1"),
+        (MOTIONS[:1], {"start_frame": 1.5}, "from 0 to 1000000; got 1.5"),
+        (MOTIONS[:1], {"window": 0.5}, "Frames of a window must be a whole number"),
+        (["a.npz", "speech.zip"], {}, "A zip goes beside zips"),
         (["a.zip", "b.npz"], {}, "zips of results only, or motion files only"),
-        (["a.ZIP"], {"reference": "r.npz"}, "the reference comes as a zip"),
-        (["a.zip"], {"speech": "r.wav"}, "the speech comes as a zip"),
+        (["a.ZIP", "r.npz"], {"reference": "r"}, "the reference comes as a zip"),
+        (["a.zip", "r.wav"], {}, "the speech comes as a zip"),
         ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
     ],
 )
