@@ -44,8 +44,8 @@ from tests.app.live.test_live import ByHand, nothing, sound
 from tests.app.page.made import VISITOR, browser, updates_of
 from tests.app.page.results.made_run import keep, made_run
 
-ONE = (None, None, "right_middle", 0)
-"""The rest of a form: no reference, no speech, point and start."""
+ONE = ("", "right_middle", 0)
+"""The rest of a form: no reference, point and start."""
 
 
 class Own:
@@ -137,8 +137,8 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
 
     measured = Measured(tmp_path)
     own = Own(tmp_path / "jobs", noted, measured)
-    more = None, None, None, False, None, False, "motions:up=z,*.bvh:up=x", "left"
-    asked = ["/up/<i>mine.tar.gz"], "/up/gt.zip", None, "right_middle", 0, *more
+    more = None, None, None, False, False, "motions:up=z,*.bvh:up=x", "left"
+    asked = ["/up/<i>mine.tar.gz", "/up/gt.zip"], "gt", "right_middle", 0, *more
     mine, stranger = browser("mine" * 20, "mine"), browser("else" * 20, "else")
     first, *_, last = updates_of(own.runner, own.parts, *asked, visitor=mine)
     assert first[own.sets_shown] == {"value": "", "visible": False, "__type__": "update"}
