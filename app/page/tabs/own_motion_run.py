@@ -32,6 +32,8 @@ from app.run.requests.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, printable
 from conventions.views import CLOSE_UPS
 
+ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
+"""Of which one goes with all motions."""
 ONE_FILE = "One file of {what} goes with all motions; {count} were given."
 NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
@@ -101,7 +103,7 @@ def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
     for path in files:
         by_kind[kind_of(path)].append(path)
-    for kind, what in (("sounds", "speech"), ("transcript", "words")):
+    for kind, what in ONE_EACH.items():
         if len(by_kind[kind]) > 1:
             raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))
     names = display_names([stem_of(path) for path in by_kind["motions"]])
@@ -109,7 +111,7 @@ def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
     if recorded and recorded not in motions:
         raise RunError(NO_REFERENCE.format(name=printable(recorded)))
     reference = motions.pop(recorded) if recorded else None
-    speech, transcript = (next(iter(by_kind[kind]), None) for kind in ("sounds", "transcript"))
+    speech, transcript = (next(iter(by_kind[kind]), None) for kind in ONE_EACH)
     return {
         "motions": tuple(motions.values()),
         "names": tuple(motions),
