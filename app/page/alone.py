@@ -18,6 +18,7 @@ from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
+from app.run.output.run_folder import RowKind
 from app.run.pieces import MAX_FRAMES
 
 WEB = Path(__file__).resolve().parent / "web"
@@ -25,6 +26,7 @@ DOOR = "player/player.js"
 """The module that the file starts."""
 BODY, FACTS, BUILDS = "live/body.glb", "stage/facts.json", "stage/builds.bin"
 """Where the page has what every player asks for."""
+_PLAYED: tuple[RowKind, ...] = ("frames", "plan", "performed")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """The modules have no imports of another form; a test holds that."""
@@ -73,7 +75,7 @@ def player_alone(folder: Path, title: str = "") -> str:
     showing = Showing(folder, address, name="alone")
     record = showing.record
     for row in record.rows:
-        row.files = {kind: row.files[kind] for kind in ("frames", "plan") if kind in row.files}
+        row.files = {kind: row.files[kind] for kind in _PLAYED if kind in row.files}
     record.rows = [row for row in record.rows if "frames" in row.files]
     if not record.rows:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))

@@ -14,7 +14,7 @@ from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.run_file import file_name, saving_route
 from app.page.routes.media import MadeFiles
-from app.run.output.run_folder import is_run_zip, save_run
+from app.run.output.run_folder import changed, is_run_zip, save_run
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import does
@@ -29,6 +29,8 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     made = MadeFiles(tmp_path, does)
     forms = ((".zip", save_run, ""), (".html", save_page, "/page"))
     client = TestClient(FastAPI(routes=[saving_route(runs, made, *form) for form in forms]))
+    with changed(kept.showing.folder) as record:
+        record.rows[0].files["performed"] = "f-x.plan.json"
     (address,) = [part.split('"')[0] for part in runs.html("mine", kept).split('href="')[2:3]]
     answer = client.get(f"/{address}")
     assert answer.status_code == 200
@@ -43,6 +45,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     (row,) = told["value"]["rows"]
     assert row["name"] == "f/x" and {row["frames"], "timeline.json"} <= told["files"].keys()
     assert told["sound"] and not told["value"]["running"] and "video" not in row
+    assert row["is_planned"], "whose gestures are shown at once, as on the page"
     for ending in ("", "/page"):
         assert client.get(f"/media/run/{'x' * 43}{ending}").status_code == 404
     assert file_name("my speech: a, b; seed 0") == "my speech- a, b- seed 0.zip"
