@@ -10,11 +10,13 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from app.errors import RunError
 from app.study.design.blinding import NOT_MADE, order_tells, stimuli_of, value_tells
@@ -42,17 +44,15 @@ _KNOWN_KEYS = {
 _VOCABULARY = {"kind", "press", "attention", *KIND_OF_PROTOCOL.values(), *CHOICES}
 """What a trial may say of itself."""
 _LEAST_PART = 4
-MAX_SIZE_SPREAD = 0.02
-"""Of file sizes and bit rates within a scene."""
-MAX_PACKED_SPREAD = 0.001
-"""Of the sizes that videos of a scene have once compressed by zlib, beyond `PACKED_CHANCE`."""
-PACKED_CHANCE = 64
-"""Bytes by which compressed sizes of equally filled videos differ by chance."""
-MAX_FILLING_SPREAD = 0.1
-"""Of the bytes of the pictures alone, without what fills them up, beyond `FILLING_CHANCE`."""
-FILLING_CHANCE = 512
-"""Bytes by which the encoder misses its rate: a step of its quantiser in one key frame, which is
-much of a video of half a second and nothing of one of ten."""
+_SIZE_CHANCE = {"size": 0, "bit rate": 0, "filling": 512, "compressed size": 64}
+"""By what is measured of the videos of a scene, how many bytes they may differ by chance: the
+encoder misses its rate by a step of its quantiser in one key frame, which is much of a video of
+half a second and nothing of one of ten; equally filled videos compress a little differently."""
+_SIZE_SPREAD = {"size": 0.02, "bit rate": 0.02, "filling": 0.1, "compressed size": 0.001}
+"""The share beyond which they may not; filling is the bytes of the pictures without what fills them
+up, compressed size shows filling of another kind."""
+_EQUAL = ("duration", "frames", "streams", "encoding", "file structure", "packet sizes")
+"""What is the same in all videos of a scene."""
 MAX_LOUDNESS_ERROR = 1.0
 """LU around -23 LUFS, after AAC."""
 _MAX_FIRST_SHARE_ERROR = 0.1
@@ -79,12 +79,32 @@ class Study:
         }
 
     @cached_property
-    def scenes(self) -> list[list[Stimulus]]:
-        """Videos that are compared with one another."""
-        scenes: dict[tuple[str, str], list[Stimulus]] = {}
-        for stimulus in self.stimuli:
-            scenes.setdefault((stimulus.clip, stimulus.view), []).append(stimulus)
-        return list(scenes.values())
+    def facts(self) -> pd.DataFrame:
+        """What can be measured of each video, a row each."""
+        rows = []
+        for stimulus, blind in self.stimuli.items():
+            path, file = self.workspace.video(blind), self.files[stimulus]
+            picture = file.track("vide")
+            if picture is None or picture.duration <= 0:
+                raise RunError("A video of the bundle has no picture.")
+            stream = media.picture_stream(path)
+            rows.append(
+                {
+                    **vars(stimulus),
+                    "stimulus": stimulus,
+                    "size": file.num_bytes,
+                    "bit rate": sum(picture.sizes) / picture.duration,
+                    "filling": num_picture_bytes(stream),
+                    "compressed size": len(zlib.compress(stream)),
+                    "duration": str([track.duration for track in file.tracks]),
+                    "frames": str([len(track.sizes) for track in file.tracks]),
+                    "streams": str([track.handler for track in file.tracks]),
+                    "encoding": picture.description,
+                    "file structure": str([box for box in file.boxes if box != "free"]),
+                    "packet sizes": str(picture.sizes),
+                }
+            )
+        return pd.DataFrame(rows)
 
     @cached_property
     def data(self) -> dict[str, Any]:
@@ -177,71 +197,25 @@ def _metadata(study: Study) -> Iterator[str]:
                 yield f"metadata: {name} holds the name {secret!r}."
 
 
-def _sizes(study: Study) -> Iterator[str]:
-    rates = {stimulus: _picture_bit_rate(file) for stimulus, file in study.files.items()}
-    sizes = {stimulus: float(file.num_bytes) for stimulus, file in study.files.items()}
-    for what, values in (("size", sizes), ("bit rate", rates)):
-        yield from _spreads(study, what, values, MAX_SIZE_SPREAD)
-        yield from (f"{tell}." for tell in value_tells(values, what))
-
-
-def _spreads(
-    study: Study, what: str, values: Mapping[Stimulus, float], most: float, chance: float = 0
-) -> Iterator[str]:
-    """Scenes whose videos differ in it by more than that share, beyond what chance does."""
-    for scene in study.scenes:
-        found = [values[stimulus] for stimulus in scene]
-        spread = (max(found) - min(found) - chance) / max(min(found), 1)
-        if spread > most:
+def _videos(study: Study) -> Iterator[str]:
+    """What is equal is equal within a scene, and the order of what is not tells nothing."""
+    scenes = study.facts.groupby(["clip", "view"])
+    for what in _EQUAL:
+        kinds = scenes[what].nunique()
+        for clip, _ in kinds.index[kinds > 1]:
+            yield f"{what}: the videos of clip {clip!r} differ in it."
+    for what, most in _SIZE_SPREAD.items():
+        least, chance = scenes[what].min(), _SIZE_CHANCE[what]
+        spread = (scenes[what].max() - least - chance) / least.clip(lower=1)
+        for (clip, _), found in spread[spread > most].items():
             yield (
-                f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
-                f"at most {100 * most:g} % is allowed."
+                f"{what}: the videos of clip {clip!r} differ by {100 * found:.2g} %; at most "
+                f"{100 * most:g} % is allowed."
             )
-
-
-def _picture_bit_rate(file: Mp4) -> float:
-    """Bytes per second of the picture alone."""
-    track = file.track("vide")
-    if track is None or track.duration <= 0:
-        raise RunError("A video of the bundle has no picture.")
-    return sum(track.sizes) / track.duration
-
-
-def _streams(study: Study) -> Iterator[str]:
-    """What lies below the file: how large each picture is, how much of it only fills it up, and
-    how well it can be compressed, which shows filling of another kind."""
-    own: dict[Stimulus, float] = {}
-    packed: dict[Stimulus, float] = {}
-    for stimulus, blind in study.stimuli.items():
-        stream = media.picture_stream(study.workspace.video(blind))
-        own[stimulus] = float(num_picture_bytes(stream))
-        packed[stimulus] = float(len(zlib.compress(stream)))
-    for scene in study.scenes:
-        tracks = [study.files[stimulus].track("vide") for stimulus in scene]
-        if len({track.sizes for track in tracks if track is not None}) > 1:
-            yield f"packet sizes: the videos of clip {scene[0].clip!r} differ in them."
-    yield from _spreads(study, "filling", own, MAX_FILLING_SPREAD, FILLING_CHANCE)
-    yield from _spreads(study, "compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE)
-    steps = {stimulus: num_bytes // FILLING_CHANCE for stimulus, num_bytes in own.items()}
-    yield from (f"{tell}." for tell in value_tells(steps, "filling"))
-
-
-def _formats(study: Study) -> Iterator[str]:
-    """Length, number of frames, picture size and codec settings are equal within a scene."""
-    for scene in study.scenes:
-        files = [study.files[stimulus] for stimulus in scene]
-        for what, facts in _FORMAT_FACTS.items():
-            if any(facts(file) != facts(files[0]) for file in files):
-                yield f"{what}: the videos of clip {scene[0].clip!r} differ in it."
-
-
-_FORMAT_FACTS: dict[str, Callable[[Mp4], object]] = {
-    "duration": lambda file: tuple(track.duration for track in file.tracks),
-    "frames": lambda file: tuple(len(track.sizes) for track in file.tracks),
-    "streams": lambda file: tuple(track.handler for track in file.tracks),
-    "encoding": lambda file: [t.description for t in file.tracks if t.handler == "vide"],
-    "file structure": lambda file: tuple(box for box in file.boxes if box != "free"),
-}
+        values = study.facts[what] // chance if chance else study.facts[what]
+        steps = dict(zip(study.facts.stimulus, values, strict=True))
+        if what != "compressed size":
+            yield from (f"{tell}." for tell in value_tells(steps, what))
 
 
 def _sounds(study: Study) -> Iterator[str]:
@@ -342,4 +316,4 @@ def _clips(study: Study) -> tuple[str, ...]:
     return tuple(sorted({video.clip for video in study.key.videos.values()}))
 
 
-_CHECKS = (_names, _times, _metadata, _sizes, _streams, _formats, _sounds, _lists, _texts)
+_CHECKS = (_names, _times, _metadata, _videos, _sounds, _lists, _texts)

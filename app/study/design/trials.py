@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from app.errors import RunError
 from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, TrialKind
@@ -223,47 +223,40 @@ class Balance:
 def measure_balance(design: Design) -> Balance:
     """How balanced the lists are, attention checks aside; right and wrong speech are conditions."""
     is_matched = any(trial.kind == "match" for trial in design.trials)
-    lists = [[page for page in pages if page.shown] for pages in design.lists]
-    pages = list(itertools.chain.from_iterable(lists))
-    trials = sorted({page.trial for page in pages})
-    places = range(max(map(len, lists), default=0))
-    position = Counter((page.trial, place) for each in lists for place, page in enumerate(each))
-    follows = Counter(
-        (before.trial, after.trial) for each in lists for before, after in itertools.pairwise(each)
-    )
-    first = Counter((page.trial, page.shown[0]) for page in pages)
-    shown = {page.trial: page.shown for page in pages}
 
     def label(stimulus: Stimulus) -> str:
         kind = "matched" if stimulus.speech == stimulus.clip else "mismatched"
         return f"{stimulus.system} ({kind})" if is_matched else stimulus.system
 
-    unfairness = 0.0
-    for each in lists:
-        excess: dict[str, float] = defaultdict(float)
-        for page in each:
-            for place, stimulus in enumerate(page.shown):
-                excess[label(stimulus)] += (place == 0) - 1 / len(page.shown)
-        unfairness = max(unfairness, *map(abs, excess.values()))
-    is_first = Counter(label(page.shown[0]) for page in pages)
-    total = Counter(label(stimulus) for page in pages for stimulus in page.shown)
+    lists = [[page for page in pages if page.shown] for pages in design.lists]
+    rows = [
+        (number, place, page.trial, stimulus, label(stimulus), float(first == 0), len(page.shown))
+        for number, pages in enumerate(lists)
+        for place, page in enumerate(pages)
+        for first, stimulus in enumerate(page.shown)
+    ]
+    names = ["list", "place", "trial", "video", "condition", "is_first", "count"]
+    videos = pd.DataFrame(rows, columns=names)
+    pages = videos.drop_duplicates(["list", "place"])
+    excess = (videos.is_first - 1 / videos["count"]).groupby([videos["list"], videos.condition])
+    firsts = videos.groupby(["trial", "video"]).is_first.sum().groupby("trial")
+    shares = videos.groupby("condition").is_first.mean().round(4)
+    followed = [pair for each in lists for pair in itertools.pairwise(page.trial for page in each)]
+    pairs = list(itertools.permutations(sorted(set(pages.trial)), 2))
+    follows = Counter(dict.fromkeys(pairs, 0))
+    follows.update(followed)
     return Balance(
-        appearances_spread=_spread(
-            sum(position[trial, place] for place in places) for trial in trials
-        ),
-        position_spread=_spread(position[trial, place] for trial in trials for place in places),
-        follows_spread=_spread(follows[pair] for pair in itertools.permutations(trials, 2)),
-        first_place_spread_within_trial=max(
-            (_spread(first[trial, each] for each in shown[trial]) for trial in trials), default=0
-        ),
-        first_place_unfairness=round(unfairness, 4),
-        first_place_shares={name: round(is_first[name] / total[name], 4) for name in sorted(total)},
+        appearances_spread=_spread(pages.trial.value_counts()),
+        position_spread=_spread(pd.crosstab(pages.trial, pages.place).stack()),
+        follows_spread=_spread(pd.Series(follows)),
+        first_place_spread_within_trial=int((firsts.max() - firsts.min()).max()),
+        first_place_unfairness=round(float(excess.sum().abs().max()), 4),
+        first_place_shares={str(name): float(share) for name, share in shares.items()},
     )
 
 
-def _spread(counts: Iterable[int]) -> int:
-    counts = list(counts)
-    return max(counts) - min(counts) if counts else 0
+def _spread(counts: pd.Series) -> int:
+    return int(counts.max() - counts.min()) if len(counts) else 0
 
 
 BEFORE_S, ANSWER_S, USUAL_LENGTH_S = 60.0, 8.0, 10.0
