@@ -216,13 +216,6 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
         assert (found.fewest, found.most) == (10 * 3, 10 * 3)
 
 
-def test_part_lists_share_the_votes(tmp_path):
-    settings = "attention_checks = 0\ntrials_per_participant = 5"
-    found = size_of(*design_of(tmp_path, "pairwise", settings, participants=10))
-    assert found.num_pages == 5
-    assert found.fewest < 10 * 5 / 6 < found.most  # 50 votes over 6 pairs
-
-
 def test_a_sentence_for_the_researcher():
     assert StudySize(7, 18, "pair", 28, 28).sentence() == (
         "About 7 minutes and 18 pages for each participant; 28 votes for each pair of systems if "
