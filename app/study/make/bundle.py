@@ -6,7 +6,7 @@ from __future__ import annotations
 import datetime
 import functools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ import jinja2
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
 from app.study.design.blinding import Blinding, blind_lists
-from app.study.design.key import Question
 from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.trials import Design, measure_balance, size_of
 from app.study.make import media
@@ -157,11 +156,9 @@ def write_records(
         text = templates().get_template(f"{template}.md.j2").render(about)
         workspace.write_text(private / name, text)
     for number, pages in enumerate(lists):
-        shown = [(trial, videos) for trial, videos in pages if videos]  # no checks
-        for tool, made in (("hemvip", hemvip_config), ("jspsych", jspsych_timeline)):
-            name = {"hemvip": "subj", "jspsych": "timeline"}[tool]
+        for tool, name in (("hemvip", "subj"), ("jspsych", "timeline")):
             path = private / "adapters" / tool / f"{name}_{number:03d}.json"
-            workspace.write_json(path, made(plan, shown))
+            workspace.write_json(path, adapter(tool, plan, pages))
     for name, table in genea_tables(plan, design, blinding).items():
         workspace.write_text(private / "adapters" / "genea" / name, table)
 
@@ -203,40 +200,20 @@ def _file_names(files: Any) -> dict[str, str] | None:
     return None if files is None else {clip: path.name for clip, path in files.items()}
 
 
-# Configurations of other study tools, with the same blind ids as everywhere. They stay with the
-# researcher: HEMVIP and the GENEA tools have their own servers and pages. Attention checks are not
-# part of them, as each of these tools wants special videos for its own.
-
-
-def hemvip_config(plan: Plan, shown: Shown) -> dict[str, Any]:
-    """One participant's experiment for HEMVIP (github.com/jonepatr/hemvip): pages of sliders, also
-    in place of a ranking, which it has not, or of left, right and equal; each stimulus a pair of
-    condition and address."""
-    words = wording()
-    pages = [
-        {
-            "type": "videopc" if plan.protocol in ("pairwise", "matched") else "video",
-            "id": f"{trial}-{question.id}",
-            "name": f"Page {number} of {len(shown)}",
-            "content": words["protocols"][plan.protocol]["instruction"],
-            "question": question.text,
-            "stimuli": [[video, _address(plan, video)] for video in videos],
-        }
-        for number, (trial, videos) in enumerate(shown, start=1)
-        for question in questions_of(plan.protocol)
-    ]
-    first = {"type": "generic", "id": "consent", "name": plan.title, "content": _consent(plan)}
-    last = {
-        "type": "finish",
-        "name": words["finish"]["heading"],
-        "content": words["finish"]["text"],
+def adapter(tool: str, plan: Plan, shown: Shown) -> Any:
+    """One participant's configuration of another study tool, with the same blind ids as everywhere.
+    It stays with the researcher, as such tools have their own servers and pages; attention checks
+    are not part of it, as each of them wants special videos for its own."""
+    folder = (plan.hosted_at or "").rstrip("/")
+    about = {
+        "plan": plan,
+        "shown": [(trial, videos) for trial, videos in shown if videos],
+        "questions": questions_of(plan.protocol),
+        "words": wording(),
+        "consent": plan.consent or wording()["consent"]["text"].strip(),
+        "media": f"{folder}/media/" if folder else "media/",
     }
-    return {
-        "testname": plan.title,
-        "stopOnErrors": True,
-        "remoteService": "/save",
-        "pages": [first, *pages, {**last, "showResults": False, "writeResults": True}],
-    }
+    return json.loads(templates().get_template(f"{tool}.json.j2").render(about))
 
 
 def genea_tables(plan: Plan, design: Design, blinding: Blinding) -> dict[str, str]:
@@ -258,70 +235,3 @@ def genea_tables(plan: Plan, design: Design, blinding: Blinding) -> dict[str, st
             right, wrong = sorted(planned.stimuli, key=lambda one: one.speech != one.clip)
             table.append([trial, blinding.videos[right], "speech", blinding.videos[wrong]])
     return {name: csv_text([header, *sorted(table)], line_end="\n")} if name else {}
-
-
-def jspsych_timeline(plan: Plan, shown: Shown) -> list[dict[str, Any]]:
-    """One participant's timeline for jsPsych 8, types being the plugins' global variables: each
-    video alone to its end, then the questions."""
-    buttons = wording()["buttons"]
-    films = sorted({_address(plan, video) for _, videos in shown for video in videos})
-    agree = {"stimulus": _consent(plan), "choices": [wording()["consent"]["agree"]]}
-    timeline: list[dict[str, Any]] = [
-        {"type": "jsPsychPreload", "video": films},
-        {"type": "jsPsychHtmlButtonResponse", **agree},
-    ]
-    for trial, videos in shown:
-        timeline += [
-            {
-                "type": "jsPsychVideoButtonResponse",
-                "stimulus": [_address(plan, video)],
-                "choices": [buttons["next"]],
-                "response_allowed_while_playing": False,
-                "data": {"trial": trial, "video": video, "shown": videos},
-            }
-            for video in videos
-        ]
-        for question in questions_of(plan.protocol):
-            data = {"trial": trial, "question": question.id, "shown": videos}
-            timeline += _jspsych_questions(question, videos, data)
-    return timeline
-
-
-def _jspsych_questions(
-    question: Question, videos: Sequence[str], data: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
-    words = wording()
-    buttons = words["buttons"]
-    if question.kind == "choice":
-        yield {
-            "type": "jsPsychHtmlButtonResponse",
-            "stimulus": question.text,
-            "choices": [buttons["left"], buttons["tie"], buttons["right"]],
-            "data": {**data, "values": [videos[0], "tie", videos[-1]]},
-        }
-    elif question.kind == "slider":
-        for number, video in enumerate(videos, start=1):
-            yield {
-                "type": "jsPsychHtmlSliderResponse",
-                "stimulus": f"{question.text} ({number})",
-                "labels": [words["slider"]["low"], words["slider"]["high"]],
-                "require_movement": True,
-                "data": {**data, "video": video},
-            }
-    else:
-        ranks = "".join(
-            f'<p><label>{number}: <input type="number" name="{video}" min="1" '
-            f'max="{len(videos)}" required></label></p>'
-            for number, video in enumerate(videos, start=1)
-        )
-        asked = {"preamble": question.text, "html": ranks, "data": data}
-        yield {"type": "jsPsychSurveyHtmlForm", **asked}
-
-
-def _consent(plan: Plan) -> str:
-    return plan.consent or wording()["consent"]["text"].strip()
-
-
-def _address(plan: Plan, video: str) -> str:
-    folder = (plan.hosted_at or "").rstrip("/")
-    return f"{folder}/media/{video}.mp4" if folder else f"media/{video}.mp4"

@@ -16,7 +16,7 @@ from app.study.design.blinding import Blinding, blind_lists, draw_blinding
 from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
-from app.study.make.bundle import genea_tables, hemvip_config, jspsych_timeline
+from app.study.make.bundle import adapter, genea_tables
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.clip_noise import clip_seed
@@ -250,7 +250,7 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
     ]:
         settings = f'protocol = "{protocol}"\nhosted_at = "https://host.org/study/"'
         plan, design, blinding, shown = blinded(tmp_path, settings)
-        config = hemvip_config(plan, shown)
+        config = adapter("hemvip", plan, shown)
         assert config.keys() == {"testname", "stopOnErrors", "remoteService", "pages"}
         first, *pages, last = config["pages"]
         assert (first["type"], last["type"]) == ("generic", "finish")
@@ -259,7 +259,7 @@ def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
         for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
             assert name in blinding.videos.values()
             assert address == f"https://host.org/study/media/{name}.mp4"
-        preload, _, *timeline = jspsych_timeline(plan, shown)
+        preload, _, *timeline = adapter("jspsych", plan, shown)
         assert preload["type"] == "jsPsychPreload"
         seen: set[str] = set()
         for trial in timeline:  # every video is played before it is asked for
