@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,19 +19,17 @@ from app.study.report import figures
 from app.study.statistics.answers import Collected
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.results import Balance, QuestionResult
-from app.study.statistics.screening import SLIDER_TOLERANCE, Dropped, Screened
+from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
 from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
 from conventions.names import listed, printable
 from model.storage import harmless
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and what belongs to it."""
-NONE = "\N{EN DASH}"
 MAX_SENTENCES = 200
 """Most files that are told of one by one; the rest are counted."""
 BALANCED_WITHIN = 0.05
 """Sides this near to one half are called balanced."""
-SHARE_HEADER = ["won / tie / lost", "share", "95 % interval", "also over clips", "participants"]
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
@@ -51,7 +49,7 @@ class Findings:
 def page_of(findings: Findings) -> str:
     """The whole page."""
     template = templates().get_template("report.html.j2")
-    return template.render(**vars(findings), figures=_figures(findings.results, findings.key))
+    return template.render(**vars(findings))
 
 
 @functools.cache
@@ -65,19 +63,24 @@ def templates() -> jinja2.Environment:
     )
     env.filters |= {
         **{"percent": percent, "percents": percents, "number": number, "limits": limits},
-        **{"p_value": p_value, "counted": counted, "ahead": ahead, "headline": headline},
-        **{"rows": _rows, "share_rows": _share_rows, "strength_rows": _strength_rows},
-        **{"people": _people, "seen": _seen, "compared": _compared_rows},
+        **{
+            "p_number": p_number,
+            "p_value": p_value,
+            "counted": counted,
+            "ahead": ahead,
+            "headline": headline,
+        },
     }
     env.globals |= {
         "alpha": ALPHA,
         "balanced_within": BALANCED_WITHIN,
+        "drawn": _drawn,
         "interval": f"95{NO_BREAK}% interval",
         "min_clips": MIN_CLIPS,
         "most": MAX_SENTENCES,
+        "none_there": "\N{EN DASH}",
         "prior_sd": f"{PRIOR_SD:g}",
         "resamples": RESAMPLES,
-        "share_header": SHARE_HEADER,
         "slider_tolerance": SLIDER_TOLERANCE,
     }
     return env
@@ -180,99 +183,9 @@ def headline(result: QuestionResult) -> str:
     return f"{sentence}."
 
 
-Row = tuple[str, ...]
-
-
-def _rows(result: QuestionResult, measure: str, form: str = ".2f") -> list[Row]:
-    """System, value and interval."""
-    return [
-        (str(one.first), number(one.limits[0], form), limits(one, form))
-        for one in result.all(measure)
-    ]
-
-
-def _strength_rows(result: QuestionResult) -> list[Row]:
-    elo = {name: cells for name, *cells in _rows(result, "elo", ".0f")}
-    return [(*row, *elo[row[0]]) for row in _rows(result, "log_strength", "+.2f")]
-
-
-def _share_rows(result: QuestionResult, num_names: int) -> Iterable[Row]:
-    measure = "share" if num_names == 2 else "right_choices"
-    over_clips = {
-        (one.first, one.second): percents(one) for one in result.all(f"{measure}_also_over_clips")
-    }
-    for one in result.all(measure):
-        names = (str(one.first), str(one.second))[:num_names]
-        yield (
-            *names,
-            f"{one.wins} / {one.ties} / {one.losses}",
-            percent(one.limits[0]),
-            percents(one),
-            over_clips.get((one.first, one.second), NONE),
-            f"{one.participants_for} : {one.participants_against}",
-            *(() if result.question.kind == "ranking" else (p_number(one.p_holm or 0),)),
-        )
-
-
-def _people(dropped: Sequence[Dropped]) -> list[Row]:
-    return [(one.participant.source, one.why) for one in dropped[:MAX_SENTENCES]]
-
-
-def _seen(systems: pd.DataFrame, has_first: int) -> list[Row]:
-    columns = ["first", "place"] if has_first else ["place"]
-    return [(str(name), *map(percent, row[columns])) for name, row in systems.iterrows()]
-
-
-def _compared_rows(
-    results: Sequence[QuestionResult], results_with_all: Sequence[QuestionResult]
-) -> list[Row]:
-    """Question and systems, with the number that a report's reader looks at first and its p,
-    without and with those set aside."""
-    without = dict(_compared(results))
-    return [
-        (*name, *without.get(name, (NONE, NONE)), *cells)
-        for name, cells in _compared(results_with_all)
-    ]
-
-
-def _compared(results: Sequence[QuestionResult]) -> Iterable[tuple[Row, Row]]:
-    for result in results:
-        name = result.question.id
-        means = result.all("mean_rank") or result.all("mean_rating")
-        for one in means:
-            yield (name, str(one.first)), (number(one.limits[0]), "")
-        shares = result.all("share") or result.all("right_choices")
-        for one in () if means else shares:
-            who = f"{one.first} against {one.second}" if one.second else str(one.first)
-            yield (name, who), (percent(one.limits[0]), p_number(one.p_holm or 0))
-
-
-def _figures(results: Sequence[QuestionResult], key: Key) -> dict[Any, Markup]:
-    """By question and kind, and the bars of all."""
-    drawn: dict[Any, Markup] = {}
-
-    def add(at: Any, figure: Any, name: str, description: str) -> None:
-        drawn[at] = Markup(figures.svg_of(figure, name, description))
-
-    bars = figures.preference_bars(results, key)
-    add("bars", bars, "bars", "Bar chart of all systems by question")
-    for number_of, result in enumerate(results):
-        name = result.question.id
-        about = "Share of votes for the first of each pair, with intervals"
-        if shares := result.all("share"):
-            add((name, "pairs"), figures.pair_shares(shares), f"pairs-{number_of}", about)
-        if result.num_of_means:
-            about = "Mean of each system, with intervals"
-            add((name, "means"), figures.mean_values(result), f"means-{number_of}", about)
-        if strengths := result.all("log_strength"):
-            about = "Log-strengths with intervals"
-            add((name, "strengths"), figures.strengths(strengths), f"strengths-{number_of}", about)
-        if len(result.points):
-            about = "Ratio of jerk and share of votes for the smoother video"
-            add(
-                (name, "jitter"), figures.jitter_points(result.points), f"jitter-{number_of}", about
-            )
-    return drawn
+def _drawn(kind: str, name: str, description: str, *about: Any) -> Markup:
+    """One of the figures, inline."""
+    return Markup(figures.svg_of(getattr(figures, kind)(*about), name, description))
 
 
 def csv_of(results: Sequence[QuestionResult]) -> str:

@@ -74,16 +74,23 @@ class QuestionResult:
     def all(self, measure: str) -> list[Number]:
         return [number for number in self.numbers if number.measure == measure]
 
-    def one(self, measure: str, *names: str | None) -> Number | None:
-        """The number of that measure and these systems, from either side."""
+    def one(self, measure: str, first: str | None = None, second: str | None = None) -> Any:
+        """The `Number` of that measure and these systems, from either side, or None."""
+        names = {first, second}
         for number in self.all(measure):
-            if {number.first, number.second} >= set(names):
+            if first is None or {number.first, number.second} == names:
                 return (
                     number
-                    if not names or number.first == names[0]
+                    if number.first == first or first is None
                     else number.from_the_other_side()
                 )
         return None
+
+    @property
+    def compared(self) -> list[Number]:
+        """What systems are compared by in the first place."""
+        kinds = ("mean_rank", "mean_rating", "share", "right_choices")
+        return next((found for kind in kinds if (found := self.all(kind))), [])
 
     @property
     def ends(self) -> str:
