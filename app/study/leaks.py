@@ -199,23 +199,24 @@ def _metadata(study: Study) -> Iterator[str]:
 
 def _videos(study: Study) -> Iterator[str]:
     """What is equal is equal within a scene, and the order of what is not tells nothing."""
-    scenes = study.facts.groupby(["clip", "view"])
-    for what in _EQUAL:
-        kinds = scenes[what].nunique()
-        for clip, _ in kinds.index[kinds > 1]:
-            yield f"{what}: the videos of clip {clip!r} differ in it."
-    for what, most in _SIZE_SPREAD.items():
-        least, chance = scenes[what].min(), _SIZE_CHANCE[what]
-        spread = (scenes[what].max() - least - chance) / least.clip(lower=1)
-        for (clip, _), found in spread[spread > most].items():
-            yield (
-                f"{what}: the videos of clip {clip!r} differ by {100 * found:.2g} %; at most "
-                f"{100 * most:g} % is allowed."
-            )
-        values = study.facts[what] // chance if chance else study.facts[what]
-        steps = dict(zip(study.facts.stimulus, values, strict=True))
-        if what != "compressed size":
-            yield from (f"{tell}." for tell in value_tells(steps, what))
+    for _, scene in study.facts.groupby(["clip", "view"]):
+        clip = scene["clip"].iloc[0]
+        for what in _EQUAL:
+            if len(set(scene[what])) > 1:
+                yield f"{what}: the videos of clip {clip!r} differ in it."
+        for what, most in _SIZE_SPREAD.items():
+            least, largest = min(scene[what]), max(scene[what])
+            spread = (largest - least - _SIZE_CHANCE[what]) / max(least, 1)
+            if spread > most:
+                yield (
+                    f"{what}: the videos of clip {clip!r} differ by {100 * spread:.2g} %; at most "
+                    f"{100 * most:g} % is allowed."
+                )
+    for what in ("size", "bit rate", "filling"):
+        step = _SIZE_CHANCE[what]
+        found = zip(study.facts["stimulus"], study.facts[what], strict=True)
+        values = {stimulus: value // step if step else value for stimulus, value in found}
+        yield from (f"{tell}." for tell in value_tells(values, what))
 
 
 def _sounds(study: Study) -> Iterator[str]:

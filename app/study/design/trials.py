@@ -247,7 +247,9 @@ def measure_balance(design: Design) -> Balance:
     follows.update(followed)
     return Balance(
         appearances_spread=_spread(pages.trial.value_counts()),
-        position_spread=_spread(pd.crosstab(pages.trial, pages.place).stack()),
+        position_spread=_spread(
+            pd.Series(pd.crosstab(pages.trial, pages.place).to_numpy().ravel())
+        ),
         follows_spread=_spread(pd.Series(follows)),
         first_place_spread_within_trial=int((firsts.max() - firsts.min()).max()),
         first_place_unfairness=round(float(excess.sum().abs().max()), 4),
