@@ -209,7 +209,7 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
     def said(wins: int, ties: int, losses: int) -> str:
         lead = float(wins - losses)
         strengths = [
-            Number("log_strength", name, value=value)
+            Number("log_strength", name, None, value, value, value)
             for name, value in (("local", lead), ("global", -lead))
         ]
         return headline(replace(result, numbers=(pair_of(wins, losses, ties), *strengths)))

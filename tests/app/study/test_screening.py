@@ -373,4 +373,4 @@ def test_the_command_gives_the_same_links_again(
         assert query == {"p": [row["list"]], "t": [key.token(number)]}
     assert path.stat().st_mode & 0o777 == 0o600 and str(key.link_secret) not in first
     assert main([*command[:-1], "lab.example"]) != 0
-    assert main([*command, "--participants", "0"]) != 0
+    assert main([*command, "--participants", "10001"]) != 0
