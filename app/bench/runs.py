@@ -21,7 +21,7 @@ from app.run.pipeline import do
 from app.run.requests.request import SIZES_PX, Ask, Event, Grown, Progress
 from conventions.rates import FPS
 from conventions.views import CLOSE_UPS
-from model.data.prepared import Clip, PreparedData
+from model.data.prepared import PreparedClip, PreparedData
 from model.data.recordings import NUM_FACE_UNITS
 from model.systems.registry import families, family_of, list_systems, usual_systems
 from model.training.parallel import WHOLE
@@ -268,7 +268,7 @@ def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
     return PreparedData(
         folder,
         folder,
-        clips=(Clip("1_made_0", 1, "train", 0, _FRAMES),),
+        clips=(PreparedClip("1_made_0", 1, "train", 0, _FRAMES),),
         poses=noise(165, 0.1),
         transl=noise(3, 0.01),
         expression=noise(NUM_FACE_UNITS, 0.1),

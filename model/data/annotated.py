@@ -14,7 +14,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.prepared import Batch, Clip, PreparedData
+from model.data.prepared import Batch, PreparedClip, PreparedData
 from model.data.recordings import DataError, copy_speed
 from model.plan.files import annotated_plan
 from model.plan.kinds import KindTable
@@ -148,7 +148,7 @@ def _frames(phase: HandPhase, num_frames: int) -> slice:
     return slice(min(first, num_frames), min(stop, num_frames))
 
 
-def textgrid_of(data: PreparedData, clip: Clip) -> Path:
+def textgrid_of(data: PreparedData, clip: PreparedClip) -> Path:
     """Where the annotation of a clip lies."""
     return data.source / "textgrid" / f"{clip.name}.TextGrid"
 
@@ -161,7 +161,7 @@ def _said(path: Path) -> list[str]:
         return []
 
 
-def _annotated(data: PreparedData, clip: Clip) -> GesturePlan:
+def _annotated(data: PreparedData, clip: PreparedClip) -> GesturePlan:
     try:
         plan = annotated_plan(textgrid_of(data, clip))
     except (PlanError, OSError) as error:
@@ -179,7 +179,7 @@ _NUMBER = {phone: number for number, phone in enumerate(PHONES, start=1)}
 
 
 @dataclass(frozen=True)
-class Spoken:
+class SpeechAnnotation:
     """Annotation of all clips, end to end as `PreparedData` has them."""
 
     phone: UInt8[np.ndarray, " N"]
@@ -193,7 +193,7 @@ class Spoken:
         return phone, torch.from_numpy(self.told[batch.frames])
 
 
-def annotated_speech(data: PreparedData, plans: Plans) -> Spoken:
+def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
     """Read the annotation beside the recordings.
 
     Raises:
@@ -211,7 +211,7 @@ def annotated_speech(data: PreparedData, plans: Plans) -> Spoken:
     if not phone.any() or not told[:, 0].any():
         missing = "phones" if not phone.any() else "accents"
         raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
-    return Spoken(phone, told)
+    return SpeechAnnotation(phone, told)
 
 
 def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
@@ -258,7 +258,7 @@ def _rows(start_s: float, end_s: float, speed: float) -> slice:
     return slice(first, stop)
 
 
-def _read(data: PreparedData, clip: Clip) -> Transcript:
+def _read(data: PreparedData, clip: PreparedClip) -> Transcript:
     try:
         return read_transcript(textgrid_of(data, clip))
     except TranscriptError as error:

@@ -45,7 +45,7 @@ _COLUMNS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
 
 
 @dataclass(frozen=True)
-class Clip:
+class PreparedClip:
     """Where one recording, or an augmented copy of it, lies in the arrays."""
 
     name: str
@@ -93,18 +93,18 @@ class PreparedData:
     """The recordings, in BEAT2's layout."""
     folder: Path
     """Where the arrays lie; what is made from them may lie beside them."""
-    clips: tuple[Clip, ...]
+    clips: tuple[PreparedClip, ...]
     poses: np.ndarray
     transl: np.ndarray
     expression: np.ndarray
     speech: np.ndarray
     speakers: dict[int, str]
 
-    def home(self, clip: Clip) -> Float[np.ndarray, "3"]:
+    def home(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
         """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
         return home_of(self.transl[clip.start : clip.stop])
 
-    def of_split(self, split: str) -> tuple[Clip, ...]:
+    def of_split(self, split: str) -> tuple[PreparedClip, ...]:
         """The clips of ``train``, ``val``, ``test`` or ``additional``.
 
         Raises:
@@ -118,7 +118,7 @@ class PreparedData:
 
     def window_batch(
         self,
-        clips: tuple[Clip, ...],
+        clips: tuple[PreparedClip, ...],
         window: int,
         size: int,
         rng: np.random.Generator,
@@ -141,7 +141,9 @@ class PreparedData:
         frames = np.array(first)[:, None] + np.arange(window)
         return self.batch(frames, [usable[c] for c in chosen], context)
 
-    def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip], context: int = 0) -> Batch:
+    def batch(
+        self, frames: Int[np.ndarray, "B T"], clips: list[PreparedClip], context: int = 0
+    ) -> Batch:
         """The rows at ``frames`` (absolute indices) as tensors."""
         heard = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         first = np.array([clip.start for clip in clips])[:, None]
@@ -202,7 +204,7 @@ def prepare(
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
         raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
-    clips = tuple(Clip(**clip) for clip in index["clips"])
+    clips = tuple(PreparedClip(**clip) for clip in index["clips"])
     speakers = {int(number): name for number, name in index["speakers"].items()}
     num_frames = clips[-1].stop
     arrays = {
@@ -218,7 +220,7 @@ def _fill_cache(
 ) -> None:
     """Write the arrays clip by clip, so that memory holds one, and the index last."""
     cache.mkdir(parents=True, exist_ok=True)
-    clips: list[Clip] = []
+    clips: list[PreparedClip] = []
     speakers: dict[int, str] = {}
     skipped = 0
     with ExitStack() as stack:
@@ -242,7 +244,7 @@ def _fill_cache(
                 if copy > 0:
                     encoded = encode_clip(*augmented_copy(*recording, name, copy), encoder)
                 start = clips[-1].stop if clips else 0
-                clips.append(Clip(name, number, kind, start, encoded[0].num_frames, copy))
+                clips.append(PreparedClip(name, number, kind, start, encoded[0].num_frames, copy))
                 _append(files, *encoded)
         if not clips:
             raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")

@@ -20,7 +20,7 @@ from model.evaluation.frechet import window_diversity
 from model.evaluation.matching import coupling, frame_loudness, matched, speech_tracks, voiced
 from model.evaluation.speakers import FewClips, SpeakerJudge
 from model.evaluation.tables import (
-    Interval,
+    Estimate,
     bootstrap,
     bootstrap_difference,
     bootstrap_of,
@@ -386,7 +386,7 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
     judged = _judged(recorded)
     for name in clips[0]:
         rows = [clip[name] for clip in clips]
-        columns: dict[str, Interval] = {}
+        columns: dict[str, Estimate] = {}
         for measure in dict.fromkeys(m for row in rows for m in row.measures):
             values = [row.measures[measure] for row in rows if measure in row.measures]
             columns[measure] = bootstrap(values)
@@ -459,7 +459,7 @@ def settings() -> dict[str, float | list[float]]:
     }
 
 
-def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Interval | None:
+def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
     """How different motion comes out when nothing but chance differs: the pairwise L1 distance of
     noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
     where there are no two of either."""
@@ -477,7 +477,7 @@ def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> 
     return bootstrap(values) if values else None
 
 
-def _pairwise(positions: Sequence[np.ndarray]) -> Interval:
+def _pairwise(positions: Sequence[np.ndarray]) -> Estimate:
     distances = mean_pairwise_l1(positions)
 
     def statistic(index: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.data.recordings import face_units
-from model.evaluation.tables import Interval, bootstrap_of
+from model.evaluation.tables import Estimate, bootstrap_of
 from model.measures.differences import GESTURE_DIM, batches, pair_distances
 from model.motion.motion import Motion
 from model.networks.autoencoder import FrozenEncoder, input_vectors
@@ -135,7 +135,7 @@ def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
 
 
 @_ONE_THREAD
-def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Interval:
+def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Estimate:
     """Of all clips, with its interval over clips (drawn in pairs; biased upwards)."""
 
     def statistic(index: np.ndarray) -> float:
@@ -146,7 +146,7 @@ def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Int
 
 
 @_ONE_THREAD
-def split_half_floor(recorded: Sequence[Features]) -> Interval:
+def split_half_floor(recorded: Sequence[Features]) -> Estimate:
     """Distance between random halves of the recorded clips: what equal motion can score.
 
     Halves hold half the clips, so the floor lies above that of two whole sets.
@@ -160,10 +160,10 @@ def split_half_floor(recorded: Sequence[Features]) -> Interval:
             frechet_distance(*(np.concatenate([recorded[i] for i in half]) for half in halves))
         )
     low, high = np.percentile(distances, [2.5, 97.5])
-    return Interval(float(np.mean(distances)), float(low), float(high))
+    return Estimate(float(np.mean(distances)), float(low), float(high))
 
 
-def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Interval]:
+def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
     """Distance of every two windows of a batch, over batches of 50 that are dealt from all clips.
 
     Args:
@@ -185,7 +185,7 @@ def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, I
 
 def _over_batches(
     windows: Float[np.ndarray, "W T dim"], owner: Int[np.ndarray, " W"], num_clips: int
-) -> Interval:
+) -> Estimate:
     """The mean over pairs, and its interval over clips."""
     sums, pairs = np.zeros((2, num_clips, num_clips))
     for batch in batches(len(windows)):

@@ -15,7 +15,7 @@ PERCENTILES = (2.5, 97.5)
 
 
 @dataclass(frozen=True)
-class Interval:
+class Estimate:
     """A value over clips with its 95 % percentile interval."""
 
     mean: float
@@ -28,7 +28,7 @@ class Interval:
 
 def bootstrap_of(
     statistic: Callable[[Int[np.ndarray, " n"]], float], num_clips: int, draws: int = DRAWS
-) -> Interval:
+) -> Estimate:
     """A statistic of clips, and its interval over clips drawn with replacement.
 
     Args:
@@ -47,27 +47,27 @@ def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
     return drawn
 
 
-def interval_of(value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]) -> Interval:
+def interval_of(value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]) -> Estimate:
     """Of all clips, with the interval of what the draws gave."""
     low, high = np.percentile(drawn, PERCENTILES)
-    return Interval(float(value), float(low), float(high))
+    return Estimate(float(value), float(low), float(high))
 
 
-def bootstrap(values: Sequence[float]) -> Interval:
+def bootstrap(values: Sequence[float]) -> Estimate:
     """Mean over clips."""
     array = np.asarray(values, float)
     drawn = array[drawn_clips(len(array), DRAWS)].mean(axis=1)
     return interval_of(float(array.mean()), drawn)
 
 
-def bootstrap_ratio(values: Sequence[float], reference: Sequence[float]) -> Interval:
+def bootstrap_ratio(values: Sequence[float], reference: Sequence[float]) -> Estimate:
     """Mean over mean of the same clips; clips are drawn in pairs."""
     a, b = np.asarray(values, float), np.asarray(reference, float)
     index = drawn_clips(len(a), DRAWS)
     return interval_of(float(a.mean() / b.mean()), a[index].mean(axis=1) / b[index].mean(axis=1))
 
 
-def bootstrap_difference(values: Sequence[float], reference: Sequence[float]) -> Interval:
+def bootstrap_difference(values: Sequence[float], reference: Sequence[float]) -> Estimate:
     """Mean difference within clips."""
     return bootstrap([a - b for a, b in zip(values, reference, strict=True)])
 
@@ -127,11 +127,11 @@ COLUMNS = {
 
 
 def _cell(columns: dict[str, dict], measure: str) -> str:
-    return str(Interval(**columns[measure])) if measure in columns else "-"
+    return str(Estimate(**columns[measure])) if measure in columns else "-"
 
 
 def _percent_above_1(columns: dict[str, dict], measure: str) -> str:
-    return str(Interval(**{key: 100 * (value - 1) for key, value in columns[measure].items()}))
+    return str(Estimate(**{key: 100 * (value - 1) for key, value in columns[measure].items()}))
 
 
 def _markdown(headings: list[str], rows: list[list[str]]) -> list[str]:
@@ -152,7 +152,7 @@ def as_markdown(table: dict) -> str:
     )
     for measure, heading in COLUMNS.items():
         if f"{measure}_floor" in table:
-            floor = Interval(**table[f"{measure}_floor"])
+            floor = Estimate(**table[f"{measure}_floor"])
             lines += [f"{heading} of recorded halves against each other: {floor}", ""]
     for sentence in table["left_out"]:
         lines += [sentence, ""]

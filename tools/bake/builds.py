@@ -1,7 +1,10 @@
-"""The three figures, and how the others are fitted to the skeleton of the first.
+"""From MakeHuman's rig and A pose to the 55 joints and the zero pose of SMPL-X; the three figures,
+and how the others are fitted to the skeleton of the first.
 
-All builds share one skeleton, one topology and one set of weights: a motion has the same joints
-and fingertips on each, and a build is no more than an offset for each vertex.
+The zero pose is described by rounded angles of its own: arms level or a little below, legs
+slightly apart, fingers straight and fanned, thumbs forward and out. All builds share one skeleton,
+one topology and one set of weights: a motion has the same joints and fingertips on each, and a
+build is no more than an offset for each vertex.
 """
 
 from __future__ import annotations
@@ -9,14 +12,241 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
-from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS
-from tools.bake.makehuman import Figure, MakeHuman
-from tools.bake.skinning import dual_quaternion_blend, posed_joints
-from tools.bake.zero_pose import finger_tips, joints_in_a_pose, rotations_to_zero_pose
+from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
+from tools.bake.makehuman import BodyShape, MakeHuman
+from tools.bake.skinning import dual_quaternion_blend, posed_joints, rotate_towards
 
-_AVERAGE = Figure(
+SIDES = (("left", "L", 1.0), ("right", "R", -1.0))
+BONE_FINGERS = {"1": "thumb", "2": "index", "3": "middle", "4": "ring", "5": "pinky"}
+FAN_DEG = {"index": 4.0, "middle": -6.0, "ring": -12.0, "pinky": -27.0}
+FINGER_DROP = -0.06
+THUMB_DIRECTIONS = ((0.57, -0.08, 0.81), (0.78, -0.20, 0.60), (0.82, -0.20, 0.53))
+# Heights of spine1 to spine3 as shares of the way from pelvis to neck, as in SMPL-X.
+SPINE_HEIGHTS = (("spine1", 0.24), ("spine2", 0.525), ("spine3", 0.645))
+# SMPL-X turns the head about points that differ from MakeHuman's bone ends.
+FUNCTIONAL_HIP_SHARE = 0.09
+HIP_INWARD_SHARE = 0.25
+COLLAR_SHARE = 0.15
+JAW_BACK_DM = 0.35
+
+
+def joint_shares(source: MakeHuman, bone: str) -> dict[str, float]:
+    """Which joints take over the weight of a MakeHuman bone, and in which shares."""
+    stem, _, side_letter = bone.partition(".")
+    side = {"L": "left", "R": "right"}.get(side_letter, "")
+    fixed: dict[str, dict[str, float]] = {
+        "root": {"pelvis": 1},
+        "pelvis": {"pelvis": 1},
+        "spine05": {"pelvis": 0.5, "spine1": 0.5},
+        "spine04": {"spine1": 1},
+        "spine03": {"spine1": 0.35, "spine2": 0.65},
+        "spine02": {"spine2": 0.5, "spine3": 0.5},
+        "spine01": {"spine3": 1},
+        "breast": {"spine3": 1},
+        "neck01": {"neck": 1},
+        "neck02": {"neck": 0.8, "head": 0.2},
+        "neck03": {"neck": 0.45, "head": 0.55},
+        "clavicle": {f"{side}_collar": 1},
+        "shoulder01": {f"{side}_collar": 0.65, f"{side}_shoulder": 0.35},
+        "lowerarm01": {f"{side}_elbow": 1},
+        "lowerarm02": {f"{side}_elbow": 0.8, f"{side}_wrist": 0.2},
+        "wrist": {f"{side}_wrist": 1},
+        "foot": {f"{side}_ankle": 1},
+        "eye": {f"{side}_eye": 1},
+    }
+    if stem in fixed:
+        return fixed[stem]
+    if stem.startswith("finger"):
+        return {f"{side}_{BONE_FINGERS[stem[6]]}{stem[8]}": 1}
+    starts = {
+        "metacarpal": "wrist",
+        "upperarm": "shoulder",
+        "upperleg": "hip",
+        "lowerleg": "knee",
+        "toe": "foot",
+    }
+    for start, joint in starts.items():
+        if stem.startswith(start):
+            return {f"{side}_{joint}": 1}
+    for joint in ("jaw", "head"):
+        if joint in _ancestry(source, bone):
+            return {joint: 1}
+    raise KeyError(f"No joint takes over the bone '{bone}'.")
+
+
+def _ancestry(source: MakeHuman, bone: str) -> list[str]:
+    chain = [bone]
+    while parent := source.bones[chain[-1]].get("parent"):
+        chain.append(parent)
+    return chain
+
+
+def joint_weights(source: MakeHuman) -> Float64[np.ndarray, "N J"]:
+    """Skinning weights of the whole base mesh on the 55 joints; rows sum to one or to zero."""
+    weights = np.zeros((len(source.base_vertices), NUM_JOINTS))
+    for bone, entries in source.bone_weights.items():
+        if not entries:
+            continue
+        vertices, values = np.array(entries).T
+        for joint, share in joint_shares(source, bone).items():
+            np.add.at(weights[:, JOINT_INDEX[joint]], vertices.astype(int), values * share)
+    return weights / np.maximum(weights.sum(1, keepdims=True), 1e-6)
+
+
+def joints_in_a_pose(
+    source: MakeHuman, vertices: Float64[np.ndarray, "N 3"]
+) -> Float64[np.ndarray, "J 3"]:
+    """The 55 joints of one figure in MakeHuman's A pose."""
+
+    def head(bone: str) -> Float64[np.ndarray, " 3"]:
+        return vertices[source.bone_end(bone, "head")].mean(0)
+
+    joints = np.zeros((NUM_JOINTS, 3))
+
+    def put(name: str, position: Float64[np.ndarray, " 3"]) -> None:
+        joints[JOINT_INDEX[name]] = position
+
+    for side, letter, _ in SIDES:
+        bones = {
+            "hip": "upperleg01",
+            "knee": "lowerleg01",
+            "ankle": "foot",
+            "foot": "toe3-1",
+            "collar": "clavicle",
+            "shoulder": "upperarm01",
+            "elbow": "lowerarm01",
+            "wrist": "wrist",
+            "eye": "eye",
+        }
+        bones |= {f"{BONE_FINGERS[f]}{k}": f"finger{f}-{k}" for f in BONE_FINGERS for k in "123"}
+        for name, bone in bones.items():
+            put(f"{side}_{name}", head(f"{bone}.{letter}"))
+        hip, knee = joints[JOINT_INDEX[f"{side}_hip"]], joints[JOINT_INDEX[f"{side}_knee"]]
+        hip = hip + FUNCTIONAL_HIP_SHARE * (knee - hip)
+        put(f"{side}_hip", hip * [1 - HIP_INWARD_SHARE, 1, 1])
+        collar = joints[JOINT_INDEX[f"{side}_collar"]]
+        shoulder = joints[JOINT_INDEX[f"{side}_shoulder"]]
+        put(f"{side}_collar", collar + COLLAR_SHARE * (shoulder - collar))
+
+    left_hip, left_knee = joints[JOINT_INDEX["left_hip"]], joints[JOINT_INDEX["left_knee"]]
+    pelvis = (left_hip + joints[JOINT_INDEX["right_hip"]]) / 2
+    pelvis[1] += 0.25 * np.linalg.norm(left_knee - left_hip)
+    pelvis[2] = 0.5 * pelvis[2] + 0.5 * head("spine04")[2]
+    put("pelvis", pelvis)
+    put("neck", 0.8 * head("neck01") + 0.2 * head("spine01"))
+    put("head", 0.2 * head("neck03") + 0.8 * head("head"))
+    put("jaw", head("jaw") - [0, 0, JAW_BACK_DM])
+    spine_bones = ("root", "spine04", "spine03", "spine02", "spine01", "neck01")
+    spine = np.array([head(bone) for bone in spine_bones])
+    neck_y = joints[JOINT_INDEX["neck"], 1]
+    for name, share in SPINE_HEIGHTS:
+        y = pelvis[1] + share * (neck_y - pelvis[1])
+        put(name, np.array([0, y, np.interp(y, spine[:, 1], spine[:, 2])]))
+    middle = [
+        JOINT_INDEX[n] for n in ("pelvis", "spine1", "spine2", "spine3", "neck", "head", "jaw")
+    ]
+    joints[middle, 0] = 0
+    return joints
+
+
+def finger_tips(
+    source: MakeHuman, vertices: Float64[np.ndarray, "N 3"]
+) -> dict[str, Float64[np.ndarray, " 3"]]:
+    """Bone ends of the fingers by ``<side>_<finger>``."""
+    return {
+        f"{side}_{finger}": vertices[source.bone_end(f"finger{f}-3.{letter}", "tail")].mean(0)
+        for side, letter, _ in SIDES
+        for f, finger in BONE_FINGERS.items()
+    }
+
+
+def rotations_to_zero_pose(
+    joints: Float64[np.ndarray, "J 3"], tips: dict[str, Float64[np.ndarray, " 3"]]
+) -> Float64[np.ndarray, "J 3 3"]:
+    """World rotation of each joint that carries the A pose into the zero pose."""
+    rotations = np.full((NUM_JOINTS, 3, 3), np.nan)
+
+    def at(name: str) -> Float64[np.ndarray, " 3"]:
+        return joints[JOINT_INDEX[name]]
+
+    def turn(name: str, rotation: Float64[np.ndarray, "3 3"]) -> None:
+        rotations[JOINT_INDEX[name]] = rotation
+
+    # The trunk leans back a little, the neck forward; the head stays level.
+    lean = rotate_towards(at("neck") - at("pelvis"), np.array([0, 1, -0.08]))
+    for name in ("spine1", "spine2", "spine3"):
+        turn(name, lean)
+    turn("pelvis", np.eye(3))
+    turn("neck", rotate_towards(at("head") - at("neck"), np.array([0, 1, 0.13])))
+    turn("head", np.eye(3))
+    for side, _, sign in SIDES:
+        bone = {
+            name: at(f"{side}_{end}") - at(f"{side}_{name}")
+            for name, end in (
+                ("collar", "shoulder"),
+                ("hip", "knee"),
+                ("knee", "ankle"),
+                ("ankle", "foot"),
+                ("shoulder", "elbow"),
+                ("elbow", "wrist"),
+                ("wrist", "middle1"),
+            )
+        }
+        turn(f"{side}_collar", rotate_towards(bone["collar"], _direction(sign, 3, -7)))
+        turn(f"{side}_hip", rotate_towards(bone["hip"], np.array([sign * 0.14, -1, -0.03])))
+        turn(f"{side}_knee", rotate_towards(bone["knee"], np.array([-sign * 0.10, -1, -0.07])))
+        # Soles stay flat: the foot turns about the vertical only, 12 degrees outward.
+        yaw = np.radians(sign * 12) - np.arctan2(bone["ankle"][0], bone["ankle"][2])
+        flat = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+        turn(f"{side}_ankle", flat)
+        turn(f"{side}_foot", flat)
+        # The elbow's hinge, seen in the bend of the A pose, becomes the vertical axis.
+        hinge = np.cross(bone["shoulder"], bone["elbow"])
+        new_hinge = np.array([0, -sign, 0])
+        for name, new in (
+            ("shoulder", _direction(sign, -12, -7)),
+            ("elbow", _direction(sign, 2, -2)),
+        ):
+            turn(f"{side}_{name}", _frame(new, new_hinge) @ _frame(bone[name], hinge).T)
+        knuckles = at(f"{side}_index1") - at(f"{side}_pinky1")
+        palm_down = _frame(np.array([sign, 0, 0]), np.array([0, 0, 1]))
+        hand = palm_down @ _frame(bone["wrist"], knuckles).T
+        turn(f"{side}_wrist", hand)
+        for finger in FINGERS:
+            points = [at(f"{side}_{finger}{k}") for k in (1, 2, 3)] + [tips[f"{side}_{finger}"]]
+            for k in range(3):
+                if finger == "thumb":
+                    new = np.array(THUMB_DIRECTIONS[k]) * [sign, 1, 1]
+                else:
+                    fan = np.radians(FAN_DEG[finger])
+                    new = np.array([sign * np.cos(fan), FINGER_DROP, np.sin(fan)])
+                along = hand @ (points[k + 1] - points[k])
+                turn(f"{side}_{finger}{k + 1}", rotate_towards(along, new) @ hand)
+    for joint in range(1, NUM_JOINTS):
+        if np.isnan(rotations[joint, 0, 0]):  # jaw and eyes follow the head
+            rotations[joint] = rotations[PARENTS[joint]]
+    return rotations
+
+
+def _direction(sign: float, up_deg: float, forward_deg: float) -> Float64[np.ndarray, " 3"]:
+    """Unit vector to one side, raised and turned forward by the two angles."""
+    up, forward = np.radians(up_deg), np.radians(forward_deg)
+    return np.array([sign * np.cos(up) * np.cos(forward), np.sin(up), np.cos(up) * np.sin(forward)])
+
+
+def _frame(
+    x: Float64[np.ndarray, " 3"], y: Float64[np.ndarray, " 3"]
+) -> Float64[np.ndarray, "3 3"]:
+    """Right-handed frame (columns) whose x axis is ``x`` and whose y axis lies towards ``y``."""
+    x = x / np.linalg.norm(x)
+    y = y - x * (x @ y)
+    y = y / np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+_AVERAGE = BodyShape(
     gender=0.66,
     age=0.03,
     muscle=0.52,
@@ -67,7 +297,7 @@ class Posed:
     """What turned and scaled the head."""
 
 
-def in_zero_pose(source: MakeHuman, figure: Figure, weights: Float[np.ndarray, "N J"]) -> Posed:
+def in_zero_pose(source: MakeHuman, figure: BodyShape, weights: Float[np.ndarray, "N J"]) -> Posed:
     """The whole base mesh of ``figure``; ``weights`` as from ``joint_weights``."""
     vertices = source.shape(figure)
     joints = joints_in_a_pose(source, vertices)

@@ -26,7 +26,7 @@ class SourceError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Figure:
+class BodyShape:
     """Where one figure lies between MakeHuman's extreme shapes, each from 0 to 1."""
 
     gender: float
@@ -114,7 +114,7 @@ class MakeHuman:
         folder = self._folder / "faceunits01" / "targets" / "faceunits"
         return {path.stem: self._offsets(path) for path in sorted(folder.glob("*.target"))}
 
-    def shape(self, figure: Figure) -> Float64[np.ndarray, "N 3"]:
+    def shape(self, figure: BodyShape) -> Float64[np.ndarray, "N 3"]:
         """Vertices of one figure: the base mesh plus MakeHuman's blend of macro targets."""
         vertices = self.base_vertices.copy()
         for name, share in _macro_targets(figure):
@@ -142,7 +142,7 @@ def _between(position: float, names: Iterable[str]) -> dict[str, float]:
     return dict(zip(names, shares.tolist(), strict=True))
 
 
-def _macro_targets(figure: Figure) -> Iterable[tuple[str, float]]:
+def _macro_targets(figure: BodyShape) -> Iterable[tuple[str, float]]:
     """File name and share of each macro target, as MakeHuman's modifiers combine them."""
     genders = _between(figure.gender, ("female", "male"))
     ages = _between(figure.age, ("young", "old"))

@@ -10,7 +10,7 @@ from pathlib import Path
 from model.storage.files import WriteError
 from processes.job import Job, JobsError
 from processes.pool import JobPool
-from tools.corpus.clip import Clip, make_clip
+from tools.corpus.clip import CorpusClip, make_clip
 from tools.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.people.speaker import SPEAKERS, Speaker
@@ -181,7 +181,7 @@ def make_job(job: ClipJob) -> None:
     write_clip(job.root, job.clip_id, made_clip(job))
 
 
-def made_clip(job: ClipJob) -> Clip:
+def made_clip(job: ClipJob) -> CorpusClip:
     """The clip that a job asks for."""
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))

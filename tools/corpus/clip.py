@@ -9,12 +9,11 @@ from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.rates import FPS
 from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
-from tools.corpus.body.events import BodyEvents
 from tools.corpus.body.face import move_face
 from tools.corpus.body.legs import move_legs
-from tools.corpus.body.signals import frame_times, quiet
+from tools.corpus.body.signals import BodyEvents, frame_times, quiet
 from tools.corpus.body.trunk import move_trunk
-from tools.corpus.gesture.plan import Plan, make_plan
+from tools.corpus.gesture.plan import HandPlan, make_plan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.grammar import Split
@@ -24,25 +23,29 @@ NUM_EXPRESSIONS = 100
 
 
 @dataclass(frozen=True)
-class Clip:
+class CorpusClip:
     """Motion in BEAT2's arrays, with the speech, the plan and the events it was made from."""
 
     poses: Float32[np.ndarray, "T 165"]
     trans: Float32[np.ndarray, "T 3"]
     expressions: Float32[np.ndarray, "T 100"]
     utterance: Utterance
-    plan: Plan
+    plan: HandPlan
     events: BodyEvents
 
 
-def make_clip(rig: Rig, speaker: Speaker, split: Split, target_s: float, seed: list[int]) -> Clip:
+def make_clip(
+    rig: Rig, speaker: Speaker, split: Split, target_s: float, seed: list[int]
+) -> CorpusClip:
     """A clip of about ``target_s`` seconds; the same arguments give the same clip."""
     text_rng, voice_rng, motion_rng = np.random.default_rng(seed).spawn(3)
     utterance = speak(speaker, target_s, split, text_rng, voice_rng)
     return animate(rig, speaker, utterance, motion_rng)
 
 
-def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Generator) -> Clip:
+def animate(
+    rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Generator
+) -> CorpusClip:
     """Gestures, body and face to given speech; round(30 x seconds) frames."""
     plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
     num_frames = round(utterance.duration_s * FPS)
@@ -63,7 +66,7 @@ def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Gen
     poses[:, JOINT_INDEX["jaw"], 0] = face.jaw
     expressions = np.zeros((num_frames, NUM_EXPRESSIONS), dtype=np.float32)
     expressions[:, : face.units.shape[1]] = face.units
-    return Clip(
+    return CorpusClip(
         poses.reshape(num_frames, -1).astype(np.float32),
         legs.trans.astype(np.float32),
         expressions,

@@ -1,21 +1,26 @@
 """Files in BEAT2's layout: motion, sound, annotation and the table of splits.
 
 Every file is written under another name first and moved into place, and holds no time of writing,
-so that the same clip gives the same bytes.
+so that the same clip gives the same bytes. The annotation is a Praat TextGrid: what was said, and
+all that the body did to it; times are seconds. Nothing is measured in the motion: tiers hold what
+the motion was made from.
 """
 
 import io
 import zipfile
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from conventions.rates import FPS
+from model.plan.textgrid import NamedTier, Row, textgrid_of
 from model.speech.audio import wav_bytes
 from model.storage.files import write_error, written_atomically
-from tools.corpus.annotation import textgrid
-from tools.corpus.clip import Clip
+from tools.corpus.clip import CorpusClip
+from tools.corpus.gesture.plan import HandKey
+from tools.corpus.people.rig import SIDES
 
 MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"
 SPLIT_TABLE = "train_test_split.csv"
@@ -43,7 +48,7 @@ def clip_paths(root: Path, clip_id: str) -> ClipPaths:
     )
 
 
-def write_clip(root: Path, clip_id: str, clip: Clip) -> None:
+def write_clip(root: Path, clip_id: str, clip: CorpusClip) -> None:
     """Write the files of a clip, its motion last."""
     paths = clip_paths(root, clip_id)
     write_bytes(paths.sound, wav_bytes(clip.utterance.waveform))
@@ -89,3 +94,110 @@ def npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:
 def split_table(rows: list[tuple[str, str]]) -> str:
     """``train_test_split.csv``: the id and split of every clip."""
     return "id,type\n" + "".join(f"{clip_id},{split}\n" for clip_id, split in rows)
+
+
+Interval = tuple[float, float, str]
+Point = tuple[float, str]
+NO_SMILE = 0.02  # levels up to this are none
+
+
+def textgrid(clip: CorpusClip) -> str:
+    """The tiers of speech, of either hand, and of head, face and feet, in Praat's long format."""
+    utterance, events = clip.utterance, clip.events
+    duration_s = utterance.duration_s
+
+    def intervals(name: str, rows: list[Interval]) -> NamedTier:
+        found: list[Row] = []
+        for row in rows:
+            clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
+            if clipped is not None:
+                found.append(Row(*clipped))
+        return NamedTier(name, tuple(found))
+
+    def moments(name: str, rows: list[Point]) -> NamedTier:
+        return NamedTier(name, tuple(Row(at, at, label) for at, label in rows), has_points=True)
+
+    def points(name: str, rows: list[Point]) -> NamedTier:
+        return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))
+
+    moves = {side: hand_moves(clip.plan.keys[side], duration_s) for side in SIDES}
+    tiers = [
+        intervals("words", [(w.start_s, w.end_s, w.text) for w in utterance.words]),
+        intervals("phones", [(p.start_s, p.end_s, p.name) for p in utterance.phones]),
+        points("accents", [(w.beat_s, f"{w.accent:.3f}") for w in utterance.words if w.accent > 0]),
+        *(intervals(f"gesture_{side}", moves[side][0]) for side in SIDES),
+        *(moments(f"goal_{side}", moves[side][1]) for side in SIDES),
+        points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
+        points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in events.nods]),
+        intervals(
+            "gaze",
+            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in events.gaze],
+        ),
+        points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in events.brows]),
+        intervals(
+            "smile",
+            [(s.start_s, s.end_s, f"{s.size:.3f}") for s in events.smiles if s.size > NO_SMILE],
+        ),
+        points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in events.blinks]),
+        intervals("weight", [(s.start_s, s.end_s, s.leg) for s in events.stances]),
+        *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
+        intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
+    ]
+    return textgrid_of(tiers, round(duration_s, 4))
+
+
+def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Interval], list[Point]]:
+    """What a hand does when, and where it is to be at the end of each move.
+
+    An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has
+    one; holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
+    frame; the first, at 0, is the pose that the clip starts in.
+    """
+    started = [key for key in keys if key.arrive_s <= 0]
+    rows: list[tuple[Interval, HandKey | None]] = []
+    for before, key in pairwise([started[-1], *(key for key in keys if key.arrive_s > 0)]):
+        start_s = max(key.arrive_s - key.duration_s, before.arrive_s)
+        rows.append(((before.arrive_s, start_s, _stillness(before)), None))
+        rows.append(((start_s, key.arrive_s, f"{key.phase} {key.gesture}".strip()), key))
+    rows.append(((keys[-1].arrive_s, duration_s, _stillness(keys[-1])), None))
+    intervals: list[Interval] = []
+    goals = [(0.0, _goal(started[-1]))]
+    for row, key in rows:
+        clipped = _clipped(row, intervals[-1][1] if intervals else 0.0, duration_s)
+        if clipped is not None:
+            intervals.append(clipped)
+            if key is not None:
+                goals.append((clipped[1], _goal(key)))
+    return intervals, goals
+
+
+def _stillness(key: HandKey) -> str:
+    still = "rest" if key.phase in ("rest", "retraction") else "hold"
+    return f"{still} {key.gesture}".strip()
+
+
+def _goal(key: HandKey) -> str:
+    return " ".join(f"{metres:.3f}" for metres in key.pose.position)
+
+
+def _apexes(keys: list[HandKey], side: str) -> list[Point]:
+    """The ends of strokes: gesture, hand and the word it lands on."""
+    return [
+        (key.arrive_s, f"{key.gesture} {side} {key.word}".strip())
+        for key in keys
+        if key.phase == "stroke" and key.arrive_s > 0
+    ]
+
+
+def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Interval]:
+    """The foot is planted wherever it does not step."""
+    steps = clip.events.steps[side]
+    starts = [0.0, *(step.end_s for step in steps)]
+    ends = [*(step.start_s for step in steps), duration_s]
+    return [(start, end, "planted") for start, end in zip(starts, ends, strict=True)]
+
+
+def _clipped(row: Interval, from_s: float, duration_s: float) -> Interval | None:
+    """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
+    start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
+    return (start_s, end_s, row[2]) if end_s > start_s else None

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.data.annotated import Spoken, annotated_speech, prepare_plans
+from model.data.annotated import SpeechAnnotation, annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork, Reading
@@ -33,7 +33,9 @@ def make_task(config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup)
     )
 
 
-def codes_step(config: SpeechEncoderConfig, normaliser: Normaliser, spoken: Spoken) -> StepFunction:
+def codes_step(
+    config: SpeechEncoderConfig, normaliser: Normaliser, spoken: SpeechAnnotation
+) -> StepFunction:
     """The loss of the encoder on one batch: cross-entropies of phone, accent, phrase end, voice and
     strokes on words, squared errors of an accent's strength where there is one and of the speed."""
 

@@ -13,13 +13,13 @@ from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.look import coarser_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
+from tools.bake.build import with_fixed_vertices
 from tools.bake.builds import FIGURES, Posed, on_skeleton
 from tools.bake.coarser import NUM_FACES, Surface, coarser, importance
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import SourceError, find_source
 from tools.bake.pack import write_npz
 from tools.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
-from tools.bake.vertex_order import with_fixed_vertices
 
 
 def sheet(size: int) -> Mesh:

@@ -8,7 +8,7 @@ from typing import Any
 
 from conventions.rates import FPS, SAMPLE_RATE
 from tools.corpus.build import made_clip, plan_jobs
-from tools.corpus.clip import Clip
+from tools.corpus.clip import CorpusClip
 from tools.corpus.layout import ClipPaths, clip_paths, write_clip
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "procedural_speaker"
@@ -29,7 +29,7 @@ def made_example(root: Path) -> ClipPaths:
     return clip_paths(root, NAME)
 
 
-def part_of(clip: Clip, start_s: float, length_s: float) -> Clip:
+def part_of(clip: CorpusClip, start_s: float, length_s: float) -> CorpusClip:
     """The clip from ``start_s`` on, for ``length_s`` seconds; events keep what lies outside of it,
     which the annotation cuts."""
 
@@ -47,7 +47,7 @@ def part_of(clip: Clip, start_s: float, length_s: float) -> Clip:
         for rate in (FPS, SAMPLE_RATE)
     )
     said, events = clip.utterance, clip.events
-    return Clip(
+    return CorpusClip(
         poses=clip.poses[frames],
         trans=clip.trans[frames],
         expressions=clip.expressions[frames],

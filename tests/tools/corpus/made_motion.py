@@ -3,10 +3,10 @@
 import numpy as np
 
 from model.motion.motion import Motion
-from tools.corpus.clip import Clip
+from tools.corpus.clip import CorpusClip
 
 
-def motion_of(clip: Clip) -> Motion:
+def motion_of(clip: CorpusClip) -> Motion:
     return Motion(
         poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
         trans=np.asarray(clip.trans, np.float32),

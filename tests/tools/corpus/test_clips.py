@@ -10,7 +10,7 @@ from model.diagnostics import diagnose
 from model.measures.seams import Windows
 from model.motion.kinematics import open_body_skeleton
 from tests.tools.corpus.made_motion import motion_of
-from tools.corpus.clip import Clip, make_clip
+from tools.corpus.clip import CorpusClip, make_clip
 from tools.corpus.people.rig import forward_kinematics, matrices, open_body_rig
 from tools.corpus.people.speaker import SPEAKERS
 
@@ -21,7 +21,7 @@ NAMED = {speaker.name: speaker for speaker in SPEAKERS}
 
 
 @pytest.fixture(scope="module")
-def clips(flite: None) -> dict[str, Clip]:
+def clips(flite: None) -> dict[str, CorpusClip]:
     """Half a minute of a lively, a calm and a left-handed speaker."""
     return {
         name: make_clip(open_body_rig(), NAMED[name], "train", 30.0, [7, NAMED[name].number])
@@ -29,7 +29,7 @@ def clips(flite: None) -> dict[str, Clip]:
     }
 
 
-def kinematics(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def kinematics(clip: CorpusClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     local = matrices(clip.poses.astype(np.float64).reshape(-1, 55, 3))
     return local, *forward_kinematics(open_body_rig(), local, clip.trans.astype(np.float64))
 
@@ -41,7 +41,7 @@ def speed_deg_s(rotmat: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(params=[LIVELY, CALM, "gus"])
-def clip(request: pytest.FixtureRequest, clips: dict[str, Clip]) -> Clip:
+def clip(request: pytest.FixtureRequest, clips: dict[str, CorpusClip]) -> CorpusClip:
     return clips[request.param]
 
 
@@ -95,7 +95,7 @@ SETTLED_S, WAKES_S = 1.1, 0.6
 
 
 @pytest.fixture(scope="module")
-def listeners(flite: None) -> list[Clip]:
+def listeners(flite: None) -> list[CorpusClip]:
     """A minute and a half of three speakers who rest in different ways."""
     return [
         make_clip(open_body_rig(), NAMED[name], "train", 90.0, [31, NAMED[name].number])
@@ -103,7 +103,7 @@ def listeners(flite: None) -> list[Clip]:
     ]
 
 
-def is_silent(clip: Clip) -> np.ndarray:
+def is_silent(clip: CorpusClip) -> np.ndarray:
     """Whether the hands must lie, for each step from a frame to the next."""
     time_s = np.arange(len(clip.poses) - 1) / FPS
     silent = np.zeros(len(time_s), dtype=bool)
@@ -114,7 +114,7 @@ def is_silent(clip: Clip) -> np.ndarray:
     return silent
 
 
-def speaks(clip: Clip) -> np.ndarray:
+def speaks(clip: CorpusClip) -> np.ndarray:
     time_s = np.arange(len(clip.poses) - 1) / FPS
     spans = clip.utterance.listening
     return ~np.any([(time_s > s.start_s) & (time_s < s.end_s) for s in spans], axis=0)

@@ -23,11 +23,11 @@ from tools.corpus.gesture.gestures import (
     finger_rotations,
 )
 from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
-from tools.corpus.gesture.plan import Plan, make_plan
+from tools.corpus.gesture.plan import HandPlan, make_plan
 from tools.corpus.people.rig import SIDES
 from tools.corpus.people.speaker import SPEAKERS, Speaker
 from tools.corpus.people.voice import words_of
-from tools.corpus.words.prosody import Phrase, Utterance, Word
+from tools.corpus.words.prosody import Phrase, SpokenWord, Utterance
 
 PEOPLE = {s.name: s for s in SPEAKERS}
 ANNA = SPEAKERS[0]  # right-handed
@@ -68,11 +68,11 @@ def test_the_hands_are_mirror_images():
             np.testing.assert_allclose(mirror @ a @ mirror, b, atol=1e-9)
 
 
-def spoken(*sentences: str) -> tuple[Word, ...]:
+def spoken(*sentences: str) -> tuple[SpokenWord, ...]:
     """Words without sound, half a second each, all of them stressed."""
     texts = [(text, n) for n, sentence in enumerate(sentences) for text in words_of(sentence)]
     return tuple(
-        Word(text, 0.5 * k, 0.5 * k + 0.4, 0.5 * k + 0.1, n, accent=0.8)
+        SpokenWord(text, 0.5 * k, 0.5 * k + 0.4, 0.5 * k + 0.1, n, accent=0.8)
         for k, (text, n) in enumerate(texts)
     )
 
@@ -136,7 +136,7 @@ def test_a_contrast_calls_the_hand_of_its_side():
 def uttered(accents: list[float]) -> Utterance:
     """One phrase of words of half a second; each begins with its stressed vowel."""
     words = tuple(
-        Word("lamp", 0.5 + k * WORD_S, 0.5 + (k + 1) * WORD_S, 0.5 + k * WORD_S, 0, accent)
+        SpokenWord("lamp", 0.5 + k * WORD_S, 0.5 + (k + 1) * WORD_S, 0.5 + k * WORD_S, 0, accent)
         for k, accent in enumerate(accents)
     )
     phrase = Phrase(range(len(words)), words[0].start_s, words[-1].end_s, True)
@@ -144,7 +144,7 @@ def uttered(accents: list[float]) -> Utterance:
     return Utterance(waveform, (), words, (phrase,))
 
 
-def plan(accents: list[float], seed: int) -> Plan:
+def plan(accents: list[float], seed: int) -> HandPlan:
     return make_plan(uttered(accents), PEOPLE["ben"], np.random.default_rng(seed))
 
 

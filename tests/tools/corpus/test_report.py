@@ -14,13 +14,7 @@ from model.motion.motion import save_motion
 from model.speech.audio import wav_bytes
 from tests.helpers import ROOT, smooth_motion_example
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.report import report
-from tools.corpus.report.judging import (
-    alignment_scores,
-    area_under_curve,
-    ridge_weights,
-    sound_features,
-)
+from tools.corpus.report import __main__ as report
 from tools.corpus.report.measuring import (
     STACKS,
     ReportError,
@@ -30,6 +24,12 @@ from tools.corpus.report.measuring import (
     read_phrases,
 )
 from tools.corpus.report.page import report_page
+from tools.corpus.report.realism import (
+    alignment_scores,
+    area_under_curve,
+    ridge_weights,
+    sound_features,
+)
 from tools.corpus.report.statistics import (
     PosedClip,
     clip_statistics,

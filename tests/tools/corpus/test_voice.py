@@ -9,8 +9,8 @@ from conventions.rates import SAMPLE_RATE
 from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.people.voice import (
     PAUSE,
+    FliteVoice,
     Phone,
-    Voice,
     VoiceError,
     align,
     pronounce,
@@ -19,7 +19,7 @@ from tools.corpus.people.voice import (
 )
 from tools.corpus.words.prosody import speak_text
 
-VOICE = Voice("slt", 178.0, 26.0)
+VOICE = FliteVoice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."
 
 

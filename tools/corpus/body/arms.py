@@ -34,7 +34,7 @@ from tools.corpus.body.signals import (
     smooth_noise,
 )
 from tools.corpus.gesture.gestures import finger_rotations
-from tools.corpus.gesture.plan import CycleSpan, Key, Plan
+from tools.corpus.gesture.plan import CycleSpan, HandKey, HandPlan
 from tools.corpus.people.rig import SIDES, Rig, transposed
 from tools.corpus.people.speaker import Speaker
 
@@ -57,7 +57,7 @@ _TOP_SPEED = np.concatenate([np.full(3, np.inf), [360.0, 280.0, 150.0, 5.0], np.
 
 def follow_plan(
     rig: Rig,
-    plan: Plan,
+    plan: HandPlan,
     calm: Float[np.ndarray, " T"],
     speaker: Speaker,
     rng: np.random.Generator,
@@ -77,7 +77,7 @@ def follow_plan(
 
 def move_arms(
     rig: Rig,
-    plan: Plan,
+    plan: HandPlan,
     curves: dict[str, Float[np.ndarray, "T C"]],
     hips: Hips,
     calm: Float[np.ndarray, " T"],
@@ -184,7 +184,7 @@ class _ArmMover:
         return solve_arm(self._arm, hand[:, POSITION], hand[:, ELBOW_OUT], self._shrug, self._shake)
 
 
-def _key_channels(arm: Arm, key: Key) -> Float[np.ndarray, " C"]:
+def _key_channels(arm: Arm, key: HandKey) -> Float[np.ndarray, " C"]:
     mirror = np.array([arm.sign, 1.0, 1.0])
     position = key.pose.position * mirror
     elbow = np.array([key.pose.elbow_out])
@@ -196,7 +196,7 @@ def _key_channels(arm: Arm, key: Key) -> Float[np.ndarray, " C"]:
 
 
 def _follow_keys(
-    arm: Arm, keys: list[Key], time_s: Float[np.ndarray, " T"], rng: np.random.Generator
+    arm: Arm, keys: list[HandKey], time_s: Float[np.ndarray, " T"], rng: np.random.Generator
 ) -> Float[np.ndarray, "T C"]:
     """Superposed minimum-jerk moves on slightly bent paths; fingers follow from index to pinky."""
     targets = [_key_channels(arm, key) for key in keys]

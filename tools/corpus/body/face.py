@@ -9,8 +9,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
 from model.plan.plan import Look, Smile
-from tools.corpus.body.events import Blink, BrowMove
-from tools.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
+from tools.corpus.body.signals import (
+    BlinkMove,
+    BrowMove,
+    frame_times,
+    gaussian_bump,
+    minimum_jerk,
+    smooth_line,
+)
 from tools.corpus.body.trunk import Trunk
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.people.voice import PAUSE
@@ -55,7 +61,7 @@ MOUTH_UNITS = tuple(sorted({unit for _, _, units in VISEMES.values() for unit in
 
 
 @dataclass(frozen=True)
-class Face:
+class FaceCurves:
     """The face's curves, and what they are made from."""
 
     units: Float[np.ndarray, "T E"]
@@ -64,7 +70,7 @@ class Face:
     """Radians."""
     brows: tuple[BrowMove, ...]
     smiles: tuple[Smile, ...]
-    blinks: tuple[Blink, ...]
+    blinks: tuple[BlinkMove, ...]
 
 
 def move_face(
@@ -73,7 +79,7 @@ def move_face(
     trunk: Trunk,
     speaker: Speaker,
     rng: np.random.Generator,
-) -> Face:
+) -> FaceCurves:
     """The mouth speaks; brows, smiles and lids go with accents, phrases and gaze."""
     num_frames = len(trunk.accent)
     time_s = frame_times(num_frames)
@@ -101,7 +107,7 @@ def move_face(
         if name in units or unit in units:
             columns[:, k] = units.get(name, units.get(unit))
     jaw = np.radians(np.clip(0.82 * jaw_deg, 0, MAX_JAW_DEG))
-    return Face(np.clip(columns, 0, 1), jaw, brows, smiles, blinks)
+    return FaceCurves(np.clip(columns, 0, 1), jaw, brows, smiles, blinks)
 
 
 def _mouth(
@@ -173,7 +179,7 @@ def _smile_curve(
 
 def _blinks(
     gaze: tuple[Look, ...], duration_s: float, rng: np.random.Generator
-) -> tuple[Blink, ...]:
+) -> tuple[BlinkMove, ...]:
     """About twenty a minute, evenly enough for any ten seconds; some go with a wide gaze shift."""
     wide = [
         after.start_s
@@ -186,11 +192,11 @@ def _blinks(
         near = [shift for shift in wide if abs(shift - at_s) < 0.6]
         times.append(float(near[0] if near and rng.random() < 0.7 else at_s))
         at_s = times[-1] + 1.4 + rng.gamma(5.0, 0.32)
-    return tuple(Blink(time, float(rng.uniform(0.1, 0.15))) for time in times)
+    return tuple(BlinkMove(time, float(rng.uniform(0.1, 0.15))) for time in times)
 
 
 def _closed_lids(
-    blinks: tuple[Blink, ...], time_s: Float[np.ndarray, " T"]
+    blinks: tuple[BlinkMove, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, " T"]:
     """Lids close faster than they open: a third and two thirds of the blink's time."""
     closed = np.zeros(len(time_s))

@@ -11,11 +11,11 @@ from tools.corpus.gesture.gestures import (
     KEYWORDS,
     LISTED,
     ONLY_WHEN_STRESSED,
-    Gesture,
+    GestureShape,
 )
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
-from tools.corpus.words.prosody import Phrase, Word
+from tools.corpus.words.prosody import Phrase, SpokenWord
 
 FAVOURITE = 4.0  # times as often
 LISTED_SHARE = 0.6  # of the items of a list
@@ -33,7 +33,7 @@ class Choice:
         self._free_hands: list[str] | None = None
 
     def gesture(
-        self, chunk: range, words: tuple[Word, ...], listed: Collection[int] = ()
+        self, chunk: range, words: tuple[SpokenWord, ...], listed: Collection[int] = ()
     ) -> tuple[str, int]:
         """The gesture's name and the word it lands on: a word that calls for it, or an accent.
 
@@ -50,7 +50,7 @@ class Choice:
         self._recent.append(name)
         return name, index
 
-    def hands(self, gesture: Gesture, aside_m: float, contrasts: bool = False) -> list[str]:
+    def hands(self, gesture: GestureShape, aside_m: float, contrasts: bool = False) -> list[str]:
         """The hands that take part, the leading one first; a place aside may call its own hand.
 
         Where two sides are contrasted, it mostly does.
@@ -80,7 +80,7 @@ class Choice:
         """After a rest the hands of free gestures are drawn anew."""
         self._free_hands = None
 
-    def _called_for(self, chunk: range, words: tuple[Word, ...]) -> tuple[str, int] | None:
+    def _called_for(self, chunk: range, words: tuple[SpokenWord, ...]) -> tuple[str, int] | None:
         """A gesture with the word that calls for it; stressed words are obeyed more often."""
         rng = self._rng
         candidates = []
@@ -123,7 +123,7 @@ class Places:
 
     def __init__(
         self,
-        words: Sequence[Word],
+        words: Sequence[SpokenWord],
         phrases: Sequence[Phrase],
         speaker: Speaker,
         rng: np.random.Generator,
@@ -161,7 +161,7 @@ class Places:
         return distance_m * side * float(self._rng.uniform(0.7, 1.2))
 
 
-def contrast_halves(words: Sequence[Word]) -> dict[int, float]:
+def contrast_halves(words: Sequence[SpokenWord]) -> dict[int, float]:
     """+1 for words of the first half of a contrast, -1 for the second; others are left out.
 
     A sentence is a contrast where a word such as "but" follows one such as "some".
@@ -179,7 +179,7 @@ def contrast_halves(words: Sequence[Word]) -> dict[int, float]:
     return halves
 
 
-def directions(words: Sequence[Word], first: float) -> dict[int, float]:
+def directions(words: Sequence[SpokenWord], first: float) -> dict[int, float]:
     """The words "left", and "right" after "the" or "turn", as +1 or -1 times ``first``."""
     found = {k: first for k, word in enumerate(words) if word.text == "left"}
     for k in range(1, len(words)):
@@ -188,7 +188,7 @@ def directions(words: Sequence[Word], first: float) -> dict[int, float]:
     return found
 
 
-def list_items(words: Sequence[Word], phrases: Sequence[Phrase]) -> dict[int, float]:
+def list_items(words: Sequence[SpokenWord], phrases: Sequence[Phrase]) -> dict[int, float]:
     """For the words of a list's items their place: from +1 for the first item to -1 for the last.
 
     A sentence is a list where three or more phrases follow each other, the last begun by "and".

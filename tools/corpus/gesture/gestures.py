@@ -145,7 +145,7 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class Gesture:
+class GestureShape:
     """Preparation and stroke poses; ``via`` poses lie between them at a share of the stroke."""
 
     hands: Literal["one", "two", "free", "dominant", "other"]
@@ -169,8 +169,8 @@ def _pose(told: dict[str, Any]) -> HandPose:
     )
 
 
-def _gesture(told: dict[str, Any]) -> Gesture:
-    return Gesture(
+def _gesture(told: dict[str, Any]) -> GestureShape:
+    return GestureShape(
         told["hands"],
         _pose(told["prepare"]),
         _pose(told["stroke"]),
@@ -184,7 +184,9 @@ def _gesture(told: dict[str, Any]) -> Gesture:
 _TOLD = tomllib.loads(Path(__file__).with_name("gestures.toml").read_text("utf-8"))
 NEUTRAL = np.array([0.20, -0.14, 0.29])  # the middle of the gesture space
 REST: dict[str, HandPose] = {name: _pose(told) for name, told in _TOLD["rest"].items()}
-GESTURES: dict[str, Gesture] = {name: _gesture(told) for name, told in _TOLD["gestures"].items()}
+GESTURES: dict[str, GestureShape] = {
+    name: _gesture(told) for name, told in _TOLD["gestures"].items()
+}
 
 
 def _calls() -> dict[str, tuple[str, ...]]:

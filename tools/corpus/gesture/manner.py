@@ -13,7 +13,7 @@ from tools.corpus.gesture.gestures import (
     REST,
     SHAPES,
     THUMB,
-    Gesture,
+    GestureShape,
     HandPose,
 )
 from tools.corpus.people.speaker import Speaker
@@ -24,7 +24,7 @@ NEVER_FLAT_DEG = 5.0  # people's fingers stay a little bent
 Choice = TypeVar("Choice")
 
 
-class Manner:
+class Habit:
     """Draws poses for one speaker from one random generator."""
 
     def __init__(self, speaker: Speaker, rng: np.random.Generator):
@@ -73,7 +73,7 @@ class Manner:
         )
 
     def styled(
-        self, name: str, gesture: Gesture, size: float
+        self, name: str, gesture: GestureShape, size: float
     ) -> tuple[HandPose, HandPose, list[tuple[float, HandPose]]]:
         """Preparation, stroke and via poses of a gesture, with hand shapes drawn for them."""
         rng, speaker = self.rng, self.speaker

@@ -12,7 +12,7 @@ import numpy as np
 from model.plan.plan import Phase
 from tools.corpus.gesture.choice import Choice, Places
 from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
-from tools.corpus.gesture.manner import Manner, distance_from_neutral
+from tools.corpus.gesture.manner import Habit, distance_from_neutral
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, Utterance
@@ -21,7 +21,7 @@ GESTURE_FROM_ACCENT = 0.62  # prominence of the strongest word of a chunk, for a
 
 
 @dataclass(frozen=True)
-class Key:
+class HandKey:
     """The hand reaches ``pose`` at ``arrive_s`` by a move that takes ``duration_s``."""
 
     arrive_s: float
@@ -47,15 +47,15 @@ class CycleSpan:
 
 
 @dataclass
-class Plan:
+class HandPlan:
     """Keys by side, cycles, and the spans in which the shoulders are shrugged."""
 
-    keys: dict[str, list[Key]] = field(default_factory=dict)
+    keys: dict[str, list[HandKey]] = field(default_factory=dict)
     cycles: list[CycleSpan] = field(default_factory=list)
     shrugs: list[tuple[float, float]] = field(default_factory=list)
 
 
-def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> Plan:
+def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> HandPlan:
     """Gestures for the whole of an utterance."""
     planner = _Planner(utterance, speaker, rng)
     for number, phrase in enumerate(utterance.phrases):
@@ -78,14 +78,14 @@ class _Planner:
         self.utterance = utterance
         self.speaker = speaker
         self.rng = rng
-        self.manner = Manner(speaker, rng)
+        self.manner = Habit(speaker, rng)
         self.choice = Choice(speaker, rng)
         self.places = Places(utterance.words, utterance.phrases, speaker, rng)
         first_s = utterance.phrases[0].start_s
         listens = any(span.start_s < first_s for span in utterance.listening)
         rests = speaker.listening_rest_of if listens else speaker.rest_of
         rest = {side: self.manner.rest_pose(rests(side)) for side in SIDES}
-        self.plan = Plan({side: [Key(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
+        self.plan = HandPlan({side: [HandKey(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
 
     def chunks(self, phrase: Phrase) -> list[range]:
         """Runs of words that take about two seconds."""
@@ -182,7 +182,7 @@ class _Planner:
 
     # Keys
 
-    def _last(self, side: str) -> Key:
+    def _last(self, side: str) -> HandKey:
         return self.plan.keys[side][-1]
 
     def _add(
@@ -199,7 +199,7 @@ class _Planner:
         distance_m = float(np.linalg.norm(pose.position - self._last(side).pose.position))
         top_speed = self.rng.uniform(1.05, 1.6) * self.speaker.tempo**0.5
         duration_s = max(duration_s, 1.875 * distance_m / top_speed)
-        self.plan.keys[side].append(Key(arrive_s, duration_s, pose, phase, name, word))
+        self.plan.keys[side].append(HandKey(arrive_s, duration_s, pose, phase, name, word))
 
     def _stroke(
         self,

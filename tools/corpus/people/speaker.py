@@ -7,7 +7,7 @@ from typing import Literal
 
 from model.storage.cards import from_dict
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.voice import Voice
+from tools.corpus.people.voice import FliteVoice
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Speaker:
 
     number: int
     name: str
-    voice: Voice
+    voice: FliteVoice
     pause: float = 1.0
     """Length and share of pauses between sentences."""
     dominant: Literal["left", "right"] = "right"

@@ -24,7 +24,7 @@ class VoiceError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Voice:
+class FliteVoice:
     """One of flite's voices, changed in pitch, formants and pace."""
 
     flite_name: str
@@ -63,7 +63,7 @@ def words_of(sentence: str) -> list[str]:
 
 
 def say(
-    sentence: str, voice: Voice, stretch: float = 1.0
+    sentence: str, voice: FliteVoice, stretch: float = 1.0
 ) -> tuple[Float[np.ndarray, " N"], list[Phone]]:
     """Speak one sentence: samples at 16 kHz, and its phones with word numbers and stress.
 

@@ -11,7 +11,7 @@ from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
 from tools.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
 from tools.corpus.gesture.gestures import GESTURES, REST, HandPose
-from tools.corpus.gesture.plan import Key, Plan
+from tools.corpus.gesture.plan import HandKey, HandPlan
 from tools.corpus.people.rig import SIDES, Rig, euler_matrices, forward_kinematics
 from tools.corpus.people.speaker import SPEAKERS
 
@@ -59,8 +59,8 @@ def _posed(
     """A standing body with one or both hands held in a pose."""
     other = pose if both else REST["hang"]
     keys = {
-        "right": [Key(-1.0, 0.5, pose, "stroke", "")],
-        "left": [Key(-1.0, 0.5, other, "stroke", "")],
+        "right": [HandKey(-1.0, 0.5, pose, "stroke", "")],
+        "left": [HandKey(-1.0, 0.5, other, "stroke", "")],
     }
     rng, num_frames = np.random.default_rng(0), 31
     speaking = np.zeros(num_frames)
@@ -68,8 +68,8 @@ def _posed(
     trunk = {
         joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
     }
-    curves = follow_plan(rig, Plan(keys), speaking, SPEAKERS[0], rng)
-    arms = move_arms(rig, Plan(keys), curves, hips_of(rig, trunk), speaking, SPEAKERS[0], rng)
+    curves = follow_plan(rig, HandPlan(keys), speaking, SPEAKERS[0], rng)
+    arms = move_arms(rig, HandPlan(keys), curves, hips_of(rig, trunk), speaking, SPEAKERS[0], rng)
     local_rot = np.tile(np.eye(3), (1, NUM_JOINTS, 1, 1))
     for joint, rotmat in (trunk | arms).items():
         local_rot[0, joint] = rotmat[num_frames // 2]

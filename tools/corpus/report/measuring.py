@@ -21,8 +21,13 @@ from model.speech.audio import SpeechError
 from model.storage.npz import MotionError
 from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig
-from tools.corpus.report.judging import hand_speed, sound_features
-from tools.corpus.report.realism import Figures, head_windows, realism_windows
+from tools.corpus.report.realism import (
+    Figures,
+    hand_speed,
+    head_windows,
+    realism_windows,
+    sound_features,
+)
 from tools.corpus.report.statistics import (
     PosedClip,
     clip_statistics,

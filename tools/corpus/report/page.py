@@ -6,9 +6,16 @@ from itertools import combinations
 
 import numpy as np
 
-from tools.corpus.report.judging import alignment_scores, ridge_weights, separability
 from tools.corpus.report.measuring import MeasuredClip
-from tools.corpus.report.realism import FeatureGap, Figures, Realism, judge_realism
+from tools.corpus.report.realism import (
+    FeatureGap,
+    Figures,
+    Realism,
+    alignment_scores,
+    judge_realism,
+    ridge_weights,
+    separability,
+)
 
 SHIFT_S = 7.0
 AIM, AIM_OVER_FLOOR = 0.85, 0.05

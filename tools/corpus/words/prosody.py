@@ -45,7 +45,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Word:
+class SpokenWord:
     """``accent`` is its prominence, 0 to about 1.3; ``beat_s`` the onset of its stressed vowel."""
 
     text: str
@@ -76,7 +76,7 @@ class Utterance:
 
     waveform: Float[np.ndarray, " N"]
     phones: tuple[Phone, ...]
-    words: tuple[Word, ...]
+    words: tuple[SpokenWord, ...]
     phrases: tuple[Phrase, ...]
     listening: tuple[Span, ...] = ()
     """Silences in which the speaker listens."""
@@ -159,7 +159,7 @@ def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
     """One waveform with all sentences; phrases are not found yet."""
     waves = [np.zeros(int(lead_s * SAMPLE_RATE))]
     phones: list[Phone] = []
-    words: list[Word] = []
+    words: list[SpokenWord] = []
     for number, part in enumerate(parts):
         offset_s = sum(len(w) for w in waves) / SAMPLE_RATE
         moved = [
@@ -193,14 +193,14 @@ def _silences(phones: list[Phone], duration_s: float) -> tuple[Span, ...]:
     )
 
 
-def _word(text: str, sentence: int, index: int, phones: list[Phone]) -> Word:
+def _word(text: str, sentence: int, index: int, phones: list[Phone]) -> SpokenWord:
     """The span and stressed vowel of a word; one that flite swallowed takes a neighbour's phone."""
     sounded = [p for p in phones if p.name != PAUSE]
     own = [p for p in sounded if p.word == index]
     own = own or [min(sounded, key=lambda p: abs(p.word - index))]
     vowels = [p for p in own if p.is_vowel] or own
     stressed = next((p for p in vowels if p.stress), vowels[0])
-    return Word(text, own[0].start_s, own[-1].end_s, stressed.start_s + 0.02, sentence)
+    return SpokenWord(text, own[0].start_s, own[-1].end_s, stressed.start_s + 0.02, sentence)
 
 
 def _with_accents(plain: Utterance, rng: np.random.Generator) -> Utterance:
@@ -209,7 +209,7 @@ def _with_accents(plain: Utterance, rng: np.random.Generator) -> Utterance:
     return _emphasise(replace(plain, words=words, phrases=phrases))
 
 
-def _find_phrases(words: tuple[Word, ...]) -> tuple[Phrase, ...]:
+def _find_phrases(words: tuple[SpokenWord, ...]) -> tuple[Phrase, ...]:
     """Break at pauses over .12 s and at the ends of sentences."""
     starts = [0]
     for k in range(1, len(words)):
@@ -225,8 +225,8 @@ def _find_phrases(words: tuple[Word, ...]) -> tuple[Phrase, ...]:
 
 
 def _place_accents(
-    words: tuple[Word, ...], phrases: tuple[Phrase, ...], rng: np.random.Generator
-) -> tuple[Word, ...]:
+    words: tuple[SpokenWord, ...], phrases: tuple[Phrase, ...], rng: np.random.Generator
+) -> tuple[SpokenWord, ...]:
     """Prominence for a few words of every phrase, the last content word first."""
     result = list(words)
     for phrase in phrases:

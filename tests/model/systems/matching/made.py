@@ -8,7 +8,7 @@ import torch
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
-from model.data.prepared import Clip, PreparedData
+from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import Motion
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
@@ -58,7 +58,7 @@ def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedD
     envelopes = [made_envelope(num_frames, seed) for seed in range(count)]
     splits = ["train"] * (count - 1) + ["val"]
     clips = [
-        Clip(f"1_ann_0_{k}_{k}", 1, split, k * num_frames, num_frames)
+        PreparedClip(f"1_ann_0_{k}_{k}", 1, split, k * num_frames, num_frames)
         for k, split in enumerate(splits)
     ]
     rows = count * num_frames
