@@ -195,9 +195,7 @@ def _build_told() -> list[Any]:
     with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
         with gr.Row(elem_classes="pair"):
             researchers = gr.Textbox("", label="Researchers", min_width=140)
-            contact = gr.Textbox(
-                "", label="Contact", info="Participants send their file there.", min_width=140
-            )
+            contact = gr.Textbox("", label="Contact (files go there)", min_width=140)
         ethics = gr.Textbox("", label="Ethics approval: board and number")
         consent = gr.Textbox(
             "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
