@@ -13,7 +13,7 @@ from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Stage
-from renderer.scene.studio import FramePreparer, PosedFrame, ShadowGround, Studio, Subject
+from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
 from renderer.video.render import RenderSettings, draw_vertices, render_stills
 from tests.golden.regenerate import PICTURES, posed
 
@@ -109,19 +109,6 @@ def test_moving_in_place_equals_drawing_anew(draw):
     assert (moved[0] != moved[1]).any()
 
 
-def test_light_comes_from_the_upper_left_front(draw):
-    vertices, faces = box((-0.4, 0.6, -0.4), (0.4, 1.4, 0.4))
-    angle = np.pi / 4
-    turn = np.array(
-        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-    )
-    vertices = ((vertices - (0, 1, 0)) @ turn.T + (0, 1, 0)).astype(np.float32)
-    corners = vertices[faces].reshape(-1, 3)  # flat faces: no vertex is shared
-    (picture,) = draw([corners], np.arange(len(corners)).reshape(-1, 3))
-    left, right = picture[60, 65].astype(int), picture[60, 95].astype(int)
-    assert right[0] > left[0] + 15  # the key light stands at +x, which is the picture's right
-
-
 def test_the_shadow_falls_on_the_floor_where_the_body_stands(draw):
     rng = np.random.default_rng(5)
     spot = np.array([0.45, 0.0, 0.7])
@@ -135,14 +122,6 @@ def test_the_shadow_falls_on_the_floor_where_the_body_stands(draw):
     assert darkened.max() > 100
     np.testing.assert_allclose((column, row), CAMERA.project(spot, *SIZE), atol=4)
     assert (darkened > 30).mean() < 0.1
-
-
-def test_the_floor_fades_into_the_background():
-    ground = ShadowGround((0.0, 0.0), 0.0, (0.4, 1.0, 0.2), (0.8, 0.8, 0.8))
-    texture = ground.texture(np.array([[0.0, 0.5, 0.0]])).astype(int)
-    rim = np.concatenate([texture[0], texture[-1], texture[:, 0], texture[:, -1]])
-    assert np.abs(rim - 204).max() <= 1
-    assert texture.max() > 210
 
 
 def test_normals_equal_the_slow_sum():
