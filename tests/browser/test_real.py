@@ -278,7 +278,6 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     press(editor(page), "Lock")
     press(editor(page), "Delete")
     said(page, "is locked; unlock it to change it")
-    next(numbers)
     assert right_hand(page, tmp_path) == [1.89, 6.5]
 
     # On a phone a gesture is added and deleted.
