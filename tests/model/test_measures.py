@@ -478,7 +478,7 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
     for key in result:
         assert f'"{key}":' in documented
     for key in result["systems"]["other"]["raw"]:
-        assert f"| `{key}` |" in documented
+        assert f"`{key}`" in documented
 
 
 def test_a_joint_another_tip_or_a_given_track_is_followed():

@@ -38,7 +38,7 @@ def test_what_is_no_sound_is_refused():
 def test_fields_that_no_run_has_are_refused():
     sound = (np.zeros(16_000, np.float32), 16_000)
     for asked, words in (
-        ({"sped": 1}, "no 'sped'; there are body,"),
+        ({"sped": 1}, "no 'sped' to ask for; there are body,"),
         ({"recognise_words": 1}, "is words="),
     ):
         with pytest.raises(RunError, match=words):

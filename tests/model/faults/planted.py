@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import torch
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
@@ -13,7 +12,6 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMU
 from model.measures.face import unit_columns
 from model.measures.seams import Windows
 from model.motion.altered import motion_at_speed
-from model.motion.kinematics import mirror_poses
 from model.motion.motion import Motion
 
 FPS = 30
@@ -127,7 +125,9 @@ def other_body(motion: Motion) -> Motion:
 
 
 def mirrored(motion: Motion) -> Motion:
-    return replace(motion, poses=mirror_poses(torch.from_numpy(motion.poses.copy())).numpy())
+    """An axis is an axial vector: sides change places, and y and z their sign."""
+    axes = motion.poses.reshape(-1, 55, 3)[:, list(MIRROR_PERMUTATION)] * (1, -1, -1)
+    return replace(motion, poses=axes.reshape(motion.poses.shape).astype(np.float32))
 
 
 @on_joints
