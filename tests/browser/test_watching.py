@@ -263,7 +263,10 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     both = watched(ticked.value)
     assert both.url.count("run=") == 2
     expect(both.locator("#verdict")).to_contain_text("Seed 0 against 7.")
-    press(bar_of(staged(both, 4)), "All")
+    bar = bar_of(staged(both, 4))
+    if width < 600:
+        bar.locator(".more").click()
+    press(bar, "All")
     names = both.locator("#player .stage-tag header b")
     for i in range(1 if width < 600 else 2):  # a phone shows one body at a time
         expect(names.nth(i)).to_have_text(f"priorflow ({'AB'[i]})")

@@ -37,6 +37,7 @@ class Player {
   #hasBegun = false; // what the address says has been shown
   /** @type {import("../told").Value} */
   #value = {};
+  #gone = null; // the run that was last taken away
   #stage = null;
   #observer = new ResizeObserver(() => this.#stage?.fit());
   #tiles;
@@ -180,7 +181,9 @@ class Player {
    */
   show(value) {
     const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, paired = false, findings = [] } = value;
+    if (value.running && run === this.#gone) return; // news that were on their way as it was cancelled
     if (run !== this.#run) {
+      if (run === null) this.#gone = this.#run;
       this.#clear(run);
       if (value.guess) this.#showAnswer(false);
     }
