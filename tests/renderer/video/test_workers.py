@@ -176,8 +176,7 @@ def test_whoever_cancels_or_fails_meanwhile_ends_what_runs_and_what_waits(tmp_pa
     jobs = dict.fromkeys("ab", long_job(tmp_path))
 
     def stop(share: float) -> None:
-        if share:
-            assert list(tmp_path.iterdir())  # the partial file
+        if share and list(tmp_path.iterdir()):  # the partial file, once ffmpeg has begun it
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
