@@ -40,6 +40,7 @@ NO_SPEECH = (
 class _Read:
     """The motions as they are, and the notes of reading them."""
 
+    files: dict[str, Path]
     motions: dict[str, Motion]
     reference: Motion | None
     notes: list[str]
@@ -80,10 +81,8 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     plans = {} if ask.opened is None else ask.opened.plans
     timeline = run.show(pictured.motions, speech, tip, ask.weights, plans)
     run.note(*pictured.notes)
-    files = dict(zip(names_of_motions(ask), ask.motions, strict=True))
-    files |= {REFERENCE_NAME: ask.reference} if ask.reference else {}
     for row in run.record.rows:
-        row.ending = ending_of(files[row.name])
+        row.ending = ending_of(read.files[row.name])
     if len(shown) < len(read.all) and not ask.shown:
         run.note(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
@@ -188,7 +187,7 @@ def _read_motions(ask: Ask, run: RunWriter) -> _Read:
         notes += found.notes
         _check_frames(ask, motions.values())
     reference = motions.pop(REFERENCE_NAME, None)
-    return _Read(motions, reference, [*apart(readings), *notes], readings)
+    return _Read(files, motions, reference, [*apart(readings), *notes], readings)
 
 
 def _check_frames(ask: Ask, motions: Iterable[Motion]) -> None:

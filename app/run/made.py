@@ -45,17 +45,16 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
         PlanError, WriteError: each with one sentence.
     """
-    from model.motion.filtering import smooth_motion
+    from model.motion.filtering import filtered
 
     inputs, speech = _read_inputs(ask, run)
     run.progress("speech", 1.0)
-    is_smoothed = ask.post_filter == "savgol"
     systems = [system.name for system in inputs.systems]
     run.record.title = cut(title_of(ask, systems))
     run.record.speech_sha256 = inputs.speech_sha256
     run.rows(row_names(ask, systems))
     recorded = {} if inputs.reference is None else {REFERENCE_NAME: inputs.reference}
-    shown = {name: smooth_motion(raw) if is_smoothed else raw for name, raw in recorded.items()}
+    shown = {name: filtered(raw, ask.post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
     tip = choose_tip_source(inputs.body, ask.body, ask.joint)
@@ -114,19 +113,17 @@ Made = dict[str, tuple["Motion", "Motion"]]
 
 def _made(ask: Ask, inputs: Inputs, speech: Speech, words: SpokenWords, run: RunWriter) -> Made:
     """Motion of all systems from the same noise."""
-    from model.motion.filtering import smooth_motion
+    from model.motion.filtering import filtered
     from model.motion.motion import load_motion
     from model.plan.plan import read_plan
 
-    is_smoothed = ask.post_filter == "savgol"
-
     def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
-        shown = smooth_motion(raw) if is_smoothed else raw
+        shown = filtered(raw, ask.post_filter)
         run.motion(name, shown, f"{file_stem(name)}.npz")
         return raw, shown
 
     if ask.take is None:
-        return _made_in_turns(inputs, speech, words, run, told, not is_smoothed)
+        return _made_in_turns(inputs, speech, words, run, told, ask.post_filter == "none")
     name = inputs.systems[0].name
     if ask.take.plan is not None:  # before the motion, for which one would be found
         run.performed(name, read_plan(ask.take.plan))

@@ -141,13 +141,13 @@ class RunWriter(Reporter):
         return row
 
     def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
-        """Note a file that is whole; of a row's videos that of its name alone is shown."""
+        """Note a file that is whole."""
         whole = self.folder.whole(path)
         if whole not in self.record.files:
             self.record.files.append(whole)
         row = self.record.row(name)
         if row is not None and kind in ("motion", "video", "poster"):
-            row.files[kind] = min(row.files.get(kind, whole), whole, key=len)
+            row.hold(kind, whole)
         self.tell()
 
     def files(self, kind: ArtefactKind, paths: Iterable[Path]) -> None:

@@ -9,6 +9,7 @@ from scipy.signal import savgol_filter
 from torch import Tensor
 
 from conventions.joints import NUM_JOINTS
+from conventions.names import PostFilter
 from model.motion.motion import Motion
 from model.motion.rotations import (
     axis_angle_from_matrix,
@@ -38,6 +39,11 @@ def smooth_rotations(rotmat: Float[Tensor, "T *joints 3 3"]) -> Float[Tensor, "T
     """The row-6D form filtered over time, then made a rotation again."""
     smooth = smooth_over_time(rot6d_from_matrix(rotmat).numpy())
     return matrix_from_rot6d(torch.from_numpy(smooth))
+
+
+def filtered(motion: Motion, post_filter: PostFilter) -> Motion:
+    """The motion as it is seen behind a filter."""
+    return smooth_motion(motion) if post_filter == "savgol" else motion
 
 
 def smooth_motion(motion: Motion) -> Motion:

@@ -101,6 +101,10 @@ class Row(_Strict):
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
     """Of that file's name; see `ending_of`."""
 
+    def hold(self, kind: RowKind, name: str) -> None:
+        """A file that is whole; of several views that of the row's name alone is shown."""
+        self.files[kind] = min(self.files.get(kind, name), name, key=len)
+
 
 class Told(_Strict):
     """A finding."""
@@ -270,7 +274,7 @@ def add_file(folder: Path, kind: ArtefactKind, name: str, path: Path) -> None:
         os.link(path, folder / own)
         row = record.row(name)
         if row is not None and kind in ("video", "poster"):
-            row.files[kind] = min(row.files.get(kind, own), own, key=len)
+            row.hold(kind, own)
         if own not in record.files:
             record.files.append(own)
 

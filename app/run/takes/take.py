@@ -89,7 +89,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
     from conventions.rates import FPS
     from model.generation.again import ENDING, KeptError, perform, save_performance
     from model.generation.windows import Cancelled
-    from model.motion.filtering import smooth_motion
+    from model.motion.filtering import filtered
     from model.motion.motion import load_motion
     from model.plan.plan import read_plan
     from model.speech.audio import SpeechLimits, load_speech
@@ -141,7 +141,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
             row.files["windows"] = shown_file(name, ENDING)
             save_performance(made, request.folder / row.files["windows"])
-            shown = smooth_motion(made.motion) if asked.post_filter == "savgol" else made.motion
+            shown = filtered(made.motion, asked.post_filter)
             run.motion(name, shown, f"{file_stem(name)}.npz")
             _tell(request.folder, row, written, words)
             run.file("plan", "", request.folder / row.files["told"])

@@ -205,7 +205,7 @@ def _generate(
         draw_conditions,
         generate_motion,
     )
-    from model.motion.filtering import smooth_motion
+    from model.motion.filtering import filtered
 
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)
@@ -224,7 +224,7 @@ def _generate(
         (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
     except Cancelled as error:
         raise CancelledRun from error
-    return smooth_motion(motion) if system.post_filter == "savgol" else motion
+    return filtered(motion, system.post_filter)
 
 
 def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> BodyMotion:
