@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 from app.commands.cli import parse
@@ -13,22 +14,6 @@ DOCUMENTS = sorted(
 FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 TABLES = ROOT / "docs" / "experiments" / "evaluation-tables.md"
-
-
-MAIN_MEASURES = {
-    "FGD": "FGD",
-    "FMD": "FMD",
-    "arms by speech": "arm speed decided by speech",
-    "arms, same noise": "same noise, other speech: arm speed",
-    "judge": "matched, share right",
-    "wrists, right less foreign": "right minus foreign",
-    "in silence": "arm speed in silence over speaking",
-    "tip jerk": "tip jerk, m/s^3 of recorded",
-    "tip path": "tip path, m/s of recorded",
-    "power > 5 Hz": "power > 5 Hz of recorded",
-    "foot slide": "foot slide, m/s of recorded",
-    "ankle jerk": "ankle jerk, m/s^3 of recorded",
-}
 
 
 def name_of(path: Path) -> str:
@@ -51,20 +36,6 @@ def commands_of(path: Path) -> list[str]:
 COMMANDS = [(name_of(path), line) for path in DOCUMENTS for line in commands_of(path)]
 
 
-def the_long_tables() -> dict[str, dict[str, str]]:
-    """System to measure to mean, of the long tables."""
-    means: dict[str, dict[str, str]] = {}
-    for head, *rows in tables_of(TABLES):
-        if head[0] == "20 test clips":
-            for measure, *cells in rows:
-                for system, cell in zip(head[1:], cells, strict=True):
-                    means.setdefault(system, {}).setdefault(measure, cell.split(" ")[0])
-        elif head[-1] == "right minus foreign":
-            for system, *cells in rows:
-                means[system][head[-1]] = cells[-1].split(" ")[0]
-    return means
-
-
 def test_what_documents_link_to_is_there_and_every_one_is_in_an_index():
     for path in DOCUMENTS:
         links = LINK.findall(FENCE.sub("", path.read_text("utf-8")))
@@ -85,13 +56,27 @@ def test_commands_that_documents_show_are_taken_and_the_readme_leads_to_all():
     assert len(COMMANDS) >= 25
 
 
-def test_model_card_repeats_the_long_tables():
-    tables = tables_of(ROOT / "MODEL_CARD.md")
-    (head, *rows), *others = [table for table in tables if "FGD" in table[0]]
+def test_model_card_repeats_the_means_of_the_experiment():
+    (head, *rows), *others = [
+        table for table in tables_of(ROOT / "MODEL_CARD.md") if "FGD" in table[0]
+    ]
     assert not others
-    assert set(head[1:]) == set(MAIN_MEASURES)
-    means = the_long_tables()
-    assert {row[0].strip("`") for row in rows} == set(means)
-    for system, *cells in rows:
-        expected = [means[system.strip("`")][MAIN_MEASURES[column]] for column in head[1:]]
-        assert cells == expected, system
+    told: dict[str, dict[str, str]] = {}
+    for measures, *systems in tables_of(TABLES):
+        for system, *cells in systems:
+            means = [cell.split(" ")[0] for cell in cells]
+            told.setdefault(system, {}).update(zip(measures[1:], means, strict=True))
+    assert {row[0]: dict(zip(head[1:], row[1:], strict=True)) for row in rows} == told
+
+
+def test_the_readme_lists_every_room():
+    layout = (ROOT / "README.md").read_text("utf-8").split("## Layout")[1].split("```")[1]
+    listed, top = [], ""
+    for line in layout.strip().splitlines():
+        is_room = line.startswith(" ")
+        listed.append(f"{top}{line.split()[0]}" if is_room else line.split()[0])
+        top = top if is_room else line.split()[0]
+    told = subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True)
+    folders = {f"{folder}/" for folder in re.findall(r"^(\w+)/", told, re.MULTILINE)}
+    rooms = set(re.findall(r"^((?:app|model|renderer|tools)/\w+/)", told, re.MULTILINE))
+    assert set(listed) == folders | rooms
