@@ -72,6 +72,7 @@ def asked(words: str):
 def test_what_videos_show_is_asked_for_by_flags():
     usual = asked("generate a.wav --out x")
     assert (usual.close_ups, usual.framing, usual.display) == (("hands",), "knees", Display())
+    assert usual.start_frame == 0
     assert usual.has_video and not asked("generate a.wav --out x --no-video").has_video
     drawn = asked(
         "render a.npz --out x.mp4 --close-up hands,face --framing knees "

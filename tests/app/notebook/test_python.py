@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app import notebook
 from app.errors import RunError
 from app.notebook import diagnose, generate
 from app.notebook.comparing import compare
@@ -33,6 +34,8 @@ def test_what_is_no_sound_is_refused():
         read_speech((np.zeros((2, 3, 4)), 16_000))
     with pytest.raises(SpeechError, match="does not exist"):
         read_speech("nothing.wav")
+    with pytest.raises(AttributeError, match="no attribute 'generated'"):
+        _ = notebook.generated
 
 
 def test_fields_that_no_run_has_are_refused():

@@ -37,7 +37,7 @@ def plan() -> GesturePlan:
     still = (phase(0.0, SECONDS, "rest"),)
     made = GesturePlan(SECONDS, left=still, right=still)
     made = added(made, "offer", 2.0, "right").plan
-    return added(made, "frame", 6.0, "both").plan
+    return added(made, "frame", 6.0, "both", "all").plan
 
 
 def done(plan, *told, locked=()):
@@ -54,7 +54,7 @@ def test_a_gesture_goes_to_a_time_or_a_word(plan):
     on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 2}).plan
     assert lands(on_word, "right") == [6.0, 9.15]
     strokes = [one.word for one in on_word.right if one.phase == "stroke"]
-    assert strokes == ["", "there"]
+    assert strokes == ["all", "there"]
 
 
 def test_both_hands_of_a_gesture_go_together(plan):
@@ -95,11 +95,11 @@ def test_the_end_of_a_phase_moves_in_both_hands_with_the_word_that_it_is_on(plan
 
     on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 1}).plan
     still_on = done(on_word, {"do": "end", "side": "right", "ends": 4.15, "at": 4.06}).plan
-    assert said(still_on) == {4.06: "you", 6.0: ""}
+    assert said(still_on) == {4.06: "you", 6.0: "all"}
     slow = done(still_on, {"do": "end", "side": "right", "ends": 3.84, "at": 3.7}).plan
-    assert said(slow) == {4.06: "you", 6.0: ""}
+    assert said(slow) == {4.06: "you", 6.0: "all"}
     off = done(slow, {"do": "end", "side": "right", "ends": 4.06, "at": 3.95}).plan
-    assert said(off) == {3.95: "", 6.0: ""}
+    assert said(off) == {3.95: "", 6.0: "all"}
 
 
 def test_head_and_eyes_are_edited_alike(plan):

@@ -64,6 +64,12 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
     assert on_word(Said("you", 3.0, 4.0)) == 3.3
 
 
+def test_a_hand_without_time_to_go_back_stays_where_it_was():
+    plan = added(BUSY, "you", 5.7, "right").plan  # the offer holds to 4.8 and is back at 5.6
+    (hold,) = (one for one in plan.right if 4.5 <= one.start_s < 4.9)
+    assert (hold.phase, hold.goal, hold.end_s) == ("hold", PLACES["offer"], 4.9)
+
+
 def test_a_moved_gesture_lands_where_it_is_asked_to():
     plan = moved(BUSY, MIDDLE, 6.0, word="now").plan
     assert lands(plan) == [2.0, 6.0, 8.0] and plan.left == BUSY.left

@@ -97,6 +97,12 @@ def test_heads_and_faces_are_found():
     assert plan.duration_s == 5.0 and {p.phase for p in plan.right} <= {"rest", "hold"}
 
 
+def test_a_body_stands_on_the_foot_that_is_below_its_pelvis():
+    lean = about(2, 0.15 * np.repeat([-1, 1], 45))  # both feet go to its right, then to its left
+    plan = found_plan(posed(90, left_hip=lean, right_hip=lean), open_body_skeleton())
+    assert [one.leg for one in plan.stands] == ["left", "right"]
+
+
 def test_faces_in_another_basis_and_eyes_that_never_stay_are_left_out():
     plan = found_plan(made_motion(60, "flame100"), open_body_skeleton())
     assert plan.blinks == plan.brows == plan.smiles == ()

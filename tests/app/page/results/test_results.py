@@ -91,6 +91,9 @@ def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
     rows = re.findall("<tr data-measure.*?</tr>", whole)
     first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
     assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} measures" in whole
+    for group in whole.split('<tr class="group')[1:]:  # a head goes where all that it heads goes
+        later = ['class="later"' in row for row in re.findall("<tr data-measure.*?>", group)]
+        assert group.startswith(" later") == all(later)
     slide = row(whole, "Slide on the ground")
     assert 'data-unit="cm/s"' in slide and '<span class="raw">1</span>' in slide  # 0.01 m/s
 

@@ -112,7 +112,12 @@ def test_losses_are_means_over_frames(planner):
         slow = -np.mean([logs[k, e].item() for k, e in enumerate(event["nod"][0].tolist())])
         assert np.isclose(losses["nod"].item(), slow, atol=1e-6)
         at = event["nod"][0].nonzero()[:, 0]
-        told = head.marks(state[0, at], event["nod"][0, at] - 1).log_likelihood(mark["nod"][0, at])
+        state, begun = state[0, at], event["nod"][0, at] - 1
+        marks = head.marks(state, begun)
+        parts = head.mark_out(head.mark(state + head.begun.weight[begun]))
+        logits = parts[:, :: parts.shape[1] // head.mixtures]
+        assert torch.equal(marks.logits, logits), "what begins is added to what is heard and seen"
+        told = marks.log_likelihood(mark["nod"][0, at])
         assert np.isclose(losses["nod mark"].item(), -told.sum().item() / 180, atol=1e-6)
     assert set(losses) == {t.name for t in TIERS} | {f"{t.name} mark" for t in TIERS if t.units}
 
