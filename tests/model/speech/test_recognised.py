@@ -129,27 +129,24 @@ def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
         assert found.transcript.origin == ("aligned" if is_aligned else "recognised")
 
 
-def test_of_a_few_seconds_sure_words_are_recognised_and_others_counted():
+def test_of_a_few_seconds_words_are_recognised():
     waveform, _ = example("three_reasons")
     said = heard(waveform[: 4 * SAMPLE_RATE]).transcript
     assert said.origin == "recognised" and min(word.confidence for word in said.words) >= SURE
     assert {"three", "reasons", "like", "small", "idea"} <= set(spelt(said))
     (three,) = (word for word in said.words if word.text == "three")
     assert three.start_s == pytest.approx(0.97, abs=0.05)
-    waveform, _ = example("the_huge_box")
-    (note,) = heard(waveform[: 5 * SAMPLE_RATE]).notes
-    assert re.fullmatch(r"\d+ of \d+ recognised words were unsure and are left out\.", note)
 
 
 def test_a_text_that_is_not_said_is_not_used():
     waveform, (_, other) = example("a_long_drive")[0], example("three_reasons")
-    for text in (other, "中文", "word " * 60):
-        said = heard(waveform[: 5 * SAMPLE_RATE], text)
+    for text in (other, "中文"):
+        said = heard(waveform[: 3 * SAMPLE_RATE], text)
         assert said.transcript == NOTHING_SAID
         assert len(said.notes) == 1 and "Its words are not used; give what is said" in said.notes[0]
 
 
-@pytest.mark.parametrize("seconds", [0.02, 1.0])
+@pytest.mark.parametrize("seconds", [0.02, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds):
     times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
     said = heard(np.sin(440 * 2 * np.pi * times).astype(np.float32))
