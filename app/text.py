@@ -243,6 +243,9 @@ FAILED_TITLE = "This run stopped"
 NOTES_TITLE = "Good to know"
 
 UNUSABLE = "A file cannot be used, as is said under it: take another or remove it."
+CLIP = "Clip"
+CLIPS_TABLE = "{point} jerk in m/s³, as generated, clip by clip"
+CLIPS_MEAN = "Mean [95 % interval over clips]"
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
 NO_SYSTEM = "No system is chosen: tick at least one."
 TOO_MANY_VIDEOS = (

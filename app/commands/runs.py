@@ -163,8 +163,7 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
             name_file(folder)
 
         done = generate_many(ask, pool, on_done)
-    for path in done.files:
-        name_file(path)
+    _finish(done.files, done.notes)
     for clip, sentence in done.failed.items():
         say(f"{clip}: {sentence}")
     if done.kept:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from conventions.names import Version
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -136,6 +138,8 @@ MEASURES = (
 
 
 JERK = "Followed point: Jerk"
+Numbers = Mapping[Version, Mapping[str, float]]
+"""Of one motion by filter and the key of a measure, as ``run.json`` has them."""
 
 
 def numbers_of(measures: Measures) -> dict[str, float]:

@@ -1,4 +1,5 @@
-"""What the numbers of one run say of the claims of papers, and what it takes to say more."""
+"""What the numbers of a run, or of several clips, say of the claims of papers, and what it takes to
+say more."""
 
 from __future__ import annotations
 
@@ -15,10 +16,12 @@ from app.findings.comparison import (
     plain,
     point_title,
     ratio_of,
+    samples_by_system,
     values_by_system,
 )
+from app.findings.measure_rows import JERK, Numbers
 from app.findings.sentences import jerk_of
-from conventions.names import listed
+from conventions.names import REFERENCE_NAME, listed
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -46,17 +49,54 @@ class Verdict:
 def verdict_of(diagnostics: Diagnostics) -> Verdict | None:
     """The verdict on a run, from the motion as generated; None where no jerk was measured."""
     jerk = values_by_system(diagnostics, jerk_of, "raw")
-    if not jerk:
-        return None
+    recorded = number_of(diagnostics.reference, jerk_of, "raw")
+    return _verdict(diagnostics.point, jerk, recorded) if jerk else None
+
+
+def jerk_over_clips(clips: Iterable[Mapping[str, Numbers]]) -> dict[str, Samples]:
+    """The followed point's jerk, as generated, of each system and of the reference, by the number
+    of the clip: of a clip's samples the mean.
+
+    Args:
+        clips: what was measured of each, by motion, as ``run.json`` has it.
+    """
+    found: dict[str, Samples] = {}
+    for number, clip in enumerate(clips, 1):
+        known = {name: each["raw"][JERK] for name, each in clip.items() if JERK in each["raw"]}
+        for system, names in samples_by_system(known).items():
+            values = {sample: known[name] for sample, name in names.items()}
+            found.setdefault(system, {})[number] = mean(values)
+    return found
+
+
+def verdict_over_clips(point: str, jerk: Mapping[str, Samples]) -> Verdict | None:
+    """The verdict with its intervals over clips; None where fewer than two were measured.
+
+    Args:
+        jerk: of `jerk_over_clips`.
+    """
+    systems = {name: clips for name, clips in jerk.items() if name != REFERENCE_NAME}
+    count = max(map(len, systems.values()), default=0)
+    recorded = mean(jerk[REFERENCE_NAME]) if REFERENCE_NAME in jerk else None
+    return _verdict(point, systems, recorded, count) if count > 1 else None
+
+
+def _verdict(
+    point: str, jerk: Mapping[str, Samples], recorded: float | None, clips: int = 1
+) -> Verdict:
+    """
+    Args:
+        jerk: of several clips a value for each, else for each sample.
+    """
     names = short_names(jerk)
     told = ", ".join(f"{names[name]} {plain(mean(values))}" for name, values in jerk.items())
-    recorded = number_of(diagnostics.reference, jerk_of, "raw")
     ending = "" if recorded is None else f"; recorded {plain(recorded)}"
-    numbers = f"{point_title(diagnostics.point)} jerk in m/s³: {told}{ending}."
+    over = f", mean over {clips} clips" if clips > 1 else ""
+    numbers = f"{point_title(point)} jerk in m/s³{over}: {told}{ending}."
     sentences = []
     for claim in [family.claim for family in families() if family.claim is not None]:
-        sentences += _ladder(claim, jerk, names)
-    return Verdict(numbers, " ".join([*sentences, *_needed(jerk)]))
+        sentences += _ladder(claim, jerk, names, clips)
+    return Verdict(numbers, " ".join([*sentences, *_needed(jerk, clips)]))
 
 
 def short_names(systems: Iterable[str]) -> dict[str, str]:
@@ -69,24 +109,27 @@ def short_names(systems: Iterable[str]) -> dict[str, str]:
     }
 
 
-def _ladder(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
+def _ladder(
+    claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str], clips: int
+) -> list[str]:
     """The way through the claim's systems: what the first step gains, and whether what is added
     after it gains more."""
     rungs = [name for name in (claim.plain, *claim.less) if name in jerk]
     if not rungs:
         return []
     base, sentences = rungs[0], []
+    here, drawn = ("On this clip", "samples") if clips == 1 else (f"Over {clips} clips", "clips")
     if claim.more in jerk:
         ratio = ratio_of(jerk[base], jerk[claim.more])
         shows = "shows" if _is_calmer(ratio) else "does not show"
         sentences.append(
-            f"On this clip the paper's claim, that {claim.sentence}, {shows}: from "
-            f"{names[claim.more]} to {names[base]} {_change(ratio)}."
+            f"{here} the paper's claim, that {claim.sentence}, {shows}: from "
+            f"{names[claim.more]} to {names[base]} {_change(ratio, drawn)}."
         )
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
-    told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
+    told = ", ".join(f"{names[name]} {_change(ratio, drawn)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
     sentences.append(f"Beside {names[base]}: {told}; {which} calmer here.")
@@ -99,19 +142,19 @@ def _ladder(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str])
     return sentences
 
 
-def _change(ratio: Ratio | None) -> str:
-    """How much less or more, with the range of the interval where there are several samples."""
+def _change(ratio: Ratio | None, drawn: str) -> str:
+    """How much less or more, with the range of the interval where several were drawn."""
     if ratio is None:
         return "cannot be compared"
     if ratio.is_open:
-        return f"not told apart by {ratio.num_samples} samples"
+        return f"not told apart by {ratio.num_samples} {drawn}"
     if ratio.is_alike:
         return "alike within 5 %"
     share = f"{'less' if ratio.value < 1.0 else 'more'} by {abs(ratio.value - 1.0):.0%}"
     if ratio.low is None or ratio.high is None:
         return share
     low, high = sorted((abs(ratio.low - 1.0), abs(ratio.high - 1.0)))
-    return f"{share} ({low:.0%} to {high:.0%}, {ratio.num_samples} samples)"
+    return f"{share} ({low:.0%} to {high:.0%}, {ratio.num_samples} {drawn})"
 
 
 def _is_calmer(ratio: Ratio | None) -> bool:
@@ -119,12 +162,15 @@ def _is_calmer(ratio: Ratio | None) -> bool:
     return ratio is not None and ratio.value <= 1.0 / ALIKE and not ratio.is_open
 
 
-def _needed(jerk: Mapping[str, Samples]) -> list[str]:
+def _needed(jerk: Mapping[str, Samples], clips: int) -> list[str]:
     if len(jerk) < 2:
         return []
     samples = max(len(values) for values in jerk.values())
     seen = "one sample" if samples == 1 else f"{samples} samples"
+    seen = f"This is one clip, {seen}" if clips == 1 else f"These are {clips} clips"
+    if clips >= ENOUGH_CLIPS:
+        return [f"{seen} and one training of each: other trainings may give other numbers."]
     return [
-        f"This is one clip, {seen} and one training of each: an example. To claim anything takes "
-        f"several samples of {ENOUGH_CLIPS} clips or more, of systems trained from several seeds."
+        f"{seen} and one training of each: an example. To claim anything takes several samples of "
+        f"{ENOUGH_CLIPS} clips or more, of systems trained from several seeds."
     ]

@@ -73,7 +73,8 @@ def show(
     """Motions in lock-step under the sound, with the stage's displays and the time line.
 
     Args:
-        motions: one, or several by name; or the folder of a run, which is shown as it is.
+        motions: one, or several by name; or the folder of a run, or of those of several clips,
+            which is shown as it is.
         plans: by the name of the motion that performs it.
         findings: of `diagnose`; the gravest stand beside the bodies.
         joint: whose jerk and speed the time line shows.

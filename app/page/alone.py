@@ -1,4 +1,5 @@
-"""A run in one file: bodies, sound and time line, for any browser and without a server.
+"""A run in one file, or those of several clips: bodies, sound and time line, for any browser and
+without a server.
 
 What the player's modules would ask a server for lies in the file and is handed to them by a
 ``fetch`` of its own; the modules themselves are an import map of what app/page/web holds.
@@ -13,12 +14,14 @@ import re
 from html import escape
 from pathlib import Path
 
+from app import text
 from app.errors import RunError
 from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
+from app.page.results.clips_shown import clips_html
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
-from app.run.output.run_folder import RowKind
+from app.run.output.run_folder import RowKind, runs_in
 from app.run.pieces import MAX_FRAMES
 
 WEB = Path(__file__).resolve().parent / "web"
@@ -34,6 +37,7 @@ _STYLE = """
 body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
 header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
 h1 { margin: 0; font-size: 17px; }
+header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
 _SCRIPT = """
@@ -51,13 +55,22 @@ follow();
 """  # noqa: E501
 _START = f"""
 import {{ mountPlayer }} from "web/{DOOR}";
-if (kept.sound) kept.value.audio = URL.createObjectURL(new Blob([await unpacked(kept.sound)], {{ type: "audio/wav" }}));
-mountPlayer(document.body, {{ value: kept.value }}, () => {{}});
+const props = {{ value: {{}} }};
+let told = () => {{}};
+async function choose(run) {{
+  const {{ audio, ...value }} = kept.runs[run];
+  props.value = value;
+  if (audio) value.audio = URL.createObjectURL(new Blob([await unpacked(kept.files[audio])], {{ type: "audio/wav" }}));
+  told();
+}}
+await choose(0);
+mountPlayer(document.body, props, (name, tell) => {{ told = tell; }});
+document.querySelector("header select")?.addEventListener("change", ({{ target }}) => choose(target.selectedIndex));
 """  # noqa: E501
 
 
 def player_alone(folder: Path, title: str = "") -> str:
-    """HTML that needs nothing beside itself, of a run's folder.
+    """HTML that needs nothing beside itself, of the folder of a run, or of those of several clips.
 
     Args:
         title: in place of the run's own.
@@ -72,25 +85,28 @@ def player_alone(folder: Path, title: str = "") -> str:
         files[name] = path.read_bytes()
         return name
 
-    showing = Showing(folder, address, name="alone")
-    record = showing.record
-    for row in record.rows:
-        row.files = {kind: row.files[kind] for kind in _PLAYED if kind in row.files}
-    record.rows = [row for row in record.rows if "frames" in row.files]
-    if not record.rows:
+    runs = runs_in(folder) or {"": folder}
+    showings = {clip: Showing(run, address, name=f"alone{clip}") for clip, run in runs.items()}
+    records = {clip: showing.record for clip, showing in showings.items()}
+    over_clips = clips_html(records)
+    for record in records.values():
+        for row in record.rows:
+            row.files = {kind: row.files[kind] for kind in _PLAYED if kind in row.files}
+        record.rows = [row for row in record.rows if "frames" in row.files]
+    played = {clip: showing for clip, showing in showings.items() if records[clip].rows}
+    if not played:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
-    value = {**showing.value(), "running": False, "begins": False}
-    told, title = record.verdict, title or record.title
+    values = [{**each.value(), "running": False, "begins": False} for each in played.values()]
+    first = records[next(iter(played))]
+    told, title = first.verdict, title or first.title
     head = f"<h1>{escape(title)}</h1>" if title else ""
-    if told is not None and record.kind == "generated":
+    if over_clips:
+        options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
+        head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
+    elif told is not None and first.kind == "generated":
         head += f"<b>{escape(told.numbers)}</b> {escape(told.judgement)}"
-    sound = files.pop(str(value.pop("audio", "")), None)
     files |= {BODY: body_glb(), FACTS: stage_facts(), BUILDS: builds()}
-    content = {
-        "files": {name: _packed(data) for name, data in files.items()},
-        "sound": None if sound is None else _packed(sound),
-        "value": value,
-    }
+    content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
     modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}
     style = theme_variables(make_theme()) + "".join(path.read_text() for path in PLAYER_CSS)
     return "\n".join(

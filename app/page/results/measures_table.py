@@ -12,15 +12,12 @@ from itertools import groupby
 
 from app import text
 from app.findings.comparison import point_title
-from app.findings.measure_rows import MEASURES, Measure, nearest, signed, written
+from app.findings.measure_rows import MEASURES, Measure, Numbers, nearest, signed, written
 from app.findings.sentences import GRAVEST, clean_line
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
-
-Numbers = Mapping[Version, Mapping[str, float]]
-"""Of one motion by filter and measure, as ``run.json`` has them."""
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ import gradio as gr
 
 from app import text
 from app.findings.comparison import plain, point_title
-from app.findings.measure_rows import JERK
+from app.findings.measure_rows import JERK, Numbers
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import Address, Showing
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRun, address_of
-from app.page.results.measures_table import Column, Numbers, table_of
+from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
 from app.run.output.run_folder import RunRecord, colors_of
 from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing

@@ -12,6 +12,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
+from app.run.many.speeches import asks_of, do_clips, is_many
 from app.run.many.unpacked import Limits, is_packed, unpacked
 from app.run.output.run_folder import (
     NO_RUN,
@@ -19,11 +20,23 @@ from app.run.output.run_folder import (
     RunRecord,
     Text,
     file_of,
+    files_of,
     is_run_zip,
     read_run,
+    runs_in,
 )
 from app.run.pipeline import do
-from app.run.requests.request import MAX_COMPARED, Ask, OnEvent, Opened, ShouldCancel
+from app.run.requests.request import (
+    MAX_COMPARED,
+    Ask,
+    Done,
+    Event,
+    OnEvent,
+    Opened,
+    Progress,
+    ShouldCancel,
+)
+from app.run.requests.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import (
     NOTHING_SAID,
@@ -34,10 +47,11 @@ from model.speech.transcript import (
     Transcript,
     Word,
 )
+from processes.pool import JobPool
 
 LIMITS = Limits(files=2_000, total_bytes=10**9)
 ENDINGS = (".json", ".npz", ".wav")
-SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".png", ".svg", ".pdf", ".mp4", ".jpg")
+SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """With all that is only looked at."""
 _MAX_LINE_BYTES = 20_000_000
 Seconds = Annotated[float, Field(ge=0, le=1e5)]
@@ -66,27 +80,54 @@ class _Line(BaseModel):
 
 
 def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder; of a run's zip
-    that is what the run shows, measured anew."""
+    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip
+    that is what the run shows, measured anew; of several clips the folder of each.
+
+    Raises:
+        Exception: also where no clip could be done.
+    """
+    asks = {"": ask}
     if is_one_run(ask.motions):
-        ask = opened(ask, ask.out.parent / "opened")
-    do(ask, on_event, should_cancel)
+        asks = opened(ask, ask.out.parent / "opened")
+    elif ask.speech is not None and is_many(ask.speech):
+        asks = asks_of(ask)
+        check_clips([each.speech for each in asks.values() if each.speech], ask.max_speech_s)
+    if "" in asks:
+        do(asks[""], on_event, should_cancel)
+        return
+    order = list(asks)
+
+    def do_clip(clip: str, own: Ask) -> Done:
+        told = f"{clip}, {order.index(clip) + 1} of {len(order)}"
+
+        def tell(event: Event) -> None:
+            on_event(replace(event, clip=told) if isinstance(event, Progress) else event)
+
+        return do(own, tell, should_cancel)
+
+    done = do_clips(asks, ask.out, JobPool(1), do=do_clip)
+    if not done.clips:
+        raise RunError(next(iter(done.failed.values())))
 
 
 def is_one_run(motions: Sequence[Path]) -> bool:
-    """Whether what was given is a run's zip alone."""
+    """Whether what was given is the zip of a run alone, or of those of several clips."""
     return len(motions) == 1 and is_run_zip(motions[0])
 
 
-def opened(ask: Ask, into: Path) -> Ask:
-    """The same of the motions that a run shows, as many as fit, with its speech, words and plans.
+def opened(ask: Ask, into: Path) -> dict[str, Ask]:
+    """By clip, by no name of one alone, the same of the motions that the run in a zip shows.
 
     Args:
-        into: where a zip is unpacked; not there yet.
+        into: where it is unpacked; not there yet.
     """
-    (path,) = ask.motions
-    folder, name = run_folder(path, into), printable(path.name)
-    record = read_run(folder)
+    runs = runs_in(run_folder(ask.motions[0], into))
+    return {clip: replace(_of_run(ask, run), out=ask.out / clip) for clip, run in runs.items()}
+
+
+def _of_run(ask: Ask, folder: Path) -> Ask:
+    """As many of its motions as fit, with its speech, words and plans."""
+    record, name = read_run(folder), printable(ask.motions[0].name)
     motions = {
         row.name: file
         for row in record.rows
@@ -119,19 +160,21 @@ def opened(ask: Ask, into: Path) -> Ask:
 def run_folder(
     path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: Limits = LIMITS
 ) -> Path:
-    """Where a run lies: the folder itself, or what a zip of it holds.
+    """Where a run lies, or those of several clips: the folder itself, or what its zip holds.
 
     Raises:
         RunError: as `unpacked`, or if there is none.
     """
-    if not is_packed(path):
-        return path
-    into.mkdir(parents=True)
-    unpacked(path, into, endings, limits)
-    found = [each for each in (into, *into.iterdir()) if (each / RUN).is_file()]
-    if len(found) != 1:
+    folders = [path]
+    if is_packed(path):
+        into.mkdir(parents=True)
+        unpacked(path, into, endings, limits)
+        folders = [into, *into.iterdir()]
+    found = next(filter(None, map(runs_in, folders)), {})
+    if not found:
         raise RunError(NO_RUN.format(name=printable(path.name), why=f"{RUN} is missing"))
-    return found[0]
+    first = next(iter(found.values()))
+    return first if len(found) == 1 else first.parent
 
 
 def copied_run(path: Path, into: Path) -> Path:
@@ -141,12 +184,10 @@ def copied_run(path: Path, into: Path) -> Path:
         RunError: if it is none.
     """
     folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, Limits())
-    record = read_run(folder)
-    for name in (RUN, *record.named):
-        file, copy = file_of(folder, name), into / "results" / name
-        if file is not None:
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, copy)
+    for file in files_of(folder):
+        copy = into / "results" / file.relative_to(folder)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
     return into / "results"
 
 

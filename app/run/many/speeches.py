@@ -1,4 +1,4 @@
-"""One run for each piece of speech of a list or folder, shared out over processes or a cluster.
+"""One run for each of several clips, shared out over processes or a cluster.
 
 Each run's folder is that of a single run; ``clip.json`` comes last of all and says that the others
 are whole. Started again, the same command goes on with what has none.
@@ -6,17 +6,19 @@ are whole. Started again, the same command goes on with what has none.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
+from app.findings.verdict import jerk_over_clips, verdict_over_clips
 from app.run.many.record import is_kept, keep, read_records, stamp_of
-from app.run.many.table import numbers_of, write_tables
+from app.run.many.table import Above, numbers_of, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
-from app.run.requests.request import Ask, check
+from app.run.output.run_folder import read_run
+from app.run.requests.request import Ask, Done, check
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
 from processes.job import Job
@@ -39,6 +41,8 @@ class ManyRuns:
     """A sentence by clip."""
     files: tuple[Path, ...]
     """The tables over all clips."""
+    notes: tuple[str, ...] = ()
+    """What they say together."""
 
 
 def is_many(speech: Path) -> bool:
@@ -51,17 +55,20 @@ def generate_many(
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
 ) -> ManyRuns:
-    """Do an ``ask`` for each piece of speech, into ``ask.out`` by the name of its file, and
-    leave ``many.csv``, ``many.json`` and ``sheet.md`` over all that are done. Each has noise of its
-    own, the same for all systems; its seed stands in its provenance.
+    """Do an ``ask`` for each piece of speech, as `do_clips`; arguments and errors as there and of
+    `asks_of`."""
+    return do_clips(asks_of(ask), ask.out, pool, on_done)
+
+
+def asks_of(ask: Ask) -> dict[str, Ask]:
+    """One for each piece of speech, by the name of its file, as its folder has it. Each has noise
+    of its own, the same for all systems; its seed stands in its provenance.
 
     Args:
         ask: its speech is a folder of sound files, or a text file with one path a line.
-        on_done: told the folder of each run as it is there, and the share done.
 
     Raises:
         RunError: if nothing can be begun.
-        JobsError: if those who work are lost; what is done is kept.
     """
     check(ask)
     if ask.reference is not None or ask.transcript is not None:
@@ -73,32 +80,66 @@ def generate_many(
     plans = _plans(ask.plan, speeches)
     style = ask.style and ask.style.absolute()
     ask = replace(ask, weights=ask.weights.absolute(), style=style)
-    folders = {clip: (ask.out / clip).absolute() for clip in speeches}
-    records = {clip: folder / RECORD for clip, folder in folders.items()}
+    return {
+        clip: replace(
+            ask,
+            speech=speech,
+            out=(ask.out / clip).absolute(),
+            seed=clip_seed(ask.seed, clip),
+            plan=plans.get(clip),
+        )
+        for clip, speech in speeches.items()
+    }
+
+
+def do_clips(
+    asks: Mapping[str, Ask],
+    out: Path,
+    pool: JobPool,
+    on_done: Callable[[Path, float], None] = lambda folder, share: None,
+    do: Callable[[str, Ask], Done] | None = None,
+) -> ManyRuns:
+    """Do a run for each clip, in its own folder in ``out``, and leave there the tables over all
+    that are done, with the verdict over them.
+
+    Args:
+        on_done: told the folder of each run as it is there, and the share done.
+        do: does one in this process; by default whoever works does `app.run.pipeline.do`.
+
+    Raises:
+        CancelledRun: where ``do`` said so.
+        JobsError: if those who work are lost; what is done is kept.
+    """
+    records = {clip: ask.out / RECORD for clip, ask in asks.items()}
     jobs = []
-    for clip, speech in speeches.items():
-        seed = clip_seed(ask.seed, clip)
-        own = replace(ask, speech=speech, out=folders[clip], seed=seed, plan=plans.get(clip))
-        stamp = _stamp(own)
+    for clip, ask in asks.items():
+        stamp = _stamp(ask)
         done = partial(is_kept, records[clip], stamp)
-        jobs.append(Job(clip, done, partial(_generate_clip, own, records[clip], stamp)))
+        jobs.append(Job(clip, done, partial(_do_clip, clip, ask, records[clip], stamp, do)))
     kept = sum(job.is_done() for job in jobs)
     num_done = kept
 
     def tell(clip: str) -> None:
         nonlocal num_done
         num_done += 1
-        on_done(folders[clip], num_done / len(jobs))
+        on_done(asks[clip].out, num_done / len(jobs))
 
-    with held_folder(ask.out):
+    with held_folder(out):
         failed = {clip: _sentence(error) for clip, error in pool.do_all(jobs, tell).items()}
-        clips = [clip for clip in speeches if clip not in failed]
+        clips = [clip for clip in asks if clip not in failed]
         files: tuple[Path, ...] = ()
+        notes: list[str] = []
         if clips:
+            runs = [read_run(asks[clip].out) for clip in clips]
+            verdict = verdict_over_clips(
+                runs[0].point, jerk_over_clips(run.numbers for run in runs)
+            )
+            notes += [] if verdict is None else [verdict.text]
             numbers = read_records({clip: records[clip] for clip in clips})
             names = list(numbers[clips[0]]["systems"])
-            files = write_tables(ask.out, names, clips, list(numbers.values()))
-    return ManyRuns(tuple(clips), kept, failed, files)
+            above = Above(notes, failed)
+            files = write_tables(out, names, clips, list(numbers.values()), above=above)
+    return ManyRuns(tuple(clips), kept, failed, files, tuple(notes))
 
 
 def find_speeches(source: Path) -> dict[str, Path]:
@@ -180,12 +221,18 @@ def _stamp(ask: Ask) -> dict[str, Any]:
     return stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
 
 
-def _generate_clip(ask: Ask, record: Path, stamp: dict[str, Any]) -> None:
-    from app.run.pipeline import do
+def _do_clip(
+    clip: str,
+    ask: Ask,
+    record: Path,
+    stamp: dict[str, Any],
+    do: Callable[[str, Ask], Done] | None,
+) -> None:
+    from app.run import pipeline
 
     record.unlink(missing_ok=True)  # of other files, which are about to go
     remove_unfinished(ask.out)
-    result = do(ask)
+    result = pipeline.do(ask) if do is None else do(clip, ask)
     diagnostics = result.diagnostics
     motions = dict(diagnostics.systems)
     if diagnostics.reference is not None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from app.findings.measure_rows import MEASURES, Measure, written
 from app.run.many.distances import distance_rows
+from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
@@ -110,8 +111,7 @@ def write_tables(
     """
     above = above or Above()
     rows = [*_rows(systems, numbers), *distance_rows(systems, numbers), *more]
-    table, sheet, content = out / "many.csv", out / "sheet.md", out / "many.json"
-    by_clip, paper = out / "clips.csv", out / "table.tex"
+    table, content, by_clip, sheet, paper = (out / name for name in TABLES)
     table.write_text(csv_text([HEADER, *rows]), "utf-8", newline="")
     kinds = {
         name: Counter(kind for each in numbers for kind in set(each["systems"][name]["findings"]))

@@ -18,11 +18,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from app.errors import RunError
 from app.findings.verdict import short_names
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import ArtefactKind, Ask
+from app.run.requests.request import MAX_CLIPS, ArtefactKind, Ask
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
 from model.storage.files import written_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
+TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
+"""Over several clips, whose runs' folders lie beside them."""
 SHOWN = "shown"
 """Folder of what only a player shows."""
 NO_RUN = (
@@ -237,6 +239,14 @@ def read_run(folder: Path) -> RunRecord:
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is damaged")) from error
 
 
+def runs_in(folder: Path) -> dict[str, Path]:
+    """The folder itself, by no name, where it is a run's; else the runs of several clips that lie
+    in it, by clip."""
+    if (folder / RUN).is_file():
+        return {"": folder}
+    return {path.parent.name: path.parent for path in sorted(folder.glob(f"*/{RUN}"))}
+
+
 def file_of(folder: Path, name: str | None) -> Path | None:
     """A file that ``run.json`` names; None where it is not there, or a link leads out of it."""
     path = None if name is None else folder / name
@@ -305,14 +315,26 @@ def save_run(asked: tuple[Path, Path], *_: object) -> None:
 
 
 def zip_run(folder: Path, out: Path) -> Path:
-    """All that its ``run.json`` names, that first: `is_run_zip` looks at the start."""
-    named = RUN, *read_run(folder).named
-    files = [path for name in named if (path := file_of(folder, name)) is not None]
-    return zip_files(files, out, below=folder)
+    """All that a run's ``run.json`` names, or those of several clips, and the tables over them."""
+    return zip_files(files_of(folder), out, below=folder)
+
+
+def files_of(folder: Path) -> list[Path]:
+    """What belongs to a run, or to those of several clips.
+
+    Raises:
+        RunError: if there is none.
+    """
+    runs = runs_in(folder) or {"": folder}
+    named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
+    named += [(folder, name) for name in TABLES if "" not in runs]
+    found = (file_of(*each) for each in named)
+    return [path for path in found if path is not None]
 
 
 def is_run_zip(path: Path) -> bool:
-    """Whether a zip holds one run, as far as its short list of files tells; nothing is unpacked."""
+    """Whether a zip holds a run, or those of several clips, as far as its short list of files
+    tells; nothing is unpacked."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, os.SEEK_END)
@@ -331,9 +353,9 @@ def is_run_zip(path: Path) -> bool:
     while at + 46 <= end and tail[at : at + 4] == b"PK\x01\x02":
         name_bytes, *others = struct.unpack_from("<HHH", tail, at + 28)
         name = tail[at + 46 : at + 46 + name_bytes]
-        found += name.split(b"/")[-1] == RUN.encode() and name.count(b"/") <= 1
+        found += name.split(b"/")[-1] == RUN.encode() and name.count(b"/") <= 2
         at += 46 + name_bytes + sum(others)
-    return found == 1
+    return 0 < found <= MAX_CLIPS
 
 
 def begun(

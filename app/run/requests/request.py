@@ -28,6 +28,8 @@ WORDS_ASKED: tuple[WordsAsked, ...] = get_args(WordsAsked)
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
+MAX_CLIPS = 10
+"""Of a run on the page."""
 MAX_STEPS = 1000
 MAX_GUIDANCE = 10
 MAX_COMPARED = 6
@@ -386,6 +388,8 @@ class Progress:
     """0 to 1 of this stage."""
     detail: str = ""
     """What is being worked on, such as a system's name."""
+    clip: str = ""
+    """Of several, with its number."""
 
 
 @dataclass(frozen=True)

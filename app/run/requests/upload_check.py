@@ -10,15 +10,20 @@ from typing import Literal
 from zipfile import is_zipfile
 
 from app.errors import RunError, sentence_of
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.requests.request import MAX_CLIPS, OnEvent, ShouldCancel
 from conventions.names import printable
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
 """Endings of archives of many files."""
+TOO_MANY_CLIPS = "At most {limit} clips go into one run; {count} were given."
+TOO_LONG = (
+    "The clips of one run may last {limit:g} minutes together; these last {count:.1f}. Leave some "
+    "out, or use the command line."
+)
 NO_ZIP = "{name} is no readable zip; pack it again."
 
 FileKind = Literal["motions", "sounds", "transcript"]
-UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files"]
+UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files", "clips"]
 """What a file is meant to be: references and motions are any file that can be read; of
 motions and sounds a zip may hold many; files are whichever of these each is."""
 MOTIONS, WORDS, SOUNDS = (".npz", ".npy", ".bvh"), (".textgrid", ".txt"), (".wav", ".mp3", ".flac")
@@ -57,16 +62,34 @@ def refusal_of(
 ) -> str:
     """Why the first of these files that cannot be used cannot be, in one sentence; empty where all
     can."""
-    for path in given.paths:
-        try:
+    try:
+        if given.kind == "clips":
+            check_clips(given.paths, given.max_speech_s)
+            return ""
+        for path in given.paths:
             kind = kind_of(path) if given.kind == "files" else given.kind
             _read(kind, path, given.max_speech_s)
-        except Exception as error:
-            sentence = sentence_of(error)
-            if sentence is None:
-                raise
-            return sentence
+    except Exception as error:
+        sentence = sentence_of(error)
+        if sentence is None:
+            raise
+        return sentence
     return ""
+
+
+def check_clips(speeches: Sequence[Path], max_s: float) -> None:
+    """
+    Raises:
+        RunError: where they are too many, or together too long, for one run.
+        SpeechError: where one cannot be used.
+    """
+    from model.speech.audio import SpeechLimits, load_speech
+
+    if len(speeches) > MAX_CLIPS:
+        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
+    lengths = [load_speech(path, SpeechLimits(max_s=max_s)).duration_s for path in speeches]
+    if sum(lengths) > max_s:
+        raise RunError(TOO_LONG.format(limit=max_s / 60, count=sum(lengths) / 60))
 
 
 def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:

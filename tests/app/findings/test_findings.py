@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
+from app.findings.measure_rows import JERK
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
-from app.findings.verdict import short_names, verdict_of
+from app.findings.verdict import jerk_over_clips, short_names, verdict_of, verdict_over_clips
 from app.run.examples import STORED
 from app.run.pipeline import do
 from app.run.requests.request import Ask
@@ -311,6 +312,34 @@ def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothin
     assert said(globaldiff_local=math.nan) is None
     # Names that two families share stay whole.
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
+
+
+def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its_samples() -> None:
+    def clip(**jerk: float | None) -> dict[str, Any]:
+        told = {name.replace("_", "/").replace("//", "."): value for name, value in jerk.items()}
+        return {
+            name: {"raw": {} if value is None else {JERK: value}, "savgol": {JERK: 7.0}}
+            for name, value in told.items()
+        }
+
+    clips = [
+        clip(globaldiff_local=180.0, globaldiff_local__s2=220.0, globaldiff_full=100.0),
+        clip(globaldiff_local=210.0, globaldiff_full=100.0, reference=50.0),
+        clip(globaldiff_local=None, globaldiff_full=None),
+        clip(globaldiff_local=190.0, globaldiff_full=100.0),
+    ]
+    jerk = jerk_over_clips(clips)
+    assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
+    verdict = verdict_over_clips("right_middle", jerk)
+    assert verdict is not None and verdict.numbers == (
+        "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; recorded 50."
+    )
+    words = "Over 3 clips the paper's claim, that global rotations jerk less than local ones, shows"
+    assert f"{words}: from local to full less by 50% (47% to 52%, 3 clips)." in verdict.judgement
+    assert "These are 3 clips and one training of each: an example." in verdict.judgement
+    many = verdict_over_clips("right_middle", jerk_over_clips([clips[1]] * 10))
+    assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
+    assert verdict_over_clips("right_middle", jerk_over_clips(clips[:1])) is None
 
 
 def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:

@@ -219,7 +219,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     packed = zip_run(results, tmp_path / "x.zip")
     assert is_run_zip(packed)
     asked = Ask(motions=(packed,), out=tmp_path / "again", has_poses=False)
-    anew = opened(asked, tmp_path / "opened")
+    anew = opened(asked, tmp_path / "opened")[""]
     assert anew.names == ("gan/5",) and anew.opened is not None and anew.opened.said == SAID
     assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
     told = record_of(anew)
@@ -239,7 +239,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     np.testing.assert_allclose(again, kept, atol=1e-5)
 
 
-def test_only_a_zip_of_one_run_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_it_is(
+def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_it_is(
     results, tmp_path
 ):
     def packed(name: str, *files: str) -> Path:
@@ -253,12 +253,14 @@ def test_only_a_zip_of_one_run_is_taken_for_one_and_a_run_of_ones_own_is_shown_a
         for name, files in {
             "flat": ("a.npz", RUN),
             "folder": ("x/a.npz", f"x/{RUN}"),
-            "many": (f"x/{RUN}", f"y/{RUN}"),
-            "deep": (f"x/y/{RUN}",),
+            "clips": (f"x/{RUN}", f"y/{RUN}"),
+            "clips in a folder": (f"z/x/{RUN}", f"z/y/{RUN}"),
+            "too many": [f"{number}/{RUN}" for number in range(11)],
+            "deep": (f"x/y/z/{RUN}",),
             "other": ("overrun.json", "a.npz"),
         }.items()
     }
-    assert found == {"flat": True, "folder": True, "many": False, "deep": False, "other": False}
+    assert [name for name, is_run in found.items() if not is_run] == ["too many", "deep", "other"]
     assert not is_run_zip(tmp_path / "none.zip") and not is_run_zip(results / RUN)
     hollow = Ask(motions=(packed("hollow.zip", RUN),), out=tmp_path / "out")
     with pytest.raises(RunError, match="it has no motion"):

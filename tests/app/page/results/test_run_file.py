@@ -42,9 +42,11 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     assert "filename*=utf-8''%C3%A4-b-c.html" in page.headers["content-disposition"]
     assert page.headers["content-type"] == "application/octet-stream"
     told = json.loads(page.text.split('id="kept">')[1].split("</script>")[0])
-    (row,) = told["value"]["rows"]
-    assert row["name"] == "f/x" and {row["frames"], "timeline.json"} <= told["files"].keys()
-    assert told["sound"] and not told["value"]["running"] and "video" not in row
+    (run,) = told["runs"]
+    (row,) = run["rows"]
+    assert row["name"] == "f/x"
+    assert {row["frames"], "timeline.json", run["audio"]} <= told["files"].keys()
+    assert not run["running"] and "video" not in row
     assert row["is_planned"], "whose gestures are shown at once, as on the page"
     for ending in ("", "/page"):
         assert client.get(f"/media/run/{'x' * 43}{ending}").status_code == 404
@@ -69,7 +71,7 @@ def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_
     html = player_alone(folder)
     assert "alert(1)<script>" not in html and "</title><b>" not in html
     told = html.split('id="kept">')[1].split("</script>")[0]
-    assert json.loads(told)["value"]["rows"][0]["name"] == name
+    assert json.loads(told)["runs"][0]["rows"][0]["name"] == name
     with pytest.raises(RunError, match="no run that can be shown"):
         player_alone(tmp_path)
 
@@ -80,3 +82,14 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     folder = made_run(tmp_path / "job", "made elsewhere").folder
     assert show(folder).html == player_alone(folder)
     assert "<h1>made elsewhere</h1>" in show(folder).html
+
+
+def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Path):
+    for number, clip in enumerate("ab"):
+        made_run(tmp_path, jerk={"f/x": 10.0 + 2 * number, "f/y": 20.0}, out=clip)
+    html = show(tmp_path).html
+    assert html.count("<option>") == 2 and "Mean [95 % interval over clips]" in html
+    assert "mean over 2 clips: x 11, y 20." in html and '<th scope="row">b</th><td>12' in html
+    told = json.loads(html.split('id="kept">')[1].split("</script>")[0])
+    assert [run["audio"] for run in told["runs"]] == ["a/speech.wav", "b/speech.wav"]
+    assert {row["frames"] for run in told["runs"] for row in run["rows"]} <= told["files"].keys()

@@ -10,14 +10,17 @@ import pytest
 
 from app.commands.cli import main
 from app.commands.said import ProgressBar
-from app.errors import RunError
+from app.errors import CancelledRun, RunError
+from app.findings.verdict import jerk_over_clips
+from app.run.many.opened import copied_run, do_in_folder
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
-from app.run.requests.request import Ask
+from app.run.output.run_folder import is_run_zip, read_run, runs_in, zip_run
+from app.run.requests.request import Ask, Event, Progress
 from model.generation.clip_noise import clip_seed
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
-from model.speech.audio import write_wav
+from model.speech.audio import SpeechError, write_wav
 from model.systems.planned.config import PLANNED
 from processes.pool import JobPool
 from tests.model.made import made_waveform
@@ -52,6 +55,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
         assert not any(name.endswith(".png") for name in names)
     told_of_all = json.loads((out / "many.json").read_text())
     assert told_of_all["clips"] == ["a", "b", "c"]
+    (verdict,) = runs.notes
+    assert "Over 3 clips the paper's claim" in verdict and told_of_all["notes"] == [verdict]
+    assert "Over 3 clips" in (out / "sheet.md").read_text()
     systems = {row["system"] for row in told_of_all["measures"]}
     assert systems == {"globaldiff/local", "globaldiff/global"}
     assert all(row["clips"] <= 3 for row in told_of_all["measures"])
@@ -88,11 +94,50 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     tables = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
     assert said.out.split() == [*(str(out / name) for name in ("a", "c", *tables))]
     assert "b: b.wav" in said.err and "1 of 3 clips could not be made" in said.err
+    assert "b.wav" in json.loads((out / "many.json").read_text())["left_out"]["b"]
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     assert main(asked) == 0
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
     assert "2 clips had been made before and were kept." in said.err
+
+
+def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
+    speeches, weights, tmp_path
+):
+    (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
+    asked = request_of(speeches, tmp_path / "1", weights, has_figures=False, is_kept=True)
+    with pytest.raises(SpeechError, match=r"b\.wav"):
+        do_in_folder(asked, lambda event: None, lambda: False)
+    write_wav(speeches / "b.wav", made_waveform(16_000, 1))
+    with pytest.raises(RunError, match=r"may last 0\.04 minutes together; these last 0\.1"):
+        do_in_folder(replace(asked, max_speech_s=2.4), lambda event: None, lambda: False)
+    with pytest.raises(CancelledRun):
+        do_in_folder(asked, lambda event: None, lambda: True)
+    events: list[Event] = []
+    do_in_folder(asked, events.append, lambda: False)
+    told = [event.clip for event in events if isinstance(event, Progress)]
+    assert list(dict.fromkeys(told)) == ["a, 1 of 3", "b, 2 of 3", "c, 3 of 3"]
+    runs = runs_in(asked.out)
+    assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("abc")
+    generate_many(replace(asked, out=tmp_path / "2", is_kept=False), HERE)
+    with np.load(tmp_path / "2/c/globaldiff-local.npz") as elsewhere:
+        here = np.load(asked.out / "c/globaldiff-local.npz")
+        np.testing.assert_array_equal(here["poses"], elsewhere["poses"])
+
+    packed = zip_run(asked.out, tmp_path / "all.zip")
+    assert is_run_zip(packed)
+    (tmp_path / "anew").mkdir()
+    again = Ask(motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True)
+    do_in_folder(again, lambda event: None, lambda: False)
+    measured = [
+        jerk_over_clips(read_run(run).numbers for run in runs_in(out).values())
+        for out in (asked.out, again.out)
+    ]
+    for name, clips in measured[0].items():
+        assert measured[1][name] == pytest.approx(clips, rel=1e-3)
+    copy = copied_run(packed, tmp_path / "copy")
+    assert list(runs_in(copy)) == list("abc") and (copy / "sheet.md").is_file()
 
 
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
