@@ -1,3 +1,2 @@
-"""What each stage costs, beside a naive way, and what a visitor of the page waits for; may import
-all of app but page and commands.
-"""
+"""What a visitor waits for, and what each step of it costs; may import all of app but page and
+commands."""

@@ -1,4 +1,4 @@
-"""``python -m app.bench``: what each stage costs here, as a table and bench.json."""
+"""``python -m app.bench``: what each step costs here, as a table and bench.json."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,8 +19,6 @@ from app.config import BUNDLED_WEIGHTS, EXAMPLES
 from app.run.body_motion import body_motion
 from app.run.models import warm_up
 from app.run.output.provenance import versions
-from conventions.names import file_stem
-from model.systems.registry import usual_systems
 
 CLIP_S = 10.0
 
@@ -32,13 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
     parser.add_argument("--speech", type=Path, metavar="WAV", help="default: an example clip")
     parser.add_argument(
-        "--no-memory", action="store_true", help="leave out the ten-minute clip, which takes long"
-    )
-    parser.add_argument(
         "--short",
         action="store_true",
-        help="a few minutes: without training, families, busy cores, a run of all systems, "
-        "browser, stages of drawing and memory",
+        help="a few minutes: without training, browser, stages of drawing and memory",
     )
     options = parser.parse_args(argv)
     figures = []
@@ -60,7 +54,7 @@ def _figures(options: argparse.Namespace, folder: Path) -> Iterator[Figure]:
     from app.bench import drawing
     from model.motion.motion import load_motion
 
-    weights, is_short = options.weights, options.short
+    weights = options.weights
     speech = options.speech or min(EXAMPLES.glob("*.wav"))
     clip = runs.repeat_speech(speech, CLIP_S, folder / "clip.wav")
     started = time.monotonic()
@@ -68,21 +62,14 @@ def _figures(options: argparse.Namespace, folder: Path) -> Iterator[Figure]:
         yield Figure("page start", time.monotonic() - started, "s", "at most 8 s")
     warm_up(weights, None)
     yield from runs.time_motion(clip, weights)
-    if not is_short:
-        yield from runs.time_families()
-        yield from runs.time_training(weights)
-        yield from runs.time_beside_busy_cores(clip, weights, folder)
-        yield from runs.time_run(clip, weights, folder)
     yield from runs.time_page_run(clip, weights, folder)
-    if not is_short:
+    motion = load_motion(min((folder / "page").glob("*.npz")))
+    yield runs.time_measures(motion)
+    yield from drawing.video_rates(body_motion(motion), folder)
+    if not options.short:
+        yield from drawing.stages(body_motion(motion), folder)
+        yield from runs.time_training(weights)
         yield from browser.time_browser(clip, weights, folder)
-    made = folder / ("page" if is_short else "run")
-    yield from runs.time_measures(made / f"{file_stem(usual_systems('bench-busy')[0])}.npz")
-    motion = body_motion(load_motion(min(made.glob("*.npz"))))
-    rows: Iterable = (drawing.video_rates,) if is_short else drawing.ALL
-    for row in rows:
-        yield from row(motion, folder)
-    if not (options.no_memory or is_short):
         yield from runs.measure_memory(speech, weights, folder)
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 WINDOW = {"width": 1280, "height": 800}
-AIM_ON_GPU = 60
-"""Pictures a second."""
 WITHOUT = (
     "The browser's rows are left out: they need playwright (requirements-dev.txt) and Chromium "
     "(apt-get install chromium)."
@@ -132,25 +130,6 @@ def run_waits(page: Page, clip: Path, systems: Sequence[str]) -> Waits:
     return Waits(*((times[name] - times["click"]) / 1000 for name in names))
 
 
-def gpu_sentence(page: Page, bodies: int) -> str:
-    """What a machine with a GPU would have to do for whole meshes, told from those of the page."""
-    vertices, faces, width, height = page.evaluate(
-        """async () => {
-            const { theBody } = await import(new URL("web/stage/mesh.js", document.baseURI));
-            const { vertices, faces } = (await theBody()).level(0);
-            const { clientWidth, clientHeight } = document.querySelector("#player .stage-view");
-            return [vertices.length, faces.length / 3, clientWidth, clientHeight];
-        }"""
-    )
-    each = AIM_ON_GPU * bodies * 2 / 1e6  # picture and shadow
-    return (
-        f"Not measured here: {AIM_ON_GPU} pictures/s of {bodies} whole bodies and their shadows "
-        f"ask of a GPU about {vertices * each:.0f} million vertices, {faces * each:.0f} million "
-        f"triangles and {width * height * AIM_ON_GPU / 1e6:.0f} million pixels a second, without "
-        "close-ups."
-    )
-
-
 def pictures_per_second(page: Page, level: int | None = None) -> tuple[float, dict[str, Any]]:
     """Of the stage while it plays, and how coarsely it is drawn then.
 
@@ -215,5 +194,4 @@ def time_browser(clip: Path, weights: Path, folder: Path) -> list[Figure]:
                     Figure(f"{whose}, whole meshes", finest, "pictures/s"),
                     Figure(coarse, rate, "pictures/s", "at least 15"),
                 ]
-            sys.stderr.write(gpu_sentence(page, len(five)) + "\n")
     return figures

@@ -35,17 +35,6 @@ class Figure:
         return f"{self.name:<44} {self.value:>9.2f} {self.unit:<9} {cpu:<14} {self.aim}".rstrip()
 
 
-def told(*arguments: str, **environment: str) -> str:
-    """What Python with these arguments writes."""
-    child = subprocess.run(
-        [sys.executable, *arguments], cwd=PROJECT, env={**os.environ, **environment},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if child.returncode:
-        raise RuntimeError(f"It failed: {' '.join(arguments)}\n{child.stderr}")
-    return child.stdout
-
-
 def peak_mb(*arguments: str) -> float:
     """Peak memory of Python with these arguments, or of a process it starts if that is more."""
     command, nowhere = [sys.executable, *arguments], subprocess.DEVNULL

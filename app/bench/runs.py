@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -14,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from app.bench.measured import Figure, peak_mb, told
+from app.bench.measured import Figure, peak_mb
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
-from app.run.requests.request import SIZES_PX, Ask, Event, Grown, Progress
+from app.run.requests.request import SIZES_PX, Ask, Event, Grown
 from conventions.rates import FPS
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
 from model.data.recordings import NUM_FACE_UNITS
+from model.motion.motion import Motion
 from model.systems.registry import families, family_of, list_systems, usual_systems
 from model.training.parallel import WHOLE
 from model.training.task import TaskSetup
@@ -68,85 +65,16 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
 
 
-def time_families() -> list[Figure]:
-    """What families measure of their own networks, each in a process of its own."""
-    figures = []
-    for family in families():
-        if family.has_cost:
-            code = f"import json; from {family.package}.system import measured; "
-            rows = json.loads(told("-c", code + "print(json.dumps(measured()))"))
-            figures += [Figure(*row) for row in rows]
-    return figures
-
-
 def time_training(weights: Path) -> list[Figure]:
-    """Training at the demo's and at the paper's size as it is done here, and as it was before: in
-    fp32 and not compiled."""
-    name, *others = usual_systems("bench-training")
-    figures = []
-    for config, aim in (("demo", 150), ("paper", 40)):
-        for is_fast, kind in ((False, "fp32, not compiled"), (True, "as trained")):
-            rate = training_rate(name, weights, config, fast=is_fast)
-            title = f"training, {name}, {config} size, {kind}"
-            figures.append(Figure(title, rate, "windows/s", f"at least {aim}" if is_fast else ""))
-    for other in others:
-        rate = training_rate(other, weights)
-        figures.append(Figure(f"training, {other}, demo size, as trained", rate, "windows/s"))
-    for instructions, capability in (("AVX512_CORE", "avx512"), ("AVX2", "avx2")):
-        # Of processors without AMX, and without AVX-512.
-        code = (
-            "from pathlib import Path; from app.bench.runs import training_rate; "
-            f"print(training_rate({name!r}, Path({str(weights.resolve())!r})))"
-        )
-        with tempfile.TemporaryDirectory(prefix="bench-compiled-") as compiled:
-            environment = {
-                "ONEDNN_MAX_CPU_ISA": instructions,
-                "ATEN_CPU_CAPABILITY": capability,
-                "TORCHINDUCTOR_CACHE_DIR": compiled,  # code kept for other instructions crashes
-            }
-            rate = float(told("-c", code, **environment))
-        title = f"training, {name}, demo size, {instructions}"
-        figures.append(Figure(title, rate, "windows/s"))
-    return figures
-
-
-def time_beside_busy_cores(clip: Path, weights: Path, folder: Path) -> list[Figure]:
-    """The command line with three systems: alone, beside one busy process, and beside one on each
-    core."""
-    figures = []
-    for busy in (0, 1, os.cpu_count() or 1):
-        out = folder / f"beside-{busy}"
-        flags = ["--systems", ",".join(usual_systems("bench-busy")), "--no-video"]
-        flags += ["--panels", "a,c,d", "--out", str(out)]
-        loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
-        try:
-            started = time.perf_counter()
-            told("-m", "app", "generate", str(clip), *flags, "--weights", str(weights.resolve()))
-            wall_s = time.perf_counter() - started
-        finally:
-            for loop in loops:
-                loop.kill()
-                loop.wait()
-        figures.append(Figure(f"three systems beside {busy} busy processes", wall_s, "s"))
-    return figures
-
-
-def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
-    """A whole run of all systems, as after a click on the warm page, and Figure 6 in it; its files
-    stay."""
-    figure_times: dict[float, float] = {}
-
-    def watch(event: Event) -> None:
-        if isinstance(event, Progress) and event.stage == "figure":
-            figure_times[event.fraction] = time.monotonic()
-
-    started = time.monotonic()
-    do(Ask(speech=clip, out=folder / "run", weights=weights, has_video=True), watch)
-    seconds = time.monotonic() - started
+    """Training as it is done here, at the demo's and at the paper's size."""
     return [
-        Figure("whole run, 10 s clip, all systems", seconds, "s", "at most 45 s"),
-        Figure("Figure 6 of it", figure_times[0.5] - figure_times[0.0], "s", "at most 6 s"),
-        Figure("jitter sheet of it", figure_times[1.0] - figure_times[0.5], "s"),
+        Figure(
+            f"training, {name}, {config} size, as trained",
+            training_rate(name, weights, config),
+            "windows/s",
+        )
+        for name in usual_systems("bench-training")
+        for config in ("demo", "paper")
     ]
 
 
@@ -188,19 +116,17 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     ]
 
 
-def time_measures(motion_file: Path) -> list[Figure]:
+def time_measures(motion: Motion) -> Figure:
     """All measures of a motion of a minute, raw and filtered."""
     from model.diagnostics import diagnose
     from model.motion.kinematics import open_body_skeleton
-    from model.motion.motion import load_motion
 
-    motion = load_motion(motion_file)
     frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * FPS))
     minute = motion.part(frames)
     started = time.perf_counter()
     diagnose({"motion": minute}, open_body_skeleton())
     seconds = time.perf_counter() - started
-    return [Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")]
+    return Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")
 
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:

@@ -99,7 +99,7 @@ class FileReport:
 
 Use = Literal[
     "run", "steps", "hearing", "hearing-tab", "live", "first-look", "training",
-    "bench-training", "bench-busy", "bench-browser",
+    "bench-training", "bench-browser",
 ]  # fmt: skip
 """What systems are taken for where nobody has chosen: ticked on the page for a run, ticked for the
 curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live, the
@@ -162,9 +162,6 @@ class Family:
     files: tuple[FileFlag, ...] = ()
     """What a person names to have its generators at all; a family with files has methods of its
     own that read them."""
-    has_cost: bool = False
-    """Whether its ``system`` has ``measured()``: further rows of `make bench` on what its networks
-    cost, (title, value, unit, aim) of each, measured in a process of its own."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -431,5 +431,4 @@ def test_a_click_is_timed_to_movement_measures_and_figures_and_pictures_are_coun
     assert level["mesh"] == 0 and slow > 0
     found, _ = bench_browser.pictures_per_second(page)
     assert found > 0
-    assert "2 whole bodies" in bench_browser.gpu_sentence(page, 2)
     page.context.close()

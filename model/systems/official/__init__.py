@@ -141,5 +141,4 @@ FAMILY = OfficialFamily(
             "somebody who stands still)",
         ),
     ),
-    has_cost=True,
 )  # fmt: skip

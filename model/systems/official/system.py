@@ -1,38 +1,30 @@
-"""The authors' checkpoints as a system: their sampler, windows, joins and filter, written anew; the
-8 frames that a clip starts from; and what all of it costs, with random weights of its size."""
+"""The authors' checkpoints as a system: their sampler, windows, joins and filter, written anew; and
+the 8 frames that a clip starts from."""
 
 import functools
 import os
-import resource
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, cast
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_NAMES
 from model.generation.base import Draw, System, Window, Windowing
-from model.generation.cost import generation_ms
 from model.generation.stitching import SpeechWindow
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
-from model.speech.audio import Speech
 from model.storage.npz import MotionError
 from model.systems.official import FAMILY, UNFILTERED
 from model.systems.official.files import (
-    FOLDER_VARIABLE,
     MOTION_DIM,
     SEED_FRAMES,
     SEED_VARIABLE,
-    SPEECH_DIM,
-    SPEECH_VARIABLE,
     WINDOW_FRAMES,
     Part,
     require_official,
@@ -41,10 +33,9 @@ from model.systems.official.networks import (
     OfficialExpressionNetwork,
     OfficialMotionNetwork,
     load_network,
-    make_network,
     sha256_of,
 )
-from model.systems.official.speech import STEP_SAMPLES, of_window, official_encoder
+from model.systems.official.speech import of_window, official_encoder
 
 FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
 """Savitzky-Golay of 7 frames, order 2."""
@@ -225,27 +216,3 @@ def load(name: str, folder: Path) -> OfficialSystem:
         seed=first_seed(),
         filters=name != UNFILTERED,
     )
-
-
-def measured(seconds: float = 10.0) -> list[tuple[str, float, str, str]]:
-    """Milliseconds a frame, from files as their script saves them, speech features not counted; and
-    the most memory of this process, GB, whose environment names those files from then on. See
-    `Family.has_cost`."""
-    speech = Speech(np.zeros(round(16_000 * seconds), np.float32), sha256="")
-    windows = 1 + -(-(speech.num_frames - WINDOW_FRAMES) // (STEP_SAMPLES * 30 // 16_000))
-    with tempfile.TemporaryDirectory(prefix="official-") as name:
-        folder = Path(name)
-        torch.save(make_network("motion").state_dict(), folder / "epoch_19")
-        torch.save(make_network("expression").state_dict(), folder / "speech.pt")
-        rng = np.random.default_rng(0)
-        features = rng.standard_normal((windows, WINDOW_FRAMES, SPEECH_DIM)).astype(np.float32)
-        np.save(folder / "features.npy", features)
-        os.environ |= {FOLDER_VARIABLE: name, SPEECH_VARIABLE: str(folder / "features.npy")}
-        system = FAMILY.load(FAMILY.systems[0], folder)
-        steps = system.samplers[0].steps
-        each = generation_ms(system, speech, steps)
-    memory_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    return [
-        (f"generation, size of the official code, {steps} steps", each, "ms/frame", ""),
-        ("memory of it", memory_gb, "GB", "at most 4"),
-    ]
