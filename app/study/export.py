@@ -15,7 +15,7 @@ from app.run.output.result_folder import held_folder
 from app.run.output.telling import share_teller
 from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
-from app.study.design.blinding import Blinding, draw_blinding, make_key, stimuli_of
+from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
@@ -88,9 +88,8 @@ def export_study(
             *(draw, options.parallel, should_cancel),
         )
         key = _make_videos(maker, key, sources, options, on_progress)
-        blinding = Blinding(key.study, stimuli_of(key), tuple(key.trials))
-        write_bundle(plan, design, blinding, workspace)
-        write_records(plan, design, blinding, sources, options, workspace)
+        write_bundle(plan, design, key, workspace)
+        write_records(plan, design, key, sources, options, workspace)
         workspace.clean()
         leaks = check_study(out)
     if leaks:
@@ -108,7 +107,7 @@ def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
                 "file that it names has changed; export to a new folder."
             )
         return key
-    key = replace(make_key(plan, design, draw_blinding(design)), made_of=made_of)
+    key = replace(make_key(plan, design), made_of=made_of)
     write_key(key, workspace.key)
     return key
 

@@ -12,7 +12,6 @@ import itertools
 import math
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,29 +26,45 @@ LEVEL = 0.01
 _EXACT_LIMIT = _DRAWS = 20_000
 
 
-@dataclass(frozen=True)
-class Blinding:
-    """The ids of one study."""
-
-    study: str
-    videos: Mapping[Stimulus, str]
-    trials: tuple[str, ...]
-    """In the order of `Design.trials`."""
-
-
-def draw_blinding(design: Design) -> Blinding:
-    """New ids from the system's source of randomness.
-
-    Orders of names that would suggest the method, as chance may give them, are drawn again.
+def make_key(plan: Plan, design: Design) -> Key:
+    """The key of a study none of whose videos is made: new ids from the system's source of
+    randomness. Orders of names that would suggest the method, as chance may give them, are drawn
+    again. Videos are listed by id, so that their order says nothing; trials as the design has them.
     """
-    while True:
-        blinding = Blinding(
-            study=secrets.token_hex(8),
-            videos=dict(zip(design.stimuli, _distinct(len(design.stimuli), 8), strict=True)),
-            trials=tuple(_distinct(len(design.trials), 4)),
-        )
-        if not order_tells(blinding.videos):
-            return blinding
+    names: dict[Stimulus, str] = {}
+    while not names or order_tells(names):
+        names = dict(zip(design.stimuli, _distinct(len(design.stimuli), 8), strict=True))
+    trials = _distinct(len(design.trials), 4)
+    questions = questions_of(plan.protocol)
+    asked = tuple(question.id for question in questions)
+    return Key(
+        study=secrets.token_hex(8),
+        title=plan.title,
+        protocol=plan.protocol,
+        systems=tuple(system.name for system in plan.systems),
+        questions=questions,
+        videos={
+            blind: Video(**vars(stimulus), sha256=NOT_MADE)
+            for stimulus, blind in sorted(names.items(), key=lambda item: item[1])
+        },
+        trials={
+            name: Trial(
+                kind=trial.kind,
+                clip=trial.clip,
+                videos=tuple(sorted(names[stimulus] for stimulus in trial.stimuli)),
+                questions=(ATTENTION_QUESTION,) if trial.press else asked,
+                expected=Expected(ATTENTION_QUESTION, trial.press) if trial.press else None,
+            )
+            for name, trial in zip(trials, design.trials, strict=True)
+        },
+        lists={
+            number: tuple(trials[page.trial] for page in pages)
+            for number, pages in enumerate(design.lists)
+        },
+        attention_rule=AttentionRule(plan.max_failed),
+        participants=plan.participants,
+        video_s=plan.length_s,
+    )
 
 
 def _distinct(count: int, num_bytes: int) -> list[str]:
@@ -59,51 +74,13 @@ def _distinct(count: int, num_bytes: int) -> list[str]:
     return list(names)
 
 
-def blind_lists(design: Design, blinding: Blinding) -> list[list[tuple[str, list[str]]]]:
+def blind_lists(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
     """Of each list its pages: the trial and the videos that it shows, none where it is a check."""
+    trials, names = tuple(key.trials), stimuli_of(key)
     return [
-        [
-            (blinding.trials[page.trial], [blinding.videos[each] for each in page.shown])
-            for page in pages
-        ]
+        [(trials[page.trial], [names[each] for each in page.shown]) for page in pages]
         for pages in design.lists
     ]
-
-
-def make_key(plan: Plan, design: Design, blinding: Blinding) -> Key:
-    """The key of a study none of whose videos is made. They are listed by id, so that their order
-    says nothing."""
-    questions = questions_of(plan.protocol)
-    asked = tuple(question.id for question in questions)
-    named = dict(zip(blinding.trials, design.trials, strict=True))
-    return Key(
-        study=blinding.study,
-        title=plan.title,
-        protocol=plan.protocol,
-        systems=tuple(system.name for system in plan.systems),
-        questions=questions,
-        videos={
-            blind: Video(**vars(stimulus), sha256=NOT_MADE)
-            for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
-        },
-        trials={
-            name: Trial(
-                kind=trial.kind,
-                clip=trial.clip,
-                videos=tuple(sorted(blinding.videos[stimulus] for stimulus in trial.stimuli)),
-                questions=(ATTENTION_QUESTION,) if trial.press else asked,
-                expected=Expected(ATTENTION_QUESTION, trial.press) if trial.press else None,
-            )
-            for name, trial in named.items()
-        },
-        lists={
-            number: tuple(blinding.trials[page.trial] for page in pages)
-            for number, pages in enumerate(design.lists)
-        },
-        attention_rule=AttentionRule(plan.max_failed),
-        participants=plan.participants,
-        video_s=plan.length_s,
-    )
 
 
 def stimuli_of(key: Key) -> dict[Stimulus, str]:

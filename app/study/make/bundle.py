@@ -16,7 +16,8 @@ import jinja2
 
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
-from app.study.design.blinding import Blinding, blind_lists
+from app.study.design.blinding import blind_lists, stimuli_of
+from app.study.design.key import Key
 from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.trials import Design, measure_balance, size_of
 from app.study.make import media
@@ -51,12 +52,12 @@ def templates() -> jinja2.Environment:
     return env
 
 
-def write_bundle(plan: Plan, design: Design, blinding: Blinding, workspace: Workspace) -> None:
+def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> None:
     """Write everything but the videos, and give all files of the bundle the same time."""
     for name in FIXED:
         workspace.write_text(workspace.bundle / name, (SITE / name).read_text("utf-8"))
     workspace.write_text(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
-    data = json.dumps(page_data(plan, design, blinding), ensure_ascii=True, separators=(",", ":"))
+    data = json.dumps(page_data(plan, design, key), ensure_ascii=True, separators=(",", ":"))
     workspace.write_text(workspace.bundle / DATA, f"{DATA_START}{data};\n")
     for path in (*workspace.bundle.rglob("*"), workspace.bundle):
         media.set_time(path)
@@ -76,14 +77,14 @@ def index_html(title: str, post_to: str | None) -> str:
     )
 
 
-def page_data(plan: Plan, design: Design, blinding: Blinding) -> dict[str, Any]:
+def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
     """What the page's script reads. Trials stand in the order of their random ids."""
     trials = {
         trial_id: {"kind": trial.kind, **({"press": trial.press} if trial.press else {})}
-        for trial_id, trial in sorted(zip(blinding.trials, design.trials, strict=True))
+        for trial_id, trial in sorted(zip(key.trials, design.trials, strict=True))
     }
     return {
-        "study": blinding.study,
+        "study": key.study,
         "title": plan.title,
         "sound": plan.has_sound,
         "postTo": plan.post_to,
@@ -91,7 +92,7 @@ def page_data(plan: Plan, design: Design, blinding: Blinding) -> dict[str, Any]:
         "minutes": size_of(plan, design).minutes,
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
-        "lists": blind_lists(design, blinding),
+        "lists": blind_lists(design, key),
         **fixed_words(plan.protocol),
         "reasons": wording()["reasons"] if plan.reasons and plan.protocol == "pairwise" else None,
     }
@@ -110,7 +111,7 @@ def fixed_words(protocol: str) -> dict[str, Any]:
 def write_records(
     plan: Plan,
     design: Design,
-    blinding: Blinding,
+    key: Key,
     sources: Sequence[Source],
     options: ExportOptions,
     workspace: Workspace,
@@ -118,9 +119,9 @@ def write_records(
     """Write adapters, ``manifest.json``, ``provenance.json``, ``README.md`` and
     ``preregistration.md``."""
     balance = measure_balance(design)
-    lists = blind_lists(design, blinding)
+    lists = blind_lists(design, key)
     manifest = {
-        "study": blinding.study,
+        "study": key.study,
         "title": plan.title,
         "protocol": plan.protocol,
         "clips": {
@@ -133,7 +134,7 @@ def write_records(
         },
         "videos": {
             blind: {**asdict(stimulus), "bytes": workspace.video(blind).stat().st_size}
-            for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
+            for stimulus, blind in stimuli_of(key).items()
         },
         "lists": {
             str(number): [{"trial": trial, "shown": shown} for trial, shown in pages]
@@ -156,10 +157,9 @@ def write_records(
         text = templates().get_template(f"{template}.md.j2").render(about)
         workspace.write_text(private / name, text)
     for number, pages in enumerate(lists):
-        for tool, name in (("hemvip", "subj"), ("jspsych", "timeline")):
-            path = private / "adapters" / tool / f"{name}_{number:03d}.json"
-            workspace.write_json(path, adapter(tool, plan, pages))
-    for name, table in genea_tables(plan, design, blinding).items():
+        path = private / "adapters" / "hemvip" / f"subj_{number:03d}.json"
+        workspace.write_json(path, hemvip(plan, pages))
+    for name, table in genea_tables(plan, design, key).items():
         workspace.write_text(private / "adapters" / "genea" / name, table)
 
 
@@ -200,10 +200,10 @@ def _file_names(files: Any) -> dict[str, str] | None:
     return None if files is None else {clip: path.name for clip, path in files.items()}
 
 
-def adapter(tool: str, plan: Plan, shown: Shown) -> Any:
-    """One participant's configuration of another study tool, with the same blind ids as everywhere.
-    It stays with the researcher, as such tools have their own servers and pages; attention checks
-    are not part of it, as each of them wants special videos for its own."""
+def hemvip(plan: Plan, shown: Shown) -> Any:
+    """One participant's configuration of HEMVIP, with the same blind ids as everywhere. It stays
+    with the researcher, as the tool has a server and pages of its own; attention checks are not
+    part of it, as it wants special videos for them."""
     folder = (plan.hosted_at or "").rstrip("/")
     about = {
         "plan": plan,
@@ -213,10 +213,10 @@ def adapter(tool: str, plan: Plan, shown: Shown) -> Any:
         "consent": plan.consent or wording()["consent"]["text"].strip(),
         "media": f"{folder}/media/" if folder else "media/",
     }
-    return json.loads(templates().get_template(f"{tool}.json.j2").render(about))
+    return json.loads(templates().get_template("hemvip.json.j2").render(about))
 
 
-def genea_tables(plan: Plan, design: Design, blinding: Blinding) -> dict[str, str]:
+def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
     """Pairs of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), one row for each
     trial; the trial's id takes the clip's place.
 
@@ -227,11 +227,11 @@ def genea_tables(plan: Plan, design: Design, blinding: Blinding) -> dict[str, st
         "pairwise": ("pairwise.csv", ["clip_name", "system_1", "system_2"]),
         "matched": ("mismatch.csv", ["clip_name", "system", "mismatch_type", "mismatch_data"]),
     }.get(plan.protocol, ("", []))
-    table = []
-    for trial, planned in zip(blinding.trials, design.trials, strict=True):
+    table, videos = [], stimuli_of(key)
+    for trial, planned in zip(key.trials, design.trials, strict=True):
         if planned.kind == "pair":
-            table.append([trial, *(blinding.videos[each] for each in planned.stimuli)])
+            table.append([trial, *(videos[each] for each in planned.stimuli)])
         elif planned.kind == "match":
             right, wrong = sorted(planned.stimuli, key=lambda one: one.speech != one.clip)
-            table.append([trial, blinding.videos[right], "speech", blinding.videos[wrong]])
+            table.append([trial, videos[right], "speech", videos[wrong]])
     return {name: csv_text([header, *sorted(table)], line_end="\n")} if name else {}

@@ -19,7 +19,7 @@ from app.study.design.key import (
     Video,
     write_key,
 )
-from app.study.simulate import RaterModel, World, answers_file
+from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
 
 SYSTEMS = ("local", "global", "rival")
@@ -76,20 +76,19 @@ def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4)
     )
 
 
-def made_world(key: Key, model: RaterModel | None = None, seed: int = 0) -> World:
-    """Raters of known strengths."""
-    return World(key, STRENGTHS, model or RaterModel(lapse=0), np.random.default_rng(seed))
+def made_files(
+    key: Key, count: int, model: RaterModel | None = None, seed: int = 0
+) -> list[dict[str, Any]]:
+    """What so many raters of known strengths send."""
+    rng = np.random.default_rng(seed)
+    return list(made_answers(key, STRENGTHS, count, model or RaterModel(lapse=0), rng))
 
 
-def made_files(key: Key, count: int, model: RaterModel | None = None) -> list[dict[str, Any]]:
-    """What so many raters send."""
-    world = made_world(key, model)
-    return [answers_file(world, rater) for rater in range(count)]
-
-
-def made_participants(key: Key, count: int, model: RaterModel | None = None) -> list[Participant]:
+def made_participants(
+    key: Key, count: int, model: RaterModel | None = None, seed: int = 0
+) -> list[Participant]:
     """The same, read."""
-    files = made_files(key, count, model)
+    files = made_files(key, count, model, seed)
     sent = [checked(json.dumps(content), Participant) for content in files]
     return [fitting(replace(one, source="made.json"), key)[0] for one in sent]
 

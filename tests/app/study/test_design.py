@@ -11,7 +11,6 @@ import pytest
 from app.study.design import blinding
 from app.study.design.blinding import (
     LEVEL,
-    draw_blinding,
     make_key,
     order_probability,
     order_tells,
@@ -179,15 +178,14 @@ def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path):
 def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path):
     for protocol in PROTOCOLS:
         plan, design = design_of(tmp_path, protocol, participants=5)
-        drawn, other = draw_blinding(design), draw_blinding(design)
-        assert not set(drawn.videos.values()) & set(other.videos.values())
-        key = make_key(plan, design, drawn)
-        assert stimuli_of(key) == drawn.videos and tuple(key.trials) == drawn.trials
-        assert len(key.lists) == 5
+        key, other = make_key(plan, design), make_key(plan, design)
+        assert not key.videos.keys() & other.videos.keys()
+        assert set(stimuli_of(key)) == set(design.stimuli) and len(key.lists) == 5
+        assert [t.kind for t in key.trials.values()] == [t.kind for t in design.trials]
 
 
 def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_path, monkeypatch):
-    _, design = design_of(tmp_path, "rating")
+    plan, design = design_of(tmp_path, "rating")
     by_system = sorted(design.stimuli, key=lambda stimulus: stimulus.system)
     telling = [f"{by_system.index(stimulus):016x}" for stimulus in design.stimuli]
     first, distinct = [telling], blinding._distinct
@@ -196,9 +194,9 @@ def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_pat
         "_distinct",
         lambda count, size: first.pop() if size == 8 and first else distinct(count, size),
     )
-    drawn = draw_blinding(design)
+    names = stimuli_of(make_key(plan, design))
     assert order_tells(dict(zip(design.stimuli, telling, strict=True))) and not first
-    assert not set(drawn.videos.values()) & set(telling) and not order_tells(drawn.videos)
+    assert not set(names.values()) & set(telling) and not order_tells(names)
 
 
 def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):

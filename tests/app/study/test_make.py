@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.design.blinding import Blinding, blind_lists, draw_blinding
+from app.study.design.blinding import blind_lists, make_key
+from app.study.design.key import Key
 from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
-from app.study.make.bundle import adapter, genea_tables
+from app.study.make.bundle import genea_tables, hemvip
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.clip_noise import clip_seed
@@ -232,63 +233,48 @@ def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp
         planned_sources(tmp_path, text)
 
 
-def blinded(folder: Path, settings: str) -> tuple[Plan, Design, Blinding, list]:
-    """With the trials of the first list that show videos."""
+def blinded(folder: Path, protocol: str) -> tuple[Plan, Design, Key]:
+    settings = f'protocol = "{protocol}"\nhosted_at = "https://host.org/study/"'
     plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], settings))
     design = make_design(plan)
-    blinding = draw_blinding(design)
-    shown = [(trial, videos) for trial, videos in blind_lists(design, blinding)[0] if videos]
-    return plan, design, blinding, shown
+    return plan, design, make_key(plan, design)
 
 
-def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path):
+def test_hemvip_gets_blind_videos_and_no_name(tmp_path):
     for protocol, page_type, per_trial in [
         ("pairwise", "videopc", 1),
         ("matched", "videopc", 1),
         ("ranking", "video", 3),
         ("rating", "video", 1),
     ]:
-        settings = f'protocol = "{protocol}"\nhosted_at = "https://host.org/study/"'
-        plan, design, blinding, shown = blinded(tmp_path, settings)
-        config = adapter("hemvip", plan, shown)
+        plan, design, key = blinded(tmp_path, protocol)
+        shown = [(trial, videos) for trial, videos in blind_lists(design, key)[0] if videos]
+        config = hemvip(plan, shown)
         assert config.keys() == {"testname", "stopOnErrors", "remoteService", "pages"}
         first, *pages, last = config["pages"]
         assert (first["type"], last["type"]) == ("generic", "finish")
         assert {page["type"] for page in pages} == {page_type}
         assert len(pages) == per_trial * len(shown)
         for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
-            assert name in blinding.videos.values()
+            assert name in key.videos
             assert address == f"https://host.org/study/media/{name}.mp4"
-        preload, _, *timeline = adapter("jspsych", plan, shown)
-        assert preload["type"] == "jsPsychPreload"
-        seen: set[str] = set()
-        for trial in timeline:  # every video is played before it is asked for
-            if trial["type"] == "jsPsychVideoButtonResponse":
-                assert trial["response_allowed_while_playing"] is False
-                seen.add(trial["data"]["video"])
-            else:
-                assert set(trial["data"]["shown"]) <= seen
-        assert seen == {video for _, videos in shown for video in videos}
-        text = json.dumps([config, preload, timeline])
-        text += "".join(genea_tables(plan, design, blinding).values())
+        text = json.dumps(config) + "".join(genea_tables(plan, design, key).values())
         assert not [name for name in (*SYSTEMS, *CLIPS[:2]) if name in text]
 
 
 def test_genea_gets_pairs_and_mismatches(tmp_path):
-    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "pairwise"')
-    (table,) = genea_tables(plan, design, blinding).values()
+    plan, design, key = blinded(tmp_path, "pairwise")
+    (table,) = genea_tables(plan, design, key).values()
     header, *rows = csv.reader(table.splitlines())
     assert header == ["clip_name", "system_1", "system_2"]
-    pairs = {frozenset(blinding.videos[s] for s in t.stimuli) for t in design.trials if t.stimuli}
+    pairs = {frozenset(trial.videos) for trial in key.trials.values() if trial.videos}
     assert {frozenset(row[1:]) for row in rows} == pairs
-    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "matched"')
-    (table,) = genea_tables(plan, design, blinding).values()
+    plan, design, key = blinded(tmp_path, "matched")
+    (table,) = genea_tables(plan, design, key).values()
     header, *rows = csv.reader(table.splitlines())
     assert header == ["clip_name", "system", "mismatch_type", "mismatch_data"]
-    stimuli = {blind: stimulus for stimulus, blind in blinding.videos.items()}
     assert len(rows) == 6
     for _, right, kind, wrong in rows:
         assert kind == "speech"
-        assert stimuli[right].speech == stimuli[right].clip != stimuli[wrong].speech
-    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "ranking"')
-    assert genea_tables(plan, design, blinding) == {}
+        assert key.videos[right].is_matched and not key.videos[wrong].is_matched
+    assert genea_tables(*blinded(tmp_path, "ranking")) == {}

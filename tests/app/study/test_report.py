@@ -15,7 +15,7 @@ from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
 from app.study.report.report import NO_BREAK, headline, p_value, percent, say
-from app.study.simulate import ALIKE, RaterModel, World, answers_file
+from app.study.simulate import ALIKE, RaterModel, made_answers
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.shares import Number, share_numbers, smallest_share_detected
 from tests.app.study.made import (
@@ -281,6 +281,6 @@ def test_any_name_of_a_system_can_be_drawn(tmp_path):
     }
     key = replace(key, systems=tuple(names.values()), videos=videos)
     strengths = {names[name]: value for name, value in STRENGTHS.items()}
-    world = World(key, strengths, ATTENTIVE, np.random.default_rng(0))
-    page = report_of(tmp_path, key, [answers_file(world, rater) for rater in range(4)])
+    files = made_answers(key, strengths, 4, ATTENTIVE, np.random.default_rng(0))
+    page = report_of(tmp_path, key, list(files))
     assert all(f">{name}</td>" in page for name in names.values())

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.design.checked import checked
-from app.study.simulate import ALIKE, RaterModel, answers_file, davidson, simulate
-from app.study.statistics.answers import Participant, collect, fitting
+from app.study.simulate import ALIKE, RaterModel, davidson, simulate
+from app.study.statistics.answers import collect
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.screening import screen
 from app.study.statistics.votes import MISMATCHED, between, votes_of
@@ -19,7 +18,6 @@ from tests.app.study.made import (
     STRENGTHS,
     made_key,
     made_participants,
-    made_world,
     written_study,
 )
 
@@ -102,10 +100,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
     tie = ALIKE.tie if protocol == "pairwise" else 0.0
     held = []
     for study in range(60):
-        world = made_world(key, ALIKE, seed=study)
-        files = [json.dumps(answers_file(world, rater)) for rater in range(28)]
-        people = [fitting(checked(content, Participant), key)[0] for content in files]
-        (result,) = analyse_participants(people, key)
+        (result,) = analyse_participants(made_participants(key, 28, ALIKE, seed=study), key)
         for first, second in combinations(key.systems, 2):
             gap = STRENGTHS[first] - STRENGTHS[second]
             share = davidson(gap + np.array([side, -side]), tie).mean(0) @ [1, 0.5, 0]
