@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, Float64
+from scipy.spatial.transform import Rotation
 
 from conventions.joints import NUM_JOINTS
 from conventions.views import LOOKS
@@ -165,7 +166,8 @@ class Body(BodyArrays):
         self, motion: BodyMotion, frames: slice, shaped_joints: Float64[np.ndarray, "J 3"]
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
         """Local rotations, and rest joints after the expression of each frame."""
-        local_rot = skinning.matrix_from_axis_angle(motion.poses[frames].reshape(-1, NUM_JOINTS, 3))
+        turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
+        local_rot = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
         expressions = self._expressions(motion, frames)
         shift = np.tensordot(expressions, self.expression_joints, 1)
         return local_rot, shaped_joints + shift

@@ -14,20 +14,6 @@ from scipy import sparse
 from conventions.joints import NUM_JOINTS, PARENTS
 
 
-def matrix_from_axis_angle(axis_angle: Float[np.ndarray, "*batch 3"]) -> np.ndarray:
-    """(*batch, 3, 3) float64 rotation matrices; exact at and near zero angle."""
-    rotvec = np.asarray(axis_angle, np.float64)
-    angle_squared = (rotvec**2).sum(-1)[..., None, None]
-    angle = np.sqrt(angle_squared)
-    sine = np.sinc(angle / np.pi)  # sin(angle) / angle
-    cosine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # (1 - cos(angle)) / angle^2
-    cross = np.zeros((*rotvec.shape, 3))
-    cross[..., 0, 1], cross[..., 0, 2] = -rotvec[..., 2], rotvec[..., 1]
-    cross[..., 1, 0], cross[..., 1, 2] = rotvec[..., 2], -rotvec[..., 0]
-    cross[..., 2, 0], cross[..., 2, 1] = -rotvec[..., 1], rotvec[..., 0]
-    return np.eye(3) + sine * cross + cosine * (cross @ cross)
-
-
 def global_transforms(
     local_rot: Float64[np.ndarray, "T J 3 3"], rest_joints: Float64[np.ndarray, "T J 3"]
 ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:

@@ -107,13 +107,13 @@ def try_backend(name: Backend) -> BackendReport:
     """Draw through a backend in this process, and look whether there is something."""
     from renderer.body.body import load_body
     from renderer.scene.camera import frame_points
-    from renderer.scene.stage import Stage
+    from renderer.scene.stage import Shot, Stage
     from renderer.scene.studio import FramePreparer, Studio, Subject
 
     body = load_body()
     vertices, faces = body.template, body.faces
     camera = frame_points(vertices)
-    stage = Stage(camera, floor_m=-1.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+    stage = Stage((Shot("front", camera),), floor_m=-1.0)
     prepare = FramePreparer(faces, len(vertices), stage, Studio())
     subject = Subject(faces, None, prepare.ground.corners())
     frame = prepare(vertices)

@@ -30,7 +30,7 @@ from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
 from renderer.files.exports import written_whole
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.stage import camera_track, set_stage
+from renderer.scene.stage import set_stage
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
@@ -101,8 +101,8 @@ def glb_bytes(
     mesh = _mesh(buffer, body, vertices, used)
     stage = set_stage(body, [motion], _CAMERA_VIEW, aspect, framing=framing)
     animation = _animation(buffer, motion, offsets[0], nodes, used)
-    if stage.is_following:
-        track = camera_track(body, motion, _CAMERA_VIEW, stage) + stage.camera.eye
+    if stage.shots[0].is_following:
+        track = stage.tracks(body, motion)[0] + stage.camera.eye
         animation.add(_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32)))
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
     nodes.append(_camera_node(stage.camera))

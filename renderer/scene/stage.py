@@ -142,50 +142,66 @@ def cut_out(body: Body, view: str) -> Cutout:
 
 @dataclass(frozen=True)
 class Shot:
-    """The camera of a close-up beside the picture, relative to the point that it follows."""
+    """The camera of a panel."""
 
     view: str
     camera: Camera
+    """Where it follows: relative to the point that it follows."""
+    sigma_frames: float | None = None
+    """How slowly it goes with the body; None stands still."""
     way: Float[np.ndarray, "T 3"] | None = None
     """Where it goes in each frame, metres; None follows whatever motion is drawn."""
+
+    @property
+    def is_following(self) -> bool:
+        return self.sigma_frames is not None
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A camera, and the floor under the motions it was made for. Metres, y up."""
+    """Cameras, and the floor under the motions they were made for. Metres, y up."""
 
-    camera: Camera
-    """Where it follows: relative to the point that it follows."""
+    shots: tuple[Shot, ...]
+    """Of the body's panel, and after it of the close-ups."""
     floor_m: float
-    centre_xz: tuple[float, float]
+    centre_xz: tuple[float, float] = (0.0, 0.0)
     """Middle of the ground that the joints stay above."""
-    extent_m: float
+    extent_m: float = 0.0
     """Longer side of that ground."""
-    is_following: bool = False
-    """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
-    close_ups: tuple[Shot, ...] = ()
-    """Of the panels beside the picture, in their order."""
-    way: Float[np.ndarray, "T 3"] | None = None
-    """As of a `Shot`, of the camera."""
+
+    @property
+    def camera(self) -> Camera:
+        """Of the body's panel."""
+        return self.shots[0].camera
 
     def seen_from(self, orbit: Orbit) -> "Stage":
         """The same stage before a camera that was moved around the middle of its bodies."""
         if not orbit.is_moved:
             return self
-        x, z = (0.0, 0.0) if self.is_following else self.centre_xz
+        first, *others = self.shots
+        x, z = (0.0, 0.0) if first.is_following else self.centre_xz
         middle = np.array([x, self.floor_m + MIDDLE_M, z])
-        return replace(self, camera=orbit.moved(self.camera, middle))
+        moved = replace(first, camera=orbit.moved(first.camera, middle))
+        return replace(self, shots=(moved, *others))
 
-    def following(self, body: Body, motion: BodyMotion, view: str = "front") -> "Stage":
-        """The same stage, whose cameras follow this motion, whatever is drawn of it."""
-        ways = close_up_tracks(body, motion, self)
-        return replace(
-            self,
-            way=camera_track(body, motion, view, self),
-            close_ups=tuple(
-                replace(shot, way=way) for shot, way in zip(self.close_ups, ways, strict=True)
-            ),
-        )
+    def tracks(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
+        """Where the camera of each shot stands in each frame, relative to it, metres."""
+        positions = None
+        tracks = []
+        for shot in self.shots:
+            if shot.way is not None:
+                tracks.append(shot.way)
+            elif shot.sigma_frames is None:
+                tracks.append(np.zeros((motion.num_frames, 3)))
+            else:
+                positions = _joint_positions(body, motion) if positions is None else positions
+                tracks.append(_track(positions, shot.view, shot.sigma_frames))
+        return tracks
+
+    def going(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "Stage":
+        """The same stage, whose cameras go these ways, whatever is drawn."""
+        shots = (replace(shot, way=way) for shot, way in zip(self.shots, ways, strict=True))
+        return replace(self, shots=tuple(shots))
 
 
 def set_stage(
@@ -199,7 +215,8 @@ def set_stage(
     """The stage that shows all of these motions, each in turn, with equal cameras.
 
     The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
-    than posing every vertex, and the picture's margin takes up what skinning adds.
+    than posing every vertex, and the picture's margin takes up what skinning adds. Of a hand beside
+    the picture no more of the arm is framed than there is room for.
 
     Args:
         view: one of ``camera.VIEWS``.
@@ -213,39 +230,43 @@ def set_stage(
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
     reach = _reach(body)
-    shown = CLOSE_UP_JOINTS.get(view, _framed(framing))
     if framing == "knees":
         knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
         reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
-    from_afar, along, pelvises, floors, corners = [], [], [], [], []
-    near: list[list[np.ndarray]] = [[] for _ in close_ups]
+    joints = CLOSE_UP_JOINTS.get(view, _framed(framing))
+    sigma = CLOSE_UP_SIGMA_FRAMES if view in CLOSE_UP_JOINTS else WALK_SIGMA_FRAMES
+    seen = [(view, aspect, joints, reach[joints], sigma)]
+    for panel in close_ups:
+        joints, is_face = CLOSE_UP_JOINTS[panel.view], panel.view == "face"
+        flesh = reach[joints] if is_face else np.minimum(reach[joints], FINGERTIP_M)
+        sigma = CLOSE_UP_SIGMA_FRAMES if is_face else STEADY_SIGMA_FRAMES
+        seen.append((panel.view, panel.aspect, joints, flesh, sigma))
+    places: list[list[np.ndarray]] = [[] for _ in seen]
+    from_afar, pelvises, floors, corners = [], [], [], []
     for motion in motions:
         positions = _joint_positions(body, motion)
-        from_afar.append(outermost(positions[:, shown], view, aspect=aspect))
-        relative = positions[:, shown] - _track(positions, view)[:, None]
-        along.append(outermost(relative, view, aspect=aspect))
-        for places, panel in zip(near, close_ups, strict=True):
-            followed = positions[:, CLOSE_UP_JOINTS[panel.view]]
-            relative = followed - _steady_track(positions, panel.view)[:, None]
-            places.append(outermost(relative, panel.view, aspect=panel.aspect))
+        from_afar.append(outermost(positions[:, seen[0][2]], view, aspect=aspect))
+        for found, (name, ratio, joints, _, sigma) in zip(places, seen, strict=True):
+            relative = positions[:, joints] - _track(positions, name, sigma)[:, None]
+            found.append(outermost(relative, name, aspect=ratio))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
     wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
-    is_following = view in CLOSE_UP_JOINTS or wandered_m > FOLLOW_BEYOND_M
-    points = np.concatenate(along if is_following else from_afar)
-    radius = np.broadcast_to(reach[shown], points.shape[:2])
+    shots = []
+    for found, (name, ratio, _, flesh, sigma) in zip(places, seen, strict=True):
+        if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_BEYOND_M:
+            found, sigma = from_afar, None
+        points = np.concatenate(found)
+        radius = np.broadcast_to(flesh, points.shape[:2]).ravel()
+        camera = frame_points(points.reshape(-1, 3), name, aspect=ratio, radius_m=radius)
+        shots.append(Shot(name, camera, sigma))
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
     return Stage(
-        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=radius.ravel()),
+        shots=tuple(shots),
         floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),
-        is_following=is_following,
-        close_ups=tuple(
-            _shot(panel, np.concatenate(places), reach)
-            for places, panel in zip(near, close_ups, strict=True)
-        ),
     )
 
 
@@ -255,19 +276,6 @@ def _framed(framing: Framing) -> list[int]:
     return [
         joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
     ]
-
-
-def _shot(panel: Panel, points: Float[np.ndarray, "N J 3"], reach: np.ndarray) -> Shot:
-    """The camera that has these places of a panel's joints inside, of a hand those of the fingers
-    and no more of the arm than there is room for."""
-    of_joint = reach[CLOSE_UP_JOINTS[panel.view]]
-    if panel.view != "face":
-        of_joint = np.minimum(of_joint, FINGERTIP_M)
-    radius = np.broadcast_to(of_joint, points.shape[:2])
-    camera = frame_points(
-        *(points.reshape(-1, 3), panel.view), aspect=panel.aspect, radius_m=radius.ravel()
-    )
-    return Shot(panel.view, camera)
 
 
 def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
@@ -281,28 +289,6 @@ def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
     )
 
 
-def camera_track(
-    body: Body, motion: BodyMotion, view: str, stage: Stage
-) -> Float[np.ndarray, "T 3"]:
-    """Where the camera of a view stands in each frame, relative to ``stage.camera``, metres."""
-    if stage.way is not None:
-        return stage.way
-    if not stage.is_following:
-        return np.zeros((motion.num_frames, 3))
-    return _track(_joint_positions(body, motion), view)
-
-
-def close_up_tracks(body: Body, motion: BodyMotion, stage: Stage) -> list[Float[np.ndarray, "T 3"]]:
-    """Where the camera of each of ``stage.close_ups`` stands in each frame, metres."""
-    if not stage.close_ups:
-        return []
-    positions = _joint_positions(body, motion)
-    return [
-        _steady_track(positions, shot.view) if shot.way is None else shot.way
-        for shot in stage.close_ups
-    ]
-
-
 def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
     """All joints of a clip, computed in pieces so that memory follows the result alone."""
     starts = range(0, motion.num_frames, _PIECE_FRAMES)
@@ -313,21 +299,15 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
     return np.concatenate(pieces)
 
 
-def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+def _track(
+    positions: Float[np.ndarray, "T J 3"], view: str, sigma_frames: float
+) -> Float[np.ndarray, "T 3"]:
     """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
     if view in CLOSE_UP_JOINTS:
-        middle, sigma = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_SIGMA_FRAMES
+        middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
     else:
-        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), WALK_SIGMA_FRAMES
-    return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
-
-
-def _steady_track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
-    """As ``_track`` of a close-up, but close on the heels of a hand."""
-    if view == "face":
-        return _track(positions, view)
-    middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
-    return ndimage.gaussian_filter1d(middle, STEADY_SIGMA_FRAMES, axis=0, mode="nearest")
+        middle = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32)
+    return ndimage.gaussian_filter1d(middle, sigma_frames, axis=0, mode="nearest")
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:

@@ -22,8 +22,6 @@ from renderer.scene.stage import (
     Cutout,
     Panel,
     Stage,
-    camera_track,
-    close_up_tracks,
     cut_out,
     frames_of,
     lay_out,
@@ -185,17 +183,13 @@ def _shown(
     stage: Stage,
 ) -> list[Shown]:
     """Of each panel, in the order of the panels."""
-    panel, *beside = settings.panels
-    if [shot.view for shot in stage.close_ups] != [each.view for each in beside]:
+    panels = settings.panels
+    if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
-    track = camera_track(body, motion, settings.view, stage)
-    tracks = close_up_tracks(body, motion, stage)
+    tracks = stage.tracks(body, motion)
     return [
-        Shown(panel, stage.camera, track[frames]),
-        *(
-            Shown(each, shot.camera, track[frames], cut_out(body, each.view))
-            for each, shot, track in zip(beside, stage.close_ups, tracks, strict=True)
-        ),
+        Shown(panel, shot.camera, track[frames], cut_out(body, panel.view) if number else None)
+        for number, (panel, shot, track) in enumerate(zip(panels, stage.shots, tracks, strict=True))
     ]
 
 
@@ -362,7 +356,7 @@ def projected_joints(
     """
     chosen = list(frames)
     joints = body.joint_positions(frames_of(motion, chosen))
-    track = camera_track(body, motion, settings.view, stage)[chosen]
+    track = stage.tracks(body, motion)[0][chosen]
     size = (settings.width, settings.height)
     return np.stack(
         [

@@ -296,22 +296,19 @@ def _seen_from_there(
     Args:
         raw: by the keys of ``jobs``.
     """
-    from renderer.scene.stage import camera_track
-
     if seen.mode != "grid" and seen.is_aligned:
         jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
         stage = job.stage.seen_from(seen.camera)
-        stage = stage.following(body, raw[key])
+        ways = stage.tracks(body, raw[key])
         if seen.mode != "grid":
-            way = camera_track(body, raw["0"], "front", replace(stage, way=None))
-            frames = np.minimum(np.arange(raw[key].num_frames), len(way) - 1)
-            stage = replace(stage, way=way[frames])
+            way, *_ = stage.tracks(body, raw["0"])
+            ways[0] = way[np.minimum(np.arange(raw[key].num_frames), len(way) - 1)]
         if seen.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
             trail = replace(job.marks.trail, is_on_body=False)
             job = replace(job, marks=replace(job.marks, trail=trail))
-        jobs[key] = replace(job, stage=stage)
+        jobs[key] = replace(job, stage=stage.going(ways))
     return jobs
 
 

@@ -12,7 +12,7 @@ from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
-from renderer.scene.stage import Stage
+from renderer.scene.stage import Shot, Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
 from renderer.video.render import RenderSettings, draw_vertices, render_stills
 from tests.golden.regenerate import PICTURES, posed
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.gl
 SIZE = (160, 120)
 RED, GREEN = (0.9, 0.02, 0.02), (0.02, 0.9, 0.02)
 CAMERA = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), yfov_rad=0.8)
-STAGE = Stage(CAMERA, floor_m=0.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+STAGE = Stage((Shot("front", CAMERA),), floor_m=0.0)
 
 
 def box(low, high) -> tuple[np.ndarray, np.ndarray]:

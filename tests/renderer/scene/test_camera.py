@@ -21,7 +21,7 @@ from renderer.scene.camera import (
     outermost,
     view_axes,
 )
-from renderer.scene.stage import MIDDLE_M, Panel, camera_track, close_up_tracks, lay_out, set_stage
+from renderer.scene.stage import MIDDLE_M, Panel, lay_out, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -153,7 +153,7 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
 
     def shown(motion: BodyMotion) -> np.ndarray:
         stage = set_stage(body, [motion], close_ups=panels)
-        shot, track = stage.close_ups[place], close_up_tracks(body, motion, stage)[place]
+        shot, track = stage.shots[1 + place], stage.tracks(body, motion)[1 + place]
         chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
         cameras = [shot.camera.moved(offset) for offset in track]
         assert all(
@@ -180,10 +180,10 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
     heads = np.concatenate([chunk[:, head] for chunk in body.vertices(walking)])
     stage = set_stage(body, [still, walking], "face")
-    for vertices, offset in zip(heads, camera_track(body, walking, "face", stage), strict=True):
+    for vertices, offset in zip(heads, stage.tracks(body, walking)[0], strict=True):
         assert sees(stage.camera.moved(offset), vertices, 400, 400).all()
     stage = set_stage(body, [still], "face")
-    camera = stage.camera.moved(camera_track(body, still, "face", stage)[0])
+    camera = stage.camera.moved(stage.tracks(body, still)[0][0])
     pixels = camera.project(body.template[head], 400, 400)
     assert np.ptp(pixels[:, 1]) > 130
 
@@ -195,7 +195,7 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     stage = set_stage(body, motions, view)
     heights = []
     for motion in motions:
-        track = camera_track(body, motion, view, stage)
+        track = stage.tracks(body, motion)[0]
         vertices = np.concatenate(list(body.vertices(motion)))
         for frame in range(0, 120, 14):
             camera = stage.camera.moved(track[frame])
@@ -213,7 +213,7 @@ def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(vie
     motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.resting(3)]
     stage = set_stage(body, motions, view, size[0] / size[1])
     assert stage == set_stage(body, motions[::-1], view, size[0] / size[1])
-    assert not stage.is_following and not camera_track(body, motions[0], view, stage).any()
+    assert not stage.shots[0].is_following and not stage.tracks(body, motions[0])[0].any()
     for motion in motions:
         for chunk in body.vertices(motion):
             assert sees(stage.camera, chunk, *size).all()
@@ -293,8 +293,7 @@ def test_cameras_follow_the_motion_they_are_told_to_and_no_other():
     body = load_body()
     calm, other = waving_motion(20), waving_motion(20, walk_m=3.0)
     stage = set_stage(body, [calm, other], close_ups=[Panel("right_hand", 0, 0, 40, 40)])
-    assert stage.is_following
-    told, way = stage.following(body, calm), camera_track(body, calm, "front", stage)
-    assert np.array_equal(camera_track(body, other, "front", told), way)
-    assert np.array_equal(close_up_tracks(body, other, told), close_up_tracks(body, calm, stage))
-    assert not np.allclose(camera_track(body, other, "front", stage), way)
+    assert stage.shots[0].is_following
+    ways = stage.tracks(body, calm)
+    assert np.array_equal(stage.going(ways).tracks(body, other), ways)
+    assert not np.allclose(stage.tracks(body, other)[0], ways[0])
