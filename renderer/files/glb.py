@@ -29,8 +29,8 @@ from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
 from renderer.files.exports import written_whole
-from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.stage import set_stage
+from renderer.scene.camera import Z_NEAR_M
+from renderer.scene.stage import Stage, set_stage
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
@@ -100,27 +100,38 @@ def glb_bytes(
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
     stage = set_stage(body, [motion], _CAMERA_VIEW, aspect, framing=framing)
-    animation = _animation(buffer, motion, offsets[0], nodes, used)
-    if stage.shots[0].is_following:
-        track = stage.tracks(body, motion)[0] + stage.camera.eye
-        animation.add(_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32)))
+    animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
+    if markers:
+        told = [
+            {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
+            for seconds, name in markers
+        ]
+        animation["extras"] = {"markers": told}
+    camera = stage.camera
+    lens = {"yfov": camera.yfov_rad, "aspectRatio": aspect, "znear": Z_NEAR_M}
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
-    nodes.append(_camera_node(stage.camera))
+    nodes.append(
+        {
+            "name": "camera",
+            "camera": 0,
+            "translation": list(camera.eye),
+            "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
+        }
+    )
+    material = {
+        "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.75},
+        "doubleSided": True,
+    }
     document = {
         "asset": {"version": "2.0", "generator": "co-speech motion app"},
         "scene": 0,
         "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
         "nodes": nodes,
-        "cameras": [_camera(stage.camera, aspect)],
+        "cameras": [{"type": "perspective", "perspective": lens}],
         "skins": [skin],
         "meshes": [mesh, *(_coarser_mesh(buffer, mesh, faces) for faces in coarser)],
-        "materials": [
-            {
-                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.75},
-                "doubleSided": True,
-            }
-        ],
-        "animations": [animation.document() | _extras(markers)],
+        "materials": [material],
+        "animations": [animation],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
@@ -227,8 +238,7 @@ def _mesh(
     linear = body.vertex_colors if body.vertex_colors is not None else np.array([CLAY])
     colors[:, :3] = np.round(linear * 65535)
     index_type = np.uint16 if num_vertices <= 65535 else np.uint32
-    vertex_type = np.uint16 if num_vertices <= 65535 else np.uint32
-    moved = body.expression_vertices.astype(vertex_type)
+    moved = body.expression_vertices.astype(index_type)
     primitive: dict = {
         "attributes": {
             "POSITION": buffer.accessor(vertices, target=_ARRAY_BUFFER, bounds=True),
@@ -273,82 +283,49 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return joints.astype(np.uint8), levels.astype(np.uint16)
 
 
-class _Animation:
-    """The channels of one animation; all share its times."""
-
-    def __init__(self, times: int) -> None:
-        """
-        Args:
-            times: number of the accessor.
-        """
-        self._times = times
-        self._samplers: list[dict] = []
-        self._channels: list[dict] = []
-
-    def add(self, node: int, path: str, output: int) -> None:
-        """Let the values in an accessor move a property of a node."""
-        target = {"node": node, "path": path}
-        self._channels.append({"sampler": len(self._samplers), "target": target})
-        sampler = {"input": self._times, "output": output, "interpolation": "LINEAR"}
-        self._samplers.append(sampler)
-
-    def document(self) -> dict:
-        return {"name": "motion", "samplers": self._samplers, "channels": self._channels}
-
-
 def _animation(
     buffer: _Buffer,
+    body: Body,
     motion: BodyMotion,
+    stage: Stage,
     pelvis: Float[np.ndarray, " 3"],
     nodes: list[dict],
     used: list[int],
-) -> _Animation:
+) -> dict:
     """The moving body; a joint that never turns gets its rotation in ``nodes`` instead."""
-    times = np.arange(motion.num_frames, dtype=np.float32) / FPS
-    animation = _Animation(buffer.accessor(times, bounds=True))
+    frames = np.arange(motion.num_frames, dtype=np.float32) / FPS
+    times = buffer.accessor(frames, bounds=True)
     rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
     quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
     # Neighbouring frames get the same sign, so that players interpolate the short way.
     flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
     flips[flips == 0] = 1
     quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
+    moved: list[tuple[int, str, int]] = []
     for joint in range(NUM_JOINTS):
         of_joint = quaternions[:, joint]
         if np.ptp(of_joint, axis=0).max() < 1e-7:
             nodes[joint]["rotation"] = of_joint[0].tolist()
             continue
         levels = np.round(of_joint * 32767).astype(np.int16)
-        animation.add(joint, "rotation", buffer.accessor(levels, normalized=True))
+        moved.append((joint, "rotation", buffer.accessor(levels, normalized=True)))
     positions = (pelvis + motion.trans).astype(np.float32)
-    animation.add(0, "translation", buffer.accessor(positions))
+    moved.append((0, "translation", buffer.accessor(positions)))
     if used:
         weights = np.ascontiguousarray(motion.expressions[:, used], np.float32)
-        animation.add(_BODY_NODE, "weights", buffer.accessor(weights.ravel()))
-    return animation
-
-
-def _extras(markers: Sequence[tuple[float, str]]) -> dict:
-    """Of an animation."""
-    told = [
-        {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
-        for seconds, name in markers
-    ]
-    return {"extras": {"markers": told}} if told else {}
-
-
-def _camera(camera: Camera, aspect: float) -> dict:
+        moved.append((_BODY_NODE, "weights", buffer.accessor(weights.ravel())))
+    if stage.shots[0].is_following:
+        track = stage.tracks(body, motion)[0] + stage.camera.eye
+        moved.append((_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32))))
     return {
-        "type": "perspective",
-        "perspective": {"yfov": camera.yfov_rad, "aspectRatio": aspect, "znear": Z_NEAR_M},
-    }
-
-
-def _camera_node(camera: Camera) -> dict:
-    return {
-        "name": "camera",
-        "camera": 0,
-        "translation": list(camera.eye),
-        "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
+        "name": "motion",
+        "samplers": [
+            {"input": times, "output": output, "interpolation": "LINEAR"} for *_, output in moved
+        ],
+        "channels": [
+            {"sampler": number, "target": {"node": node, "path": path}}
+            for number, (node, path, _) in enumerate(moved)
+        ],
     }
 
 
