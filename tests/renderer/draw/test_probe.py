@@ -8,26 +8,8 @@ from pathlib import Path
 import pytest
 
 from renderer.draw import probe
-from renderer.draw.offscreen import BACKENDS
-from renderer.draw.probe import BackendReport, choose_backend, probe_backend, probe_backends
+from renderer.draw.probe import BackendReport, choose_backend, probe_backend
 from tests.helpers import ROOT
-
-
-@pytest.mark.slow
-@pytest.mark.gl
-def test_every_backend_is_reported():
-    reports = probe_backends()
-    assert tuple(report.name for report in reports) == BACKENDS
-    for report in reports:
-        if report.works:
-            assert report.renderer_string and report.error == ""
-            assert report.ms_per_frame is not None and report.ms_per_frame > 0
-        else:
-            assert report.error and report.ms_per_frame is None
-    working = [report for report in reports if report.works]
-    hardware = [report.name for report in working if report.has_hardware]
-    quickest = min(working, key=lambda report: report.ms_per_frame).name
-    assert choose_backend() in (hardware or [quickest])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from conventions.views import BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
-from renderer.files.glb import STEP_M, builds_bytes, glb_bytes, write_glb
+from renderer.files.glb import STEP_M, builds_bytes, glb_bytes
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 
 DTYPES = {5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -146,17 +146,6 @@ def test_only_expressions_that_move_and_that_the_body_has_are_stored(body):
     assert max_distance_mm(opened[2], opened[1]) > 10
     glb = Glb(glb_bytes(body, random_motion(num_frames=2, basis="flame100")))
     assert "targets" not in glb.document["meshes"][0]["primitives"][0]
-
-
-def test_trimesh_opens_it_and_a_failure_leaves_no_file(body, tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    with pytest.raises(OSError):
-        write_glb(body, BodyMotion.resting(), tmp_path / "missing" / "motion.glb")
-    assert list(tmp_path.iterdir()) == []
-    write_glb(body, BodyMotion.resting(2), tmp_path / "body.glb")
-    scene = trimesh.load(tmp_path / "body.glb")
-    (mesh,) = scene.geometry.values()
-    assert len(mesh.faces) == len(body.faces)
 
 
 def test_body_without_names_or_colours(tmp_path):

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processes import ended
 from processes.ended import Ended
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
@@ -148,28 +147,6 @@ def test_a_crash_is_the_drivers_where_there_is_one():
     assert "most likely the OpenGL driver" in str(crash) and isinstance(crash, GLError)
     left = failure(Ended(1, ("KeyError: 'x'",)))
     assert not isinstance(left, GLError) and "KeyError" in str(left) and "driver" not in str(left)
-
-
-@pytest.mark.parametrize(
-    ("kills", "words"),
-    [
-        (1, "want of memory, as the system"),
-        pytest.param(0, "tells of no want of memory", marks=SLOW),
-    ],
-)
-def test_a_child_that_is_killed_lacks_memory_only_where_the_system_says_so(
-    tmp_path, monkeypatch, kills, words
-):
-    counter = tmp_path / "memory.events"
-    counter.write_text("oom_kill 0\n")
-    monkeypatch.setattr(ended, "_counters", lambda: iter([counter]))
-
-    def kill(child: int) -> None:
-        counter.write_text(f"oom_kill {kills}\n")
-        os.kill(child, signal.SIGKILL)
-
-    with pytest.raises(GLError, match=rf"signal 9 \(SIGKILL\).*{words}"):
-        draw_jobs({"v": long_job(tmp_path)}, once_drawing(kill))
 
 
 def test_whoever_cancels_or_fails_meanwhile_ends_what_runs_and_what_waits(tmp_path):
