@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from app.bench import browser, runs
+from app.bench import runs
 from app.bench.measured import Figure, served_page
 from app.config import BUNDLED_WEIGHTS, EXAMPLES
 from app.run.body_motion import body_motion
@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--short",
         action="store_true",
-        help="a few minutes: without training, browser, stages of drawing and memory",
+        help="a few minutes: without stages of drawing, training and memory",
     )
     options = parser.parse_args(argv)
     figures = []
@@ -69,7 +69,6 @@ def _figures(options: argparse.Namespace, folder: Path) -> Iterator[Figure]:
     if not options.short:
         yield from drawing.stages(body_motion(motion), folder)
         yield from runs.time_training(weights)
-        yield from browser.time_browser(clip, weights, folder)
         yield from runs.measure_memory(speech, weights, folder)
 
 

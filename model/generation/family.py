@@ -99,7 +99,7 @@ class FileReport:
 
 Use = Literal[
     "run", "steps", "hearing", "hearing-tab", "live", "first-look", "training",
-    "bench-training", "bench-browser",
+    "bench-training",
 ]  # fmt: skip
 """What systems are taken for where nobody has chosen: ticked on the page for a run, ticked for the
 curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live, the

@@ -12,7 +12,6 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from app import text
-from app.bench import browser as bench_browser
 from app.config import EXAMPLES, AppConfig
 from app.page.player.first_look_shown import EXAMPLE
 from app.page.tabs import own_motion
@@ -409,26 +408,3 @@ def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     expect_fit(page)
     expect(page.locator("#player .words span")).to_have_text("hello")
     expect(page.locator("#player .lane:has(.words) .name")).to_have_text("Words (recognised)")
-
-
-@pytest.mark.slow  # of `make bench` alone
-def test_a_click_is_timed_to_movement_measures_and_figures_and_pictures_are_counted(
-    visitor: Callable, fake: Fake, fake_address: str, speech: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bench_browser, "_FIRST_S", 0.5)
-    monkeypatch.setattr(bench_browser, "_LATER_S", 1.0)
-    fake.comes_in_windows = True
-    browser = visitor().browser
-    assert browser is not None
-    page = watched(bench_browser.opened_page(browser, fake_address))
-    systems = ("globaldiff/local", "globaldiff/global")
-    for asked in (systems[:1], systems):
-        waits = bench_browser.run_waits(page, speech, asked)
-        assert 0 < waits.moves and 0 < waits.whole <= waits.all
-        assert 0 < waits.measured <= waits.done
-        assert page.evaluate("document.querySelector('.lockstep').stage.names") == [*asked]
-    slow, level = bench_browser.pictures_per_second(page, level=0)
-    assert level["mesh"] == 0 and slow > 0
-    found, _ = bench_browser.pictures_per_second(page)
-    assert found > 0
-    page.context.close()

@@ -36,9 +36,6 @@ FAMILY = Family(
         for name, steps in SYSTEMS.items()
     },
     guidance=dict.fromkeys(SYSTEMS, 3.0),
-    usual={
-        **dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
-        "bench-browser": (WEIGHTS,),
-    },
+    usual=dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

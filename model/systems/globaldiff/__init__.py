@@ -102,7 +102,6 @@ FAMILY = Family(
         "first-look": (BEST,),
         "training": (_GLOBAL,),
         "bench-training": (_GLOBAL, _FULL),
-        "bench-browser": (BEST, _LOCAL, _GLOBAL, _FULL),
     },
     ladder=LADDER_EXPLAINED,
     claim=Claim(

@@ -23,7 +23,6 @@ export class Pace {
   #isSlow;
   #run = 0; // pictures in a row that were too slow (above 0) or fast enough for more
   #times = [];
-  #isHeld = false;
 
   constructor(isSlow) {
     this.#isSlow = isSlow;
@@ -32,12 +31,6 @@ export class Pace {
 
   get level() {
     return LEVELS[this.#at];
-  }
-
-  /** Draw as coarsely as a level says, 0 being the finest, however long it takes; null finds out again. */
-  hold(level) {
-    this.#isHeld = level !== null;
-    if (this.#isHeld) this.#at = level;
   }
 
   /** Of a picture that stands. */
@@ -59,7 +52,6 @@ export class Pace {
   took(milliseconds, now) {
     if (this.#times.length && now - this.#times.at(-1) > 1000) this.#times = [];
     this.#times = [...this.#times.slice(-29), now];
-    if (this.#isHeld) return;
     const [fine, coarse] = this.#isSlow ? SLOW_MS : GPU_MS;
     const way = milliseconds > coarse ? 1 : milliseconds < fine ? -1 : 0;
     this.#run = way && Math.sign(this.#run) === way ? this.#run + way : way;
