@@ -1,14 +1,13 @@
-"""A body and its motion into pictures: posed, lit, drawn in panels, as a stream, a video or stills.
+"""A body and its motion into a stream of pictures: posed, lit, drawn in panels.
 
 Everything streams: vertices come in chunks, each frame is drawn and handed to the encoder before
 the next is touched, so memory does not grow with the length of a clip.
 """
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -28,7 +27,7 @@ from renderer.scene.stage import (
     set_stage,
 )
 from renderer.scene.studio import FramePreparer, Studio, Subject
-from renderer.video.encoder import DEFAULT_CRF, Cancelled, VideoWriter, check_size
+from renderer.video.encoder import DEFAULT_CRF, check_size
 from renderer.video.marks import MarkPainter, Marks, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
@@ -149,7 +148,7 @@ def draw_frames(
             than the settings name.
     """
     if not isinstance(frames, slice):
-        _check_frames(frames, motion)
+        check_frames(frames, motion)
         if not len(frames):
             return
     stage = stage or stage_for(body, [motion], settings)
@@ -264,77 +263,11 @@ def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> N
             picture[rows, panel.left - _LINE_PX // 2 : panel.left + _LINE_PX // 2] = _LINE
 
 
-def render_video(
-    body: Body,
-    motion: BodyMotion,
-    out: Path,
-    speech_wav: Path | None = None,
-    settings: RenderSettings | None = None,
-    on_progress: Callable[[float], None] = lambda share: None,
-    should_cancel: Callable[[], bool] = lambda: False,
-    *,
-    stage: Stage | None = None,
-    marks: Marks | None = None,
-    still_frames: Sequence[int] = (),
-    pictures: Generator[UInt8[np.ndarray, "H W 3"]] | None = None,
-) -> UInt8[np.ndarray, "N H W 3"]:
-    """Write the motion as an mp4 at 30 fps with as many frames as it has.
-
-    Args:
-        speech_wav: sound; cut or padded with silence to the length of the motion.
-        on_progress: called with the share done, 0 to 1.
-        should_cancel: asked before every frame.
-        stage: camera and floor; by default made for this motion alone. Give the same one to all
-            videos of a comparison.
-        still_frames: frames that are also returned as pictures, in this order.
-        pictures: of all frames in order, drawn elsewhere; by default they are drawn here. Closed
-            in any case.
-
-    Raises:
-        Cancelled: if ``should_cancel`` said so; no file is left.
-        GLError, VideoError: with one sentence; no file is left.
-        ValueError: if a still lies outside the motion.
+def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
     """
-    settings = settings or RenderSettings()
-    _check_frames(still_frames, motion)
-    stills: dict[int, np.ndarray] = {}
-    with (
-        closing(pictures or draw_frames(body, motion, settings, stage, marks)) as pictures,
-        VideoWriter(
-            out, *settings.picture_size, motion.num_frames, speech_wav, settings.crf
-        ) as video,
-    ):
-        for index, picture in enumerate(pictures):
-            if should_cancel():
-                raise Cancelled(f"Rendering {out.name} was cancelled.")
-            video.write(picture)
-            if index in still_frames:
-                stills[index] = picture.copy()
-            on_progress((index + 1) / motion.num_frames)
-    return stacked([stills[frame] for frame in still_frames], settings)
-
-
-def render_stills(
-    body: Body,
-    motion: BodyMotion,
-    frames: Sequence[int],
-    settings: RenderSettings | None = None,
-    *,
-    stage: Stage | None = None,
-    marks: Marks | None = None,
-) -> UInt8[np.ndarray, "N H W C"]:
-    """Pictures of single frames, framed as the video of the whole motion would be.
-
     Raises:
-        GLError: if nothing can be drawn.
-        ValueError: if a frame lies outside the motion.
+        ValueError: if one lies outside the motion.
     """
-    settings = settings or RenderSettings()
-    pictures = draw_frames(body, motion, settings, stage, marks, frames)
-    return stacked([picture.copy() for picture in pictures], settings)
-
-
-def _check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
     for frame in frames:
         if not 0 <= frame < motion.num_frames:
             raise ValueError(f"Frame {frame} was asked for; the motion has {motion.num_frames}.")
@@ -350,9 +283,8 @@ def projected_joints(
 ) -> Float[np.ndarray, "N J 2"]:
     """Pixels of all joints in the pictures of some frames, (0, 0) at the upper left corner.
 
-    The pictures are those that ``render_stills`` and ``render_video`` make with these settings on
-    this stage, also where the camera follows the body. A joint may lie outside its picture, or be
-    hidden behind the body in it.
+    The pictures are those that ``draw_frames`` makes with these settings on this stage, also where
+    the camera follows the body. A joint may lie outside its picture, or be hidden behind the body.
     """
     chosen = list(frames)
     joints = body.joint_positions(frames_of(motion, chosen))

@@ -4,7 +4,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
@@ -13,8 +13,8 @@ from processes.child import parent_channel
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
-from renderer.video.encoder import Cancelled, VideoError
-from renderer.video.render import PIECE_FRAMES, draw_frames, render_video, stage_for
+from renderer.video.encoder import Cancelled, VideoError, VideoWriter
+from renderer.video.render import PIECE_FRAMES, check_frames, draw_frames, stage_for
 from renderer.video.workers import RenderJob, drawn_by_several
 
 _KNOWN_ERRORS = (BodyError, Cancelled, GLError, ValueError, VideoError)
@@ -63,28 +63,32 @@ def _tell_all(channel: Connection, told: queue.Queue[tuple[str, Any]]) -> None:
 
 
 def _do(job: RenderJob, tell: Tell, should_cancel: Callable[[], bool]) -> None:
-    body = load_body(job.body_path, job.look)
-    looks = (job.stage or stage_for(body, [job.motion], job.settings), job.marks)
+    """Memory does not grow with the length: each frame is drawn and encoded before the next."""
+    body, settings = load_body(job.body_path, job.look), job.settings
+    check_frames(job.still_frames, job.motion)
+    job = replace(job, stage=job.stage or stage_for(body, [job.motion], settings))
+    looks = body, job.motion, settings, job.stage, job.marks
     if job.out is None:
-        for picture in draw_frames(body, job.motion, job.settings, *looks, job.still_frames):
+        for picture in draw_frames(*looks, job.still_frames):
             if should_cancel():
                 return
             tell("picture", picture.copy())
         return
-    pictures = None
-    if job.num_processes and job.num_processes > 1:
-        pictures = drawn_by_several(replace(job, stage=looks[0]), job.num_processes)
-    stills = render_video(
-        *(body, job.motion, job.out, job.speech_wav, job.settings),
-        on_progress=lambda share: tell("share", share),
-        should_cancel=should_cancel,
-        stage=looks[0],
-        marks=looks[1],
-        still_frames=job.still_frames,
-        pictures=pictures,
-    )
-    for picture in stills:
-        tell("picture", picture)
+    count, stills = job.motion.num_frames, {}
+    is_shared = job.num_processes is not None and job.num_processes > 1
+    with (
+        closing(drawn_by_several(job) if is_shared else draw_frames(*looks)) as pictures,
+        VideoWriter(job.out, *settings.picture_size, count, job.speech_wav, settings.crf) as video,
+    ):
+        for index, picture in enumerate(pictures):
+            if should_cancel():
+                raise Cancelled(f"Rendering {job.out.name} was cancelled.")
+            video.write(picture)
+            if index in job.still_frames:
+                stills[index] = picture.copy()
+            tell("share", (index + 1) / count)
+    for frame in job.still_frames:
+        tell("picture", stills[frame])
 
 
 if __name__ == "__main__":

@@ -189,8 +189,8 @@ class _Worker:
         """Whether the job is done; takes what the child has said meanwhile.
 
         Raises:
-            BodyError, GLError, ValueError, VideoError: as ``render_video``; GLError also if the
-                child died.
+            BodyError, GLError, ValueError, VideoError: as of `draw_jobs`; GLError also if the child
+                died.
         """
         while self._is_busy and self._hears(within_s=0.0):
             pass
@@ -234,7 +234,7 @@ class _Worker:
         return True
 
 
-def drawn_by_several(job: RenderJob, count: int) -> Generator[UInt8[np.ndarray, "H W C"]]:
+def drawn_by_several(job: RenderJob) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each frame in order; close it to end the processes.
 
     They are of this process's own group: whoever ends that, ends them all.
@@ -242,6 +242,7 @@ def drawn_by_several(job: RenderJob, count: int) -> Generator[UInt8[np.ndarray, 
     Raises:
         GLError: if a process crashes.
     """
+    count = job.num_processes or 1
     turns = [frame // PIECE_FRAMES % count for frame in range(job.motion.num_frames)]
     with ExitStack() as stack:
         workers = []

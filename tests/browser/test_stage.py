@@ -33,7 +33,7 @@ from renderer.scene.camera import (
     view_axes,
 )
 from renderer.scene.stage import set_stage
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.render import RenderSettings
 from tests.app import fakes
 from tests.browser.conftest import (
     AT_REST,
@@ -57,6 +57,7 @@ from tests.browser.conftest import (
     watched,
 )
 from tests.helpers import smooth_motion_example
+from tests.renderer.drawn import render_stills
 
 pytestmark = pytest.mark.browser
 

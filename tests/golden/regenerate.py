@@ -17,7 +17,8 @@ from conventions.views import LOOKS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.draw.offscreen import BACKENDS, Backend
 from renderer.draw.probe import choose_backend
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.render import RenderSettings
+from tests.renderer.drawn import render_stills
 
 GOLDEN = Path(__file__).parent
 ROOT = GOLDEN.parents[1]

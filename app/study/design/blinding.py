@@ -117,7 +117,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
         n_resamples=_DRAWS,
         batch=_BATCH,
         alternative="greater",
-        rng=0,
+        random_state=0,
     )
     return float(found.pvalue)
 

@@ -14,8 +14,9 @@ from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Shot, Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
-from renderer.video.render import RenderSettings, draw_vertices, render_stills
+from renderer.video.render import RenderSettings, draw_vertices
 from tests.golden.regenerate import PICTURES, posed
+from tests.renderer.drawn import render_stills
 
 pytestmark = pytest.mark.gl
 

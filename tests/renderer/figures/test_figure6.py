@@ -23,7 +23,8 @@ from renderer.figures.figure6 import (
 )
 from renderer.figures.style import COLUMN_MM, PAGE_MM, FigureError, matplotlib_settings
 from renderer.scene.stage import set_stage
-from renderer.video.render import RenderSettings, projected_joints, render_stills
+from renderer.video.render import RenderSettings, projected_joints
+from tests.renderer.drawn import render_stills
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
 
 FRAME = (48, 64)

@@ -8,7 +8,8 @@ import pytest
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors
-from renderer.video.render import RenderSettings, render_stills, stage_for
+from renderer.video.render import RenderSettings, stage_for
+from tests.renderer.drawn import render_stills
 
 pytestmark = pytest.mark.gl
 

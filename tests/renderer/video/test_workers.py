@@ -15,9 +15,10 @@ from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
-from renderer.video.render import PIECE_FRAMES, RenderSettings, render_stills
+from renderer.video.render import PIECE_FRAMES, RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure, processes_worth
 from tests.processes.made import wait_for
+from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
 
