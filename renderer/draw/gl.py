@@ -17,37 +17,52 @@ SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
 
 
-class FrameRenderer(pyrender.Renderer):
-    """pyrender's forward pass, drawn into a framebuffer that is made for reading colours only.
+class Canvas(pyrender.Renderer):
+    """One subject, drawn within the context of an open `OffscreenRenderer`: pyrender's forward
+    pass into a framebuffer that is made for reading colours only.
 
     pyrender itself always multisamples, reads the depth back and converts it; a video needs none
     of that. The context must be current when this is made and whenever it is used.
     """
 
-    def __init__(self, width: int, height: int, *, is_smooth: bool, has_alpha: bool) -> None:
-        scale = SUPERSAMPLE if is_smooth else 1
+    def __init__(self, subject: Subject, width: int, height: int, *, is_smooth: bool) -> None:
+        scale, has_alpha = SUPERSAMPLE if is_smooth else 1, subject.is_transparent
         super().__init__(width * scale, height * scale)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
-        self._picture_size = (width, height)
+        self._subject, self._picture_size = subject, (width, height)
+        self._body: BodyScene | None = None
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
         self._canvas = _Framebuffer(width * scale, height * scale, depth=True)
         self._picture = _Framebuffer(width, height, depth=False) if is_smooth else self._canvas
 
-    def begin(self, scene: pyrender.Scene) -> None:
-        """Have the driver draw the scene, and do not wait for it."""
-        self.render(scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
+    def begin(self, frame: PosedFrame, camera: Camera) -> None:
+        """Have the driver draw, which goes on while this process does something else."""
+        if self._body is None:
+            width, height = self._picture_size
+            self._body = BodyScene(self._subject, frame, camera, width / height)
+        self._body.show(frame, camera)
+        self.render(self._body.scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
 
     def picture(self) -> UInt8[np.ndarray, "H W C"]:
-        """What was begun last, upper row first. The array is reused by the next call.
-
-        A fourth channel says how much of each pixel is covered; colours are multiplied by it.
-        """
+        """What was begun last, upper row first; overwritten by the next call. A fourth channel says
+        how much of each pixel is covered, by colours that are those of the body itself, as PNG
+        wants them."""
         width, height = self._picture_size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
-        return self._pixels[::-1]
+        picture = self._pixels[::-1]
+        if not self._subject.is_transparent:
+            return picture
+        alpha = picture[..., 3:].astype(np.float32)
+        colors = (picture[..., :3] * (255.0 / np.maximum(alpha, 1.0))).clip(0, 255)
+        return np.concatenate([colors.round().astype(np.uint8), picture[..., 3:]], axis=2)
+
+    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
+        """Begin a picture and wait for it."""
+        self.begin(frame, camera)
+        return self.picture()
 
     def delete(self) -> None:
         """Free everything; pyrender calls this once more when the object is collected."""

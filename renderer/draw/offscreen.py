@@ -18,14 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
-import numpy as np
-from jaxtyping import UInt8
-
-from renderer.scene.camera import Camera
-from renderer.scene.studio import PosedFrame, Subject
+from renderer.scene.studio import Subject
 
 if TYPE_CHECKING:
-    from renderer.draw.gl import BodyScene
+    from renderer.draw.gl import Canvas
 
 Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
@@ -140,8 +136,10 @@ class OffscreenRenderer:
         """
         if width < 1 or height < 1:
             raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
+        from renderer.draw.gl import Canvas
+
         with self._told(f"gives no picture of {width} x {height} pixels"):
-            self._canvases.append(Canvas(subject, width, height, self._is_smooth))
+            self._canvases.append(Canvas(subject, width, height, is_smooth=self._is_smooth))
         return self._canvases[-1]
 
     @property
@@ -151,43 +149,6 @@ class OffscreenRenderer:
 
         name = GL.glGetString(GL.GL_RENDERER)
         return name.decode() if name else "an unnamed driver"
-
-
-class Canvas:
-    """One subject and its framebuffer, within the context of an open renderer."""
-
-    def __init__(self, subject: Subject, width: int, height: int, is_smooth: bool) -> None:
-        from renderer.draw.gl import FrameRenderer
-
-        self._subject = subject
-        self._aspect = width / height
-        self._scene: BodyScene | None = None
-        self._renderer = FrameRenderer(
-            width, height, is_smooth=is_smooth, has_alpha=subject.is_transparent
-        )
-
-    def begin(self, frame: PosedFrame, camera: Camera) -> None:
-        """Have the driver draw, which goes on while this process does something else."""
-        if self._scene is None:
-            from renderer.draw.gl import BodyScene
-
-            self._scene = BodyScene(self._subject, frame, camera, self._aspect)
-        self._scene.show(frame, camera)
-        self._renderer.begin(self._scene.scene)
-
-    def picture(self) -> UInt8[np.ndarray, "H W C"]:
-        """What was begun last, upper row first; overwritten by the next call."""
-        picture = self._renderer.picture()
-        return _undarkened(picture) if self._subject.is_transparent else picture
-
-    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
-        """Begin a picture and wait for it."""
-        self.begin(frame, camera)
-        return self.picture()
-
-    def delete(self) -> None:
-        """Free what the driver holds."""
-        self._renderer.delete()
 
 
 def _new_platform(backend: Backend):
@@ -200,10 +161,3 @@ def _new_platform(backend: Backend):
     from pyrender.platforms.osmesa import OSMesaPlatform
 
     return OSMesaPlatform(1, 1)
-
-
-def _undarkened(picture: UInt8[np.ndarray, "H W 4"]) -> UInt8[np.ndarray, "H W 4"]:
-    """The colours of the body itself where it covers a part of a pixel, as PNG wants them."""
-    alpha = picture[..., 3:].astype(np.float32)
-    colors = picture[..., :3] * (255.0 / np.maximum(alpha, 1.0))
-    return np.concatenate([colors.clip(0, 255).round().astype(np.uint8), picture[..., 3:]], axis=2)

@@ -20,11 +20,6 @@ def small(**changes) -> RenderSettings:
     return replace(RenderSettings(width=128, height=128), **changes)
 
 
-def body_pixels(picture: np.ndarray) -> np.ndarray:
-    """Where the dark suit is: everything else in the studio is light."""
-    return picture.astype(int).sum(axis=2) < 400
-
-
 def test_the_video_shows_every_frame_once_and_in_order(tmp_path):
     body, motion = load_body(), waving_motion(20)
     job = RenderJob(motion, tmp_path / "v.mp4", settings=small(crf=8), still_frames=(0, 5, 19))
