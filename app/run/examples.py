@@ -18,7 +18,7 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
-from app.run.run_writer import RunWriter, picture_layout
+from app.run.run_writer import RunWriter
 from conventions.names import file_stem
 from model.speech.transcript import NOTHING_SAID
 
@@ -153,7 +153,6 @@ LOOK_S = 6.7
 FORMAT = 4
 """Of what is kept; another number makes it anew."""
 FACTS = "first_look.json"
-LAYOUT_PX = 512
 STORED = EXAMPLES / "first_look"
 """What `python -m tests.app.run.made_first_look` has made with the bundled weights, so that a fresh
 page need not wait for a model to be read; a test holds it against what they make."""
@@ -240,9 +239,7 @@ def make_first_look(
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}
-    record = RunRecord(
-        kind="given", point=TIP, layout=picture_layout("front", LAYOUT_PX, ("hands",), "knees")
-    )
+    record = RunRecord(kind="given", point=TIP)
     with ResultFolder(look.folder) as folder, RunWriter(folder, record) as run:
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))

@@ -32,7 +32,7 @@ from app.run.output.run_folder import RunRecord, begun
 from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel, check
 from app.run.requests.settings import settings_of, title_of
 from app.run.rows import Rows
-from app.run.run_writer import RunWriter, picture_layout
+from app.run.run_writer import RunWriter
 from app.run.videos.videos import POSES, Snapshots, VideoOptions, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
@@ -126,9 +126,8 @@ def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, star
 
 def record_of(ask: Ask) -> RunRecord:
     """What is known of a run before anything is read."""
-    layout = picture_layout(ask.views[0], ask.size, ask.close_ups, ask.framing)
-    told = title_of(ask, ask.systems), settings_of(ask), layout
-    run = begun(ask, "given" if ask.motions else "generated", *told)
+    kind = "given" if ask.motions else "generated"
+    run = begun(ask, kind, title_of(ask, ask.systems), settings_of(ask))
     if ask.opened is not None:
         known = ("title", "settings", "speech_sha256")
         return run.model_copy(update={key: getattr(ask.opened, key) for key in known})

@@ -45,7 +45,6 @@ from app.run.timeline import (
     waveform_peaks,
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem
-from conventions.views import CloseUp, Framing, View
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,7 +145,7 @@ class RunWriter(Reporter):
         if whole not in self.record.files:
             self.record.files.append(whole)
         row = self.record.row(name)
-        if row is not None and kind in ("motion", "video", "poster"):
+        if row is not None and kind in ("motion", "video"):
             row.hold(kind, whole)
         self.tell()
 
@@ -308,29 +307,3 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
         Told(name=name, sentence=cut(finding.sentence), at=finding.worst_s)
         for name, finding in ranked(findings)[:MAX_TOLD]
     ]
-
-
-def picture_layout(
-    view: View, size: int, close_ups: tuple[CloseUp, ...], framing: Framing
-) -> dict[str, Any]:
-    """Where in a video the body and its close-ups stand.
-
-    Returns:
-        ``aspect``, width by height of the whole; for ``body`` and for each close-up by its name
-        its upper and lower edge, as shares of the height.
-    """
-    from app.run.videos.videos import VideoOptions
-    from renderer.scene.stage import CLOSE_UP_VIEWS
-
-    options = VideoOptions(size=size, framing=framing, close_ups=close_ups, views=(view,))
-    settings = options.settings(view)
-    width, height = settings.picture_size
-    body, *beside = settings.panels
-    edges = {
-        name: next(panel for panel in beside if panel.view in CLOSE_UP_VIEWS[name])
-        for name in close_ups
-    }
-    return {"aspect": width / height} | {
-        name: [panel.top / height, (panel.top + panel.height) / height]
-        for name, panel in {"body": body, **edges}.items()
-    }

@@ -1,4 +1,4 @@
-"""All that is switched, read and found on one run of three systems: stage, time line, videos."""
+"""All that is switched, read and found on one run of three systems: stage and time line."""
 
 import base64
 import re
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs import live, own_motion
@@ -34,14 +34,12 @@ from renderer.scene.camera import (
 )
 from renderer.scene.stage import set_stage
 from renderer.video.render import RenderSettings
-from tests.app import fakes
 from tests.browser.conftest import (
     AT_REST,
     BUILDS_ARE_THERE,
     FRAMES,
     LOCKSTEP,
     LOOKS,
-    PATIENCE_MS,
     STAGE,
     Fake,
     bar_of,
@@ -50,7 +48,6 @@ from tests.browser.conftest import (
     press,
     put_clock,
     saved,
-    show_videos,
     staged,
     start,
     turn_to,
@@ -103,8 +100,6 @@ def done(browser: Browser, the_fake: Fake, fake_address: str, speech: Path) -> I
 def page(done: Page) -> Page:
     """The shared page, at rest on its first frame with nothing switched."""
     turn_to(done, (1280, 900, "light"))
-    if (back := done.get_by_role("button", name="Back to the stage")).is_visible():
-        back.click()
     done.evaluate(
         """() => {
             const { lockstep, look, stage } = document.querySelector('.lockstep');
@@ -460,102 +455,6 @@ def test_no_tab_has_a_grave_finding(page: Page, look: tuple) -> None:
         expect_fit(page)
         found[tab] = findings(page)
     assert not any(found.values()), found
-
-
-# ---------------------------------------------------------------- videos in place of bodies
-
-
-READ_FRAMES = """() => [...document.querySelectorAll('#player video')].map(video => {
-    const canvas = document.createElement('canvas');
-    canvas.width = canvas.height = 80;
-    const context = canvas.getContext('2d', { willReadFrequently: true });
-    context.drawImage(video, 0, 0, 80, 80);
-    const row = context.getImageData(0, 40, 80, 1).data;
-    let number = 0;
-    for (let bit = 0; bit < BITS; bit++) {
-        const x = Math.floor((bit + 0.5) * 80 / BITS);
-        number = 2 * number + (row[4 * x] > 128 ? 1 : 0);
-    }
-    return number;
-})""".replace("BITS", str(fakes.FRAME_BITS))
-"""The number of the frame that each video shows, from its picture."""
-IN_SYNC = f"""async (patience) => {{
-    const read = {READ_FRAMES};
-    const audio = document.querySelector('#player audio');
-    const until = performance.now() + patience;
-    let good = 0;
-    while (good < 8 && performance.now() < until) {{
-        await new Promise(requestAnimationFrame);
-        const now = audio.currentTime * 30;
-        const shown = read();
-        const isPlaying = !audio.paused && {LOCKSTEP}.isPlaying && shown.length === 3;
-        // A frame is right from its own time to the next one's.
-        const isNear = shown.every(frame => frame + 1 >= now - 1 && frame <= now + 1);
-        good = isPlaying && isNear ? good + 1 : 0;
-    }}
-    return good;
-}}"""
-"""How many pictures in a row three videos come to be within one frame of the sound, up to eight."""
-
-
-def expect_frames(page: Page, frame: int) -> None:
-    """Every video comes to show this frame."""
-    shown = f"frame => `${{({READ_FRAMES})()}}` === `${{[frame, frame, frame]}}`"
-    page.wait_for_function(shown, arg=frame)
-
-
-def box_of(place: Locator) -> Any:
-    box = place.bounding_box()
-    assert box is not None
-    return box
-
-
-def test_three_videos_keep_within_a_frame_of_the_sound(page: Page) -> None:
-    show_videos(page)
-    bar = bar_of(page)
-    page.keyboard.press(".")
-    expect_frames(page, 1)
-    page.evaluate(f"{LOCKSTEP}.setLoop([0.5, 2.8])")
-    press(bar, "Play")
-    assert page.evaluate(IN_SYNC, PATIENCE_MS) == 8
-    page.evaluate("document.querySelectorAll('#player video')[1].currentTime += 0.5")
-    assert page.evaluate(IN_SYNC, PATIENCE_MS) == 8  # one that was thrown off is brought back
-    bar.get_by_label("Speed").select_option("2")
-    assert page.evaluate("document.querySelector('#player audio').playbackRate") == 2
-    assert page.evaluate(IN_SYNC, PATIENCE_MS) == 8
-    press(bar, "Pause")
-    page.wait_for_function(f"() => new Set([...({READ_FRAMES})(), {LOCKSTEP}.frame]).size === 1")
-    page.evaluate(f"{LOCKSTEP}.setLoop(null)")
-
-    # Each picture holds body, face and hands; the tile shows what is asked for.
-    choice = page.get_by_label("Close-up", exact=True)
-    edges = """() => {
-        const picture = document.querySelector('#player .picture').getBoundingClientRect();
-        const video = document.querySelector('#player video').getBoundingClientRect();
-        const share = y => (y - video.top) / video.height;
-        return [share(picture.top), share(picture.bottom)];
-    }"""
-    face, hands = 240 / 1120, 880 / 1120  # a face of 240 rows, a body of 640, hands of 240
-    parts = {"hands": (face, 1.0), "face": (0.0, hands), "both": (0.0, 1.0), "off": (face, hands)}
-    expect(choice).to_have_value("hands")
-    for name, wanted in parts.items():
-        choice.select_option(name)
-        assert page.evaluate(edges) == pytest.approx(wanted, abs=0.01)
-    choice.evaluate("select => select.blur()")
-    page.keyboard.press("c")
-    expect(choice).to_have_value("hands")
-
-    page.keyboard.press("Home")
-    expect_frames(page, 0)
-    large = page.locator("#player .tile.large")
-    page.keyboard.press("2")
-    expect(large).to_have_attribute("data-name", "globaldiff/global")
-    assert 500 < box_of(large.locator(".picture"))["height"] < 900, "of a window of 900"
-    page.keyboard.press("2")
-    expect(large).to_have_count(0)
-    expect(bar.get_by_role("button", name="Ghost", exact=True)).to_have_count(
-        0
-    )  # the stage lays them
 
 
 # ---------------------------------------------------------------- the numbers behind the stage

@@ -200,6 +200,11 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     fake.videos.let(12)
     expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE)
     expect(videos).to_have_count(2)
+    put_clock(page, 1.0)  # where the clock stands, videos do
+    page.wait_for_function(
+        """() => [...document.querySelectorAll('#player video')].every(
+            ({ currentTime, controls }) => controls && Math.abs(currentTime - 1) < 0.05)"""
+    )
     press(page, "Back to the stage")
     expect(page.locator("#player .stage-tag a[download$='.mp4']").first).to_be_attached()
     page.locator("#files-fold button").first.click()

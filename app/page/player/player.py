@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Callable
 from copy import copy
@@ -23,12 +22,11 @@ from app.run.output.run_folder import (
     noise_of,
     read_run,
 )
-from app.run.videos.videos import POSTER_SUFFIX
 from conventions.names import REFERENCE_NAME, file_stem
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
-_SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video", "poster")
+_SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")
 Address = Callable[[Path], str]
 
 
@@ -103,7 +101,6 @@ class Showing:
         return {
             "run": self.name or self.folder.name,
             "rows": [self._row(row) for row in record.rows],
-            "layout": record.layout,
             "running": is_running,
             "begins": is_running,
             "findings": [
@@ -147,15 +144,7 @@ class Showing:
 
     def _addresses(self, names: Any) -> dict[str, str]:
         paths = {kind: file_of(self.folder, name) for kind, name in names.items()}
-        return {kind: self._url(path) for kind, path in paths.items() if path is not None}
-
-    def _url(self, path: Path) -> str:
-        """A poster comes with the page, so that it is there before any video, however many of them
-        a browser fetches."""
-        if path.suffix == POSTER_SUFFIX:
-            data = base64.b64encode(path.read_bytes()).decode("ascii")
-            return f"data:image/jpeg;base64,{data}"
-        return self.address(path)
+        return {kind: self.address(path) for kind, path in paths.items() if path is not None}
 
 
 def _assumed(row: Row) -> dict[str, Any]:

@@ -199,8 +199,6 @@ def joined(a: Showing, b: Showing) -> dict[str, Any]:
     value = {
         "run": " ".join(value["run"] for value in values),
         "rows": rows,
-        "layout": values[0]["layout"],
-        "paired": True,
     }
     if not all(lines):
         return value
@@ -261,7 +259,6 @@ def _rows(a: RunRecord, b: RunRecord, values: Sequence[dict[str, Any]]) -> list[
                     "stem": f"{row['stem']}-{letter}",
                     "noise": row["noise"] and f"{row['noise']} of seed {seeds[i]}",
                     "run": values[i]["run"],
-                    "layout": values[i]["layout"],
                 }
             )
     colors = colors_of(row["name"] for row in rows)

@@ -13,13 +13,11 @@ export interface Row {
   /** What it shares with those that were drawn from the same noise. */
   noise: string | null;
   run?: string;
-  layout?: Layout;
   motion?: string;
   /** Address of the motion as "Live frames", one message after the other. */
   frames?: string;
   /** How much of it there is so far. */
   there?: There;
-  poster?: string;
   video?: string;
   /** Address of its `Plan`, and whether the system was given that. */
   plan?: string;
@@ -107,14 +105,6 @@ export interface There {
   place: [number, number, number, number];
 }
 
-/** Upper and lower edges in a video, as shares of its height. */
-export interface Layout {
-  aspect: number;
-  body: [number, number];
-  face?: [number, number];
-  hands?: [number, number];
-}
-
 /** app/page/results/run_pair.py */
 export interface Sound {
   label: string;
@@ -126,7 +116,6 @@ export interface Sound {
 export interface Value {
   run?: string;
   rows?: Row[];
-  layout?: Layout | null;
   audio?: string;
   timeline?: string;
   /** Of which one is chosen, where motions of other speech stand beside each other. */
@@ -138,7 +127,6 @@ export interface Value {
   guess?: boolean;
   /** That it plays as soon as it can. */
   begins?: boolean;
-  paired?: boolean;
   /** Where its gestures can be edited. */
   editing?: Editing;
   /** What stands out, the gravest first. */

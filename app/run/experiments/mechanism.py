@@ -17,7 +17,7 @@ from app.run.output.run_folder import RunRecord
 from app.run.output.telling import share_teller
 from app.run.requests.display import Display
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
-from app.run.run_writer import RunWriter, picture_layout
+from app.run.run_writer import RunWriter
 from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
 from model.speech.transcript import NOTHING_SAID
 
@@ -101,9 +101,7 @@ def _play(
 
     ask = asked.ask
     tip = choose_tip_source(get_body(ask.body), ask.body, TIP)
-    record = RunRecord(
-        kind="given", point=TIP, layout=picture_layout("front", ask.size, ("hands",), "knees")
-    )
+    record = RunRecord(kind="given", point=TIP)
     with ResultFolder(out, is_kept=True) as folder, RunWriter(folder, record, on_event) as run:
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
         spreads = DataFrame(

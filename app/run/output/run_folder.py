@@ -56,7 +56,8 @@ Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 RowKind = Literal["motion", "frames", "plan", "performed", "video", "poster", "told", "windows"]
 """``plan`` is what a player shows, ``performed`` what the system was given; ``told`` is what an
-editor of it shows, and ``windows``, which stay in their folder, what a take goes on from."""
+editor of it shows, and ``windows``, which stay in their folder, what a take goes on from;
+``poster`` is of runs of before."""
 Kind = Literal["generated", "given"]
 State = Literal["running", "done", "failed", "cancelled"]
 
@@ -139,8 +140,8 @@ class RunRecord(_Strict):
     """Of the file of speech; empty without any."""
     point: Name
     """The fingertip or joint that the numbers follow."""
-    layout: Annotated[dict[Name, Number | list[Number]], Field(max_length=8)] = {}
-    """Where body and close-ups stand in a video."""
+    layout: Annotated[dict[Name, Any], Field(max_length=8, exclude=True)] = {}
+    """Of runs of before, whose videos were cut to it."""
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     sound: FileName | None = None
     timeline: FileName | None = None
@@ -278,13 +279,13 @@ def add_file(folder: Path, kind: ArtefactKind, name: str, path: Path) -> None:
     Args:
         name: of the row that it belongs to, or the file's own.
     """
-    own = f"{SHOWN}/{path.name}" if kind == "poster" else path.name
+    own = path.name
     with changed(folder) as record:
         (folder / own).unlink(missing_ok=True)
         os.link(path, folder / own)
         row = record.row(name)
-        if row is not None and kind in ("video", "poster"):
-            row.hold(kind, own)
+        if row is not None and kind == "video":
+            row.hold("video", own)
         if own not in record.files:
             record.files.append(own)
 
@@ -358,9 +359,7 @@ def is_run_zip(path: Path) -> bool:
     return 0 < found <= MAX_CLIPS
 
 
-def begun(
-    ask: Ask, kind: Kind, title: str, settings: Mapping[str, str], layout: Mapping[str, Any]
-) -> RunRecord:
+def begun(ask: Ask, kind: Kind, title: str, settings: Mapping[str, str]) -> RunRecord:
     """Of a run of which nothing is there yet, but what was asked for."""
     return RunRecord(
         kind=kind,
@@ -368,7 +367,6 @@ def begun(
         asked={key: each for key, each in told_of(ask).items() if each is not None},
         settings={key: cut(value) for key, value in settings.items()},
         point=ask.joint,
-        layout=dict(layout),
     )
 
 

@@ -44,7 +44,6 @@ ArtefactKind = Literal[
     "timeline",
     "plan",
     "video",
-    "poster",
     "comparison",
     "figure",
     "diagnostics",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -214,9 +213,6 @@ def draw_rows(
     def on_done(key: tuple[str, ...]) -> None:
         video = jobs[key].out
         if video is not None and folder is not None:
-            poster = folder.path(f"shown/{video.with_suffix(POSTER_SUFFIX).name}")
-            write_poster(video, poster)
-            on_file("poster", key[0], poster)
             on_file("video", key[0], video)
 
     stills = draw_videos(jobs, on_share, on_done)
@@ -282,33 +278,6 @@ def _round_up(value: float) -> float:
     """The next of 1, 2 and 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
-
-
-POSTER_SUFFIX = ".jpg"
-WIDTH_PX = 240
-_QUALITY = 4
-"""Of ffmpeg's JPEG, from 2, the best, to 31."""
-
-
-def write_poster(video: Path, out: Path) -> None:
-    """
-    Raises:
-        VideoError: if ffmpeg cannot read what this program has drawn.
-    """
-    from processes.ended import Ended
-    from renderer.video.encoder import VideoError, ffmpeg_path
-
-    command = [
-        *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
-        *("-i", str(video), "-frames:v", "1", "-vf", f"scale={WIDTH_PX}:-2"),
-        *("-q:v", str(_QUALITY), "-f", "mjpeg", str(out)),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        end, said = Ended(done.returncode).how, done.stderr.strip() or "it said nothing"
-        raise VideoError(
-            f"The picture of {video.name} cannot be written: ffmpeg ended {end}; {said}"
-        )
 
 
 @contextmanager

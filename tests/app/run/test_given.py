@@ -279,7 +279,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     shares = heard.shares_of("video")
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     names, told = (name, "reference"), read_run(request.out)
-    kinds = {"motion", "frames", "plan", "poster", "video"}
+    kinds = {"motion", "frames", "plan", "video"}
     assert {each.name: set(each.files) for each in told.rows} == dict.fromkeys(names, kinds)
     assert all((request.out / each).is_file() for each in told.named)
     videos = [path for path in found.files if path.suffix == ".mp4"]

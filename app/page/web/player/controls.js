@@ -1,4 +1,4 @@
-/** The bar under the stage or the videos: time, what is shown, and how bodies are compared. */
+/** The bar under the stage: time, what is shown, and how bodies are compared. */
 
 import { clockText, make, relabel } from "../dom.js";
 import { DisplayBar } from "./displays.js";
@@ -16,26 +16,20 @@ export class Controls {
   #audio;
   #look;
 
-  /** `view` is the Stage or the Tiles; `look` goes to the stage alone. */
+  /** `view` is the Stage; of none the bar is hidden. */
   constructor(player, view, audio, look, more) {
     this.#player = player;
     this.#view = view;
     this.#audio = audio;
     this.#look = look;
-    this.#build(view, more);
+    this.#build(more);
     player.addEventListener("time", () => this.#showTime());
     player.addEventListener("state", () => this.update());
     look.addEventListener("change", () => this.update());
     this.update();
   }
 
-  /** Steer another view from now on. */
-  steer(view) {
-    this.#view = view;
-    this.update();
-  }
-
-  #build(view, more) {
+  #build(more) {
     const button = (name, label, onclick) => {
       const made = make("button", { type: "button", onclick });
       relabel(made, name, label);
@@ -62,18 +56,17 @@ export class Controls {
     this.pairBox = make("span", { class: "pair", hidden: true }, ...this.pair);
     this.displayBar = new DisplayBar(this.#look, () => this.#view, more);
     const { closeUp } = this.displayBar;
-    this.displays = this.displayBar.element;
-    this.more = this.displayBar.more;
     const left = make("div", { class: "group going" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group pace" }, this.speed, this.loop, this.sound);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
-    const right = make("div", { class: "group compare" }, closeUp, this.modes, this.more, keys);
-    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, right);
-    view.pairRoom?.append(this.pairBox); // over the picture, each on the side of its close-ups
+    const right = make("div", { class: "group compare" }, closeUp, this.modes, this.displayBar.more, keys);
+    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displayBar.element, right);
+    this.#view?.view.append(this.pairBox); // over the picture, each on the side of its close-ups
   }
 
   /** Everything but the time, which changes too often. */
   update() {
+    if (!this.#view) return;
     const { isPlaying, rate, loop } = this.#player;
     relabel(this.play, isPlaying ? "pause" : "play", isPlaying ? "Pause" : "Play");
     this.speed.value = String(rate);
@@ -131,7 +124,7 @@ export class Controls {
       Home: () => this.#player.seekFrame(0),
       End: () => this.#player.seekFrame(Infinity),
       l: () => this.toggleLoop(),
-      x: () => this.#view.swap?.(),
+      x: () => this.#view.swap(),
       w: () => this.worst.toggle(),
       g: () => this.#view.names.length > 1 && this.#view.setMode(this.#view.mode === "ghost" ? "grid" : "ghost"),
     };

@@ -15,7 +15,7 @@ export class DisplayBar {
 
   /**
    * @param {import("../stage/look.js").Look} look
-   * @param {() => any} viewOf Gives what is steered: a Stage or Tiles.
+   * @param {() => any} viewOf Gives the Stage that is steered.
    * @param {HTMLElement} folded What stands behind the button of rarer ones.
    */
   constructor(look, viewOf, folded) {
@@ -54,10 +54,7 @@ export class DisplayBar {
 
   update() {
     this.more.setAttribute("aria-expanded", String(!this.#folded.hidden));
-    const { closeUps, closeUp } = this.#viewOf();
-    for (const option of this.closeUp.options) option.hidden = option.disabled = !closeUps.includes(option.value);
-    this.closeUp.value = closeUp;
-    this.closeUp.hidden = closeUps.length < 2;
+    this.closeUp.value = this.#viewOf()?.closeUp;
     const factor = this.#look.get("factor");
     if (Math.abs(factorAt(Number(this.#factor.value)) - factor) > 1e-6) this.#factor.value = String(Math.log(factor) / Math.log(STRONG));
     this.#factorText.textContent = `×${factor < 9.95 ? Math.round(10 * factor) / 10 : Math.round(factor)}`;

@@ -17,8 +17,8 @@ import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
 import { Sounds } from "./sounds.js";
-import { Tiles } from "./tiles.js";
 import { LOW, Timeline } from "./timeline.js";
+import { Videos } from "./videos.js";
 
 const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
 const PRESSES = "button, a, summary"; // what the space bar presses
@@ -40,7 +40,7 @@ class Player {
   #gone = null; // the run that was last taken away
   #stage = null;
   #observer = new ResizeObserver(() => this.#stage?.fit());
-  #tiles;
+  #videos = new Videos(this.#lockstep);
   #address = null;
   #unfollow = () => {};
   #more = null;
@@ -50,7 +50,6 @@ class Player {
 
   constructor(root) {
     this.#root = root;
-    this.#tiles = new Tiles(this.#lockstep, () => this.controls?.update());
     try {
       this.#stage = new Stage(this.#lockstep, this.#look, () => this.#changed());
     } catch {
@@ -59,7 +58,7 @@ class Player {
     const orbit = this.#stage?.orbit;
     if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true), "Make a video of this": () => this.#makeVideo(), "Copy link to this picture": ({ currentTarget }) => this.#copyLink(currentTarget) });
     const more = this.#more?.element ?? make("div", { hidden: true });
-    this.controls = new Controls(this.#lockstep, this.#stage ?? this.#tiles, this.#audio, this.#look, more);
+    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
     this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage() });
     this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.bodies.value && this.timeline.showBody(detail));
@@ -68,7 +67,7 @@ class Player {
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, seen, this.toStage, this.#tiles.element, this.controls.element, more, this.editing.element, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.#why, seen, this.toStage, this.#videos.element, this.controls.element, more, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     this.#observer.observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
@@ -180,7 +179,7 @@ class Player {
    * @param {import("../told").Value} value
    */
   show(value) {
-    const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, paired = false, findings = [] } = value;
+    const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, findings = [] } = value;
     if (value.running && run === this.#gone) return; // news that were on their way as it was cancelled
     if (run !== this.#run) {
       if (run === null) this.#gone = this.#run;
@@ -200,7 +199,6 @@ class Player {
     }
     this.#sounds.show(sounds);
     const timeline = this.#sounds.chosen?.timeline ?? value.timeline;
-    this.#tiles.element.classList.toggle("paired", paired);
     const isFirst = this.fold.hidden;
     this.fold.hidden = plays || !this.#stage;
     if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD || matchMedia(LOW).matches);
@@ -244,23 +242,20 @@ class Player {
 
   /** Videos where they are what is shown. */
   #showRows() {
-    const { rows = [], layout = null } = this.#value;
+    const { rows = [] } = this.#value;
     const isVideo = this.#isVideo || !this.#stage || !rows.some(({ frames }) => frames);
     if (this.#stage) this.#stage.element.hidden = isVideo;
-    this.#tiles.element.hidden = !isVideo;
+    this.#videos.element.hidden = !isVideo;
     this.toStage.hidden = !this.#isVideo;
     this.#root.classList.toggle("staged", !isVideo);
-    this.controls.displays.hidden = this.controls.more.hidden = isVideo;
-    if (!isVideo) return;
-    this.#tiles.setLayout(layout);
-    this.#tiles.show(rows);
-    this.controls.steer(this.#tiles);
+    this.controls.element.hidden = isVideo; // each video has the browser's own
+    if (isVideo) this.#videos.show(rows);
   }
 
   #showVideos(isVideo) {
     this.#isVideo = isVideo;
     if (this.#more) this.#more.element.hidden = true;
-    if (!isVideo) this.controls.steer(this.#stage);
+    if (isVideo) this.#lockstep.pause();
     this.#showRows();
     if (!isVideo) this.#showStage();
     else this.#lockstep.setLimit(null);
@@ -329,9 +324,8 @@ class Player {
     this.#sounds.clear();
     this.#isVideo = false;
     this.#address?.end();
-    this.#tiles.clear();
+    this.#videos.clear();
     this.#stage?.clear();
-    if (this.#stage) this.controls.steer(this.#stage);
     this.#lockstep.clear();
     this.timeline.clear();
     this.editing.show(run, null, []);
@@ -352,7 +346,7 @@ class Player {
   /** Keys work anywhere on the page where nothing else wants them, while the player is seen. */
   onKey(event) {
     const { target } = event;
-    if (this.#root.hidden || event.defaultPrevented || !this.#root.offsetParent) return;
+    if (event.defaultPrevented || !this.controls.element.offsetParent) return;
     const isOurs = this.#root.contains(target) || target === document.body;
     if (!isOurs || target.closest(KEEPS_ITS_KEYS)) return;
     if (event.key === " " && target.closest(PRESSES)) return;

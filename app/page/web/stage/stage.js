@@ -1,8 +1,8 @@
 /**
  * The stage: all bodies of a run in one canvas, under one camera, moved by the player's clock.
  *
- * It has the interface of the tiles of videos that it stands in place of. A picture is drawn when
- * time, camera, look or size change; while it plays, as coarsely as it takes to keep up.
+ * A picture is drawn when time, camera, look or size change; while it plays, as coarsely as it takes
+ * to keep up.
  */
 
 import { isSoftware } from "../body/gl.js";
@@ -165,11 +165,6 @@ export class Stage {
     return this.#begun === null && !this.#asked;
   }
 
-  /** Over the picture, where it is told which two are compared. */
-  get pairRoom() {
-    return this.view;
-  }
-
   /** Pictures a second while it plays, and how coarse they are. */
   get pace() {
     return this.#pace;
@@ -256,8 +251,6 @@ export class Stage {
       panels: this.#facts ? pictures().map((picture) => picture.map(told)) : [],
     };
   }
-
-  setLayout() {} // cells follow from the room there is
 
   /** Take in what has come of a motion, again and again until no more is there. */
   async #follow(entry) {

@@ -17,7 +17,6 @@ from tests.app.measured import diagnostics_of
 from tests.model.made import made_waveform
 
 SPEECH_SHA256 = "ab" * 32
-LAYOUT = {"aspect": 1.0, "body": [0, 1]}
 
 
 def made_run(
@@ -34,7 +33,7 @@ def made_run(
     """A row with a motion and a video for each jerk, and a time line in which each jerks once."""
     jerk = jerk or {"local": 100.0}
     usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "usual"}
-    values = {"kind": "generated", "title": title, "point": "right_middle", "layout": LAYOUT}
+    values = {"kind": "generated", "title": title, "point": "right_middle"}
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)
     with ResultFolder(job / out, is_kept=True) as folder:

@@ -1,0 +1,39 @@
+/** Videos in place of the stage, where the browser draws no bodies or somebody wants them. */
+
+import { make, nameOf } from "../dom.js";
+import { filesOf } from "../stage/files.js";
+import { readingOf } from "../stage/reading.js";
+
+export class Videos {
+  #tiles = new Map(); // name -> its element
+  element = make("div", { class: "tiles" });
+
+  /** `player` is the clock: where it stands, videos stand too; each plays by its own controls. */
+  constructor(player) {
+    player.addEventListener("time", () => {
+      for (const video of this.element.querySelectorAll("video")) if (!player.isPlaying) video.currentTime = player.time;
+    });
+  }
+
+  /** @param {import("../told").Row[]} rows */
+  show(rows) {
+    for (const row of rows) {
+      const known = this.#tiles.get(row.name);
+      const told = `${row.motion} ${row.video}`;
+      if (known?.dataset.told === told) continue;
+      const label = row.label ?? row.name;
+      const video = row.video ? make("video", { src: row.video, controls: true, playsinline: true, preload: "metadata", "aria-label": `Motion of ${label}` }) : make("p", { class: "drawing" }, row.is_drawn === false ? "no video was asked for" : "being drawn");
+      const head = make("header", {}, make("i", { "aria-hidden": "true" }), nameOf(row), make("span", { class: "tools" }, filesOf(row) ?? ""));
+      const tile = make("article", { class: "tile", "data-name": row.name, "data-told": told, "aria-label": label }, head, readingOf(row) ?? "", video);
+      tile.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
+      this.#tiles.set(row.name, tile);
+      if (known) known.replaceWith(tile);
+      else this.element.append(tile);
+    }
+  }
+
+  clear() {
+    this.#tiles.clear();
+    this.element.replaceChildren();
+  }
+}
