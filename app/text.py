@@ -16,6 +16,8 @@ UNTRAINED = (
     "only shows that everything works."
 )
 
+WEIGHTS = "Weights: {are}."
+
 MOTION_TAB = "Motion"
 LADDER_TAB = "Systems"
 STUDY_TAB = "User study"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -52,3 +52,13 @@ def printable(text: str) -> str:
 def listed(items: Sequence[str]) -> str:
     """a, b and c."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def short_names(systems: Iterable[str]) -> dict[str, str]:
+    """Each system's name after its slash, where that is a word and no other's too."""
+    systems = list(systems)
+    ends = [name.rsplit("/", 1)[-1] for name in systems]
+    return {
+        name: end if ends.count(end) == 1 and not end.isdigit() else name
+        for name, end in zip(systems, ends, strict=True)
+    }

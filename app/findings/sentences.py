@@ -7,6 +7,7 @@ sentence, and where they are alike it says that.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite, log
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from app.findings.comparison import (
     values_by_system,
     word,
 )
-from conventions.names import REFERENCE_NAME, listed
+from conventions.names import REFERENCE_NAME, listed, short_names
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -59,8 +60,11 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     """The sentences of a run's numbers, by plot; empty where there is nothing to say.
 
     The keys are trajectory, depth, spectrum, attribution, seams, reference, beats and step. Samples
-    of one system, ``<system>.s2`` and on, are taken together.
+    of one system, ``<system>.s2`` and on, are taken together; each is called as on the page.
     """
+    labels = short_names(diagnostics.systems)
+    systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
+    diagnostics = replace(diagnostics, systems=systems)
     return {
         "trajectory": _trajectory(diagnostics),
         "depth": _depth(diagnostics),
@@ -305,7 +309,7 @@ def _step(diagnostics: Diagnostics) -> str:
     if diagnostics.reference is not None:
         measured["the reference"] = diagnostics.reference
     told = [
-        f"{name} {lag.lag_s:+.2f} s ({lag.lag_low_s:+.2f} to {lag.lag_high_s:+.2f}, by its"
+        f"{name} {lag.lag_s:+z.2f} s ({lag.lag_low_s:+z.2f} to {lag.lag_high_s:+z.2f}, by its"
         f" {lag.lag_ground})"
         if lag.is_known
         else f"{name} unknown, as neither its face nor its body follows this speech"
@@ -328,7 +332,8 @@ def told_findings(findings: Mapping[str, Sequence[Finding]]) -> list[str]:
     in what nothing was found."""
     from model.faults.evidence import ranked
 
-    lines = [f"{name}: {finding.sentence}" for name, finding in ranked(findings)]
+    labels = short_names(findings)
+    lines = [f"{labels[name]}: {finding.sentence}" for name, finding in ranked(findings)]
     if len(lines) > GRAVEST:
         lines = ["Gravest first:", *lines[:GRAVEST], "Also found:", *lines[GRAVEST:]]
     return [*lines, *filter(None, [clean_line(findings)])]
@@ -340,4 +345,6 @@ def clean_line(findings: Mapping[str, Sequence[object]]) -> str:
     clean = [name for name in motions if not findings[name]]
     if not clean:
         return ""
-    return "Nothing stands out." if len(motions) == 1 else f"Nothing stands out in {listed(clean)}."
+    labels = short_names(motions)
+    which = listed([labels[name] for name in clean])
+    return "Nothing stands out." if len(motions) == 1 else f"Nothing stands out in {which}."

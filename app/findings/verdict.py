@@ -21,7 +21,7 @@ from app.findings.comparison import (
 )
 from app.findings.measure_rows import JERK, Numbers
 from app.findings.sentences import jerk_of
-from conventions.names import REFERENCE_NAME, listed
+from conventions.names import REFERENCE_NAME, listed, short_names
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -97,16 +97,6 @@ def _verdict(
     for claim in [family.claim for family in families() if family.claim is not None]:
         sentences += _ladder(claim, jerk, names, clips)
     return Verdict(numbers, " ".join([*sentences, *_needed(jerk, clips)]))
-
-
-def short_names(systems: Iterable[str]) -> dict[str, str]:
-    """Each system's name after its slash, where that is a word and no other's too."""
-    systems = list(systems)
-    ends = [name.rsplit("/", 1)[-1] for name in systems]
-    return {
-        name: end if ends.count(end) == 1 and not end.isdigit() else name
-        for name, end in zip(systems, ends, strict=True)
-    }
 
 
 def _ladder(

@@ -21,6 +21,7 @@ from app.page.player.player import Showing
 from app.page.results.clips_shown import clips_html
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
+from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import RowKind, runs_in
 from app.run.pieces import MAX_FRAMES
 
@@ -36,7 +37,8 @@ _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 _STYLE = """
 body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
 header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
-h1 { margin: 0; font-size: 17px; }
+h1, header p { margin: 0; }
+h1 { font-size: 17px; }
 header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
@@ -105,6 +107,8 @@ def player_alone(folder: Path, title: str = "") -> str:
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif told is not None and first.kind == "generated":
         head += f"<b>{escape(told.numbers)}</b> {escape(told.judgement)}"
+    if (path := next(iter(runs.values())) / PROVENANCE).is_file():
+        head += f"<p>{text.WEIGHTS.format(are=escape(str(json.loads(path.read_bytes())[ARE])))}</p>"
     files |= {BODY: body_glb(), FACTS: stage_facts(), BUILDS: builds()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
     modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}

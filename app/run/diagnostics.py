@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import FigureAsked
 from app.run.videos.videos import Snapshots
-from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version
+from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version, short_names
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 
@@ -188,12 +188,15 @@ def draw_figure6(
     """
     from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, figure6
 
-    end = start_frame + WINDOW_FRAMES
+    end, labels, marks = start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
+    if marks is not None:
+        pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
+        marks = replace(marks, pixels=pixels, values=values)
     contents = Figure6(
-        {name: tip.track(motion, end, on_piece) for name, motion in motions.items()},
-        snapshots.pictures,
+        {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
+        _labelled(snapshots.pictures, labels),
         snapshots.frames,
-        marks=snapshots.marks,
+        marks=marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=start_frame,
         point=tip.title,
@@ -206,6 +209,10 @@ def draw_figure6(
     )
     files = figure6(contents, folder.path("figure6.png").with_suffix(""))
     return [folder.path(path.name) for path in files]
+
+
+def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
+    return {labels[name]: each for name, each in by_name.items()}
 
 
 def draw_jitter(
@@ -224,7 +231,7 @@ def draw_jitter(
     windows = diagnostics.windows
     files = jitter_sheet(
         JitterSheet(
-            {name: _jitter_of(versions) for name, versions in shown.items()},
+            {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},
             point=tip.title.lower(),
             window_advance=windows.advance if windows else 0,
             window_overlap=windows.overlap if windows else 0,

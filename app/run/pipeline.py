@@ -26,7 +26,7 @@ from app.run.diagnostics import (
 from app.run.given import NO_SPEECH, as_read, given_rows, sha256_of
 from app.run.made import made_rows
 from app.run.models import nothing_draws
-from app.run.output.provenance import make_provenance
+from app.run.output.provenance import PROVENANCE, make_provenance
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, begun
 from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel, check
@@ -108,7 +108,7 @@ def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, star
             run.timeline(rows.timeline, said)
     run.files("diagnostics", write_diagnostics(diagnostics, folder, said))
     if rows.inputs is not None:
-        path = folder.path("provenance.json")
+        path = folder.path(PROVENANCE)
         record = make_provenance(ask, rows.inputs, said, run.notes)
         path.write_text(json.dumps(record, indent=1) + "\n")
         run.file("provenance", "provenance", path)

@@ -3,8 +3,8 @@
 Beside a reference a level is held against the reference's, and found where it is further off than
 clips of recorded people, or cuts of one clip, are from each other. Without one it is held against
 the range of the recorded and procedural clips at hand: two recorded clips of one speaker and 90
-procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s. That range is narrow, and
-is named as what it is.
+procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s; the jerk of shorter clips
+against the recorded ones in stretches of 2 s. That range is narrow, and is named as what it is.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,8 @@ from model.faults.evidence import Evidence, Finding, clock, most_in_a_second
 from model.measures.posture import WRISTS
 from model.measures.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
-LEAST_FRAMES = 5 * FPS
+BRIEF_FRAMES, LEAST_FRAMES = 2 * FPS, 5 * FPS
+"""Between them jerk alone is judged: a tremble shows in it at once."""
 LONG_FRAMES = 30 * FPS
 """From here on a clip is held against whole clips."""
 
@@ -48,16 +49,18 @@ class Level:
     short: People
     low_means: str
     high_means: str
+    brief: People | None = None
+    """None where a clip shorter than `LEAST_FRAMES` says nothing."""
     scale: float = 1.0
     """From the unit of the measure to the one it is told in."""
 
     def search(self, evidence: Evidence) -> list[Finding]:
         """A finding where the level is out of what people have."""
-        if evidence.num_frames < LEAST_FRAMES:
-            return []
-        value = self.read(evidence)
-        people = self.long if evidence.num_frames >= LONG_FRAMES else self.short
-        if not np.isfinite(value):
+        frames = evidence.num_frames
+        people = self.long if frames >= LONG_FRAMES else self.short
+        if frames < LEAST_FRAMES:
+            people = self.brief if frames >= BRIEF_FRAMES else None
+        if people is None or not np.isfinite(value := self.read(evidence)):
             return []
         if evidence.reference is None:
             return self._beside_people(value, people, evidence)
@@ -179,6 +182,7 @@ JERK = Level(
     short=People(43.0, 202.0, 2.4, 32.0, 235.0),
     low_means="smoother than living hands, as behind a low-pass",
     high_means="it shakes",
+    brief=People(49.0, 241.0, 5.0, 0.0, 310.0),
 )
 HIGH_FREQUENCY = Level(
     "high_frequency",

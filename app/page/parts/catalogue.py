@@ -10,8 +10,8 @@ from pathlib import Path
 from app import text
 from app.errors import RunError
 from app.findings.comparison import point_title
-from app.findings.verdict import short_names
 from conventions.joints import JOINT_NAMES, TIP_VERTICES
+from conventions.names import short_names
 from model.storage.cards import Card
 from model.systems.registry import (
     families,

@@ -7,7 +7,7 @@ from html import escape
 
 from app import text
 from app.findings.comparison import plain, point_title
-from app.findings.verdict import jerk_over_clips, short_names, verdict_over_clips
+from app.findings.verdict import jerk_over_clips, verdict_over_clips
 from app.page.parts import markup
 from app.run.many.table import interval
 from app.run.output.run_folder import RunRecord

@@ -14,10 +14,9 @@ from app import text
 from app.findings.comparison import point_title
 from app.findings.measure_rows import MEASURES, Measure, Numbers, nearest, signed, written
 from app.findings.sentences import GRAVEST, clean_line
-from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.run.output.run_folder import RunRecord, Told
-from conventions.names import REFERENCE_NAME, VERSIONS, Version
+from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ def _findings(run: RunRecord) -> str:
     """What stands out in the motions, the gravest few apart, and in which nothing does."""
     labels = short_names(run.numbers)
     items = [_finding(found, labels.get(found.name, found.name)) for found in run.findings]
-    by_name = {labels[n]: [each for each in run.findings if each.name == n] for n in run.numbers}
+    by_name = {n: [each for each in run.findings if each.name == n] for n in run.numbers}
     line = clean_line(by_name)
     clean = f"<p>{escape(line)}</p>" if line else ""
     if not items:

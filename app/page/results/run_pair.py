@@ -14,7 +14,6 @@ import gradio as gr
 from app import text
 from app.findings.comparison import plain, point_title
 from app.findings.measure_rows import JERK, Numbers
-from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import Address, Showing
@@ -25,7 +24,7 @@ from app.page.results.result_parts import ResultParts
 from app.run.output.run_folder import RunRecord, colors_of
 from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.timeline import NUM_SECONDS
-from conventions.names import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME, short_names
 
 MAX_VIDEOS = 12
 

@@ -12,6 +12,7 @@ from app.run.output.run_folder import told_of
 from app.run.requests.request import Ask
 from model.speech.transcript import Transcript
 
+PROVENANCE, ARE = "provenance.json", "weights_are"
 WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
 _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
@@ -83,5 +84,5 @@ def make_provenance(
             "backend": inputs.backend,
         },
         "notes": list(notes),
-        "weights_are": "; ".join(dict.fromkeys(weights_are)),
+        ARE: "; ".join(dict.fromkeys(weights_are)),
     }

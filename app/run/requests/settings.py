@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from app.findings.comparison import point_title
-from app.findings.verdict import short_names
 from app.run.requests.request import Ask, Steps
-from conventions.names import printable
+from conventions.names import printable, short_names
 from model.systems.registry import sampler_title
 
 Settings = Mapping[str, str]

@@ -11,10 +11,11 @@ import pytest
 from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
 from app.findings.measure_rows import JERK
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
-from app.findings.verdict import jerk_over_clips, short_names, verdict_of, verdict_over_clips
+from app.findings.verdict import jerk_over_clips, verdict_of, verdict_over_clips
 from app.run.examples import STORED
 from app.run.pipeline import do
 from app.run.requests.request import Ask
+from conventions.names import short_names
 from model.diagnostics import Versions
 from model.measures import beats
 from model.measures.point import JerkAttribution
@@ -54,7 +55,8 @@ def trajectory(**systems: Versions) -> str:
 
 
 def test_the_rougher_system_is_named_with_both_numbers_and_both_ratios() -> None:
-    assert trajectory(a=jerks(95.0, 50.0), b=jerks(123.5, 60.0)) == (
+    found = trajectory(**{"x/a": jerks(95.0, 50.0), "x/b": jerks(123.5, 60.0)})
+    assert found == (  # by their names on the page
         "On this clip b has 1.3 times the right middle fingertip jerk of a (124 against 95 m/s³);"
         " after the filter 1.2 times. One sample each: an example, no comparison."
     )

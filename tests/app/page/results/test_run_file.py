@@ -14,6 +14,7 @@ from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.run_file import file_name, saving_route
 from app.page.routes.media import MadeFiles
+from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import changed, is_run_zip, save_run
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
@@ -79,9 +80,13 @@ def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_
 def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_path: Path):
     speech, motions = Speech(made_waveform(32_000), ""), {"one": smooth_motion_example(60)}
     assert show(motions, speech).html == show(motions, speech).html
-    folder = made_run(tmp_path / "job", "made elsewhere").folder
-    assert show(folder).html == player_alone(folder)
-    assert "<h1>made elsewhere</h1>" in show(folder).html
+    folder = made_run(tmp_path / "job", "made elsewhere", jerk={"x/a": 9.0, "x/b": 99.0}).folder
+    (folder / PROVENANCE).write_text(json.dumps({ARE: "the authors' own & new"}))
+    html = show(folder).html
+    assert html == player_alone(folder)
+    head = html.split("<body>")[1].split("</header>")[0]
+    assert "<h1>made elsewhere</h1>" in head and "jerk in m/s³: a 9.0, b 99." in head
+    assert "an example" in head and "Weights: the authors&#x27; own &amp; new." in head
 
 
 def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Path):
