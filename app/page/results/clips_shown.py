@@ -11,6 +11,7 @@ from app.findings.verdict import jerk_over_clips, verdict_over_clips
 from app.page.parts import markup
 from app.run.many.table import interval
 from app.run.output.run_folder import RunRecord
+from conventions.names import short_names
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:

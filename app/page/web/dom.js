@@ -56,7 +56,11 @@ export function clockText(seconds) {
 /** Before a label in a box of one line: a word that does not fit goes to the next, out of sight, even the first. */
 export const WHOLE = "\u200b";
 
-/** A motion's name as it is shown, with its whole name on hover. */
+/**
+ * A motion's name as it is shown, with its whole name on hover.
+ *
+ * @param {{ name: string, label?: string }} row
+ */
 export function nameOf({ name, label }) {
   return make("b", { title: name }, label ?? name);
 }

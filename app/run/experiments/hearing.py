@@ -24,7 +24,7 @@ from app.run.output.telling import share_teller
 from app.run.requests.display import Display
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
-from conventions.names import file_stem
+from conventions.names import file_stem, short_names
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
@@ -202,7 +202,8 @@ class Hearing:
 
     def sentences(self) -> tuple[str, ...]:
         """What the numbers say of each system, for a person."""
-        return tuple(heard.sentence() for heard in self.systems)
+        labels = short_names(heard.system for heard in self.systems)
+        return tuple(replace(each, system=labels[each.system]).sentence() for each in self.systems)
 
 
 def measure_hearing(

@@ -18,6 +18,7 @@ from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import share_teller
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
+from conventions.names import short_names
 from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -91,7 +92,7 @@ class StepCurve:
 
     def sentences(self) -> tuple[str, ...]:
         """Of each system the fewest steps that are as calm as the most."""
-        told = []
+        told, labels = [], short_names({point.system for point in self.points})
         for system in dict.fromkeys(point.system for point in self.points):
             of_it = sorted(
                 (each for each in self.points if each.system == system), key=lambda each: each.steps
@@ -100,8 +101,8 @@ class StepCurve:
             calm = ALIKE * most.tip_jerk_m_s3
             least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
             told.append(
-                f"{system}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
-                f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
+                f"{labels[system]}: {least.steps} of {most.steps} steps leave the fingertip as calm"
+                f" within 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
                 f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
             )
         return tuple(told)

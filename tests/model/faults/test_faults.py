@@ -173,7 +173,7 @@ def test_of_motions_that_shake_the_one_whose_fingertips_jerk_most_is_told_first(
     found = {name: find_faults(raw_evidence(each, SKELETON)) for name, each in noisy.items()}
     names = list(dict.fromkeys(name for name, _ in ranked(found)))
     assert names == ["x4", "x2", "x1"]
-    assert all(found[name][0].kind == "jerk" for name in names)
+    assert all("jerk" in {each.kind for each in found[name]} for name in names)
 
 
 def test_times_and_stretches():

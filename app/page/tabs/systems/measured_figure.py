@@ -81,7 +81,7 @@ def build_measuring_sheet(
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             systems = gr.CheckboxGroup(
-                choices=list(catalogue.systems),
+                choices=catalogue.system_choices,
                 value=[system for system in at_first if system in catalogue.systems],
                 label="Systems",
                 elem_id=f"{name}-systems",
