@@ -1,4 +1,4 @@
-/** Lines over bodies, and tones of them. */
+/** Lines over bodies, tones of them, and parts. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -51,6 +51,26 @@ test("a tone changes each region by its own colour", () => {
   const toned = Mesh.prototype.toned.call(mesh, own, other);
   assert.deepEqual(toned, levels(other.skin, other.shirt, other.skin));
   assert.deepEqual(mesh.colors, levels(own.skin, own.shirt, own.skin), "the mesh keeps its own");
+});
+
+test("a part that is cut off a tube is closed where it was cut, and nowhere else", () => {
+  const corners = 5; // of each of three rings, the last of which is the tube's open end
+  const at = (ring, i) => corners * ring + (i % corners);
+  const faces = [0, 1].flatMap((ring) => Array.from({ length: corners }, (_, i) => [at(ring, i), at(ring, i + 1), at(ring + 1, i), at(ring, i + 1), at(ring + 1, i + 1), at(ring + 1, i)]).flat());
+  const each = (values) => Float32Array.from({ length: 3 * corners }, (_, vertex) => vertex).reduce((all, vertex) => [...all, ...values(vertex)], []);
+  const arrays = {
+    POSITION: Float32Array.from(each((vertex) => [vertex, 0, 0])), JOINTS_0: Uint8Array.from(each((vertex) => [vertex < corners ? 0 : 1, 0, 0, 0])),
+    faces: Uint16Array.from(faces), binds: new Float32Array(32),
+  };
+  const attributes = { POSITION: "POSITION", JOINTS_0: "JOINTS_0" };
+  const document = { meshes: [{ primitives: [{ attributes, indices: "faces" }] }], skins: [{ joints: [0, 1], inverseBindMatrices: "binds" }], nodes: [{ name: "a", children: [1] }, { name: "b" }] };
+  const mesh = new Mesh({ document, array: (name) => arrays[name] });
+  const { faces: part, own } = mesh.part(0, [1]);
+  assert.equal(part.length, 3 * (2 * corners + corners - 2), "its side, and a fan");
+  assert.deepEqual(own, part, "the level has all vertices, in their order");
+  const edges = (of) => of.map((from, i) => `${from} ${of[i % 3 === 2 ? i - 2 : i + 1]}`);
+  const open = edges([...part]).filter((edge) => !edges([...part]).includes(edge.split(" ").reverse().join(" ")));
+  assert.deepEqual(open.map((edge) => Math.min(...edge.split(" ").map(Number)) >= 2 * corners), new Array(corners).fill(true));
 });
 
 test("an address tells of lines and tone", () => {

@@ -18,8 +18,9 @@ export class WorstSeconds {
       return made;
     };
     this.steps = [button("left", "Next worse second", -1), button("right", "Next second, less bad", 1)];
-    this.line = make("output", { class: "worst-line", hidden: true }); // stands where there is room
-    this.element = make("div", { class: "group worst", hidden: true }, this.start, ...this.steps);
+    this.told = make("output", {});
+    this.line = make("div", { class: "worst-line", hidden: true }, this.steps[0], this.told, this.steps[1]); // stands where it moves nothing
+    this.element = make("div", { class: "group worst", hidden: true }, this.start);
     player.addEventListener("state", () => this.#show());
   }
 
@@ -69,12 +70,11 @@ export class WorstSeconds {
     if (this.#at !== null && !this.#player.loop) return this.#stop(); // somebody went elsewhere
     this.element.hidden = !this.#seconds.length;
     this.start.setAttribute("aria-pressed", String(isOn));
-    for (const button of this.steps) button.hidden = !isOn;
     this.steps[0].disabled = this.#at === 0;
     this.steps[1].disabled = this.#at === this.#seconds.length - 1;
     const { name, jerk_m_s3, start_s } = this.#seconds[this.#at] ?? {};
     this.line.hidden = !isOn;
     const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s, at a quarter of the speed` : "";
-    if (this.line.textContent !== text) this.line.textContent = text;
+    if (this.told.textContent !== text) this.told.textContent = text;
   }
 }

@@ -98,14 +98,21 @@ export class Mesh {
     return this.#sets.get(level);
   }
 
-  /** The part of a level that follows some of the joints alone; its `own` are among the level's. */
+  /** The part of a level that follows some of the joints alone, closed where it is cut off; its `own` are among the level's. */
   part(level, joints) {
     const key = `${level} ${joints}`;
     if (!this.#parts.has(key)) {
-      const { faces, own } = this.level(level);
-      const kept = this.#following(faces, joints);
-      const picked = (from) => new from.constructor(kept.flatMap((i) => [from[i], from[i + 1], from[i + 2]]));
-      this.#parts.set(key, { faces: picked(faces), own: picked(own) });
+      const { faces, place } = this.level(level);
+      const drawn = new Set(joints);
+      const isDrawn = (vertex) => drawn.has(this.joints[4 * vertex]);
+      const [kept, border] = [[], []];
+      for (let i = 0; i < faces.length; i += 3) {
+        const face = faces.subarray(i, i + 3);
+        if (face.every(isDrawn)) kept.push(...face);
+        else if (face.some(isDrawn)) border.push(...face);
+      }
+      const closed = faces.constructor.from([...kept, ...this.#lids(kept, border)]);
+      this.#parts.set(key, { faces: closed, own: closed.map((vertex) => place.get(vertex)) });
     }
     return this.#parts.get(key);
   }
@@ -113,17 +120,32 @@ export class Mesh {
   #set(faces) {
     const vertices = [...new Set(faces)].sort((a, b) => a - b);
     const place = new Map(vertices.map((vertex, i) => [vertex, i]));
-    return { faces, vertices: Uint32Array.from(vertices), own: faces.map((vertex) => place.get(vertex)) };
+    return { faces, place, vertices: Uint32Array.from(vertices), own: faces.map((vertex) => place.get(vertex)) };
   }
 
-  /** Where the faces begin whose three corners follow these joints. */
-  #following(faces, joints) {
-    const isDrawn = new Set(joints);
-    const kept = [];
-    for (let i = 0; i < faces.length; i += 3) {
-      if ([0, 1, 2].every((k) => isDrawn.has(this.joints[4 * faces[i + k]]))) kept.push(i);
+  /** Faces over the ends at which some were cut off from others: of each end a fan from one of its corners. */
+  #lids(kept, border) {
+    const places = new Map(); // seams of colours are no ends
+    const placeOf = (vertex) => {
+      if (!places.has(vertex)) places.set(vertex, this.positions.subarray(3 * vertex, 3 * vertex + 3).join());
+      return places.get(vertex);
+    };
+    const edges = (faces) => faces.map((vertex, i) => [vertex, placeOf(vertex), placeOf(faces[i % 3 === 2 ? i - 2 : i + 1])]);
+    const others = new Set(edges(border).map(([, from, to]) => `${to} ${from}`));
+    const cut = edges(kept).filter(([, from, to]) => others.has(`${from} ${to}`));
+    const next = new Map(cut.map(([vertex, from, to]) => [from, [vertex, to]]));
+    const lids = [];
+    while (next.size) {
+      const ring = [];
+      for (let at = next.keys().next().value; next.has(at); ) {
+        const [vertex, to] = next.get(at);
+        next.delete(at);
+        ring.push(vertex);
+        at = to;
+      }
+      for (let i = 2; i < ring.length; i++) lids.push(ring[0], ring[i], ring[i - 1]);
     }
-    return kept;
+    return lids;
   }
 }
 

@@ -8,6 +8,11 @@ const WIDE_ASPECT = 1.4; // from which the close-ups of one do
 const SIDE_SHARE = 0.28; // of the width, of close-ups beside it
 const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
 
+/** Whether close-ups stand at the sides of a body rather than above or under it. */
+export const isWide = (width, height) => width > WIDE_ASPECT * height;
+/** The same of two in one place. */
+export const isPairWide = (width, height) => width >= PAIR_ASPECT * height;
+
 /** Columns and rows in which so many bodies are as large as they can be. */
 export function grid(count, width, height) {
   let best = { columns: 1, rows: count, size: 0 };
@@ -43,7 +48,7 @@ export function cells(count, width, height, columns) {
  * @param {import("../told").Facts["close_ups"]} closeUps
  */
 export function panels([left, top, width, height], closeUp, closeUps) {
-  if (width > WIDE_ASPECT * height && closeUp !== "off") return widePanels([left, top, width, height], closeUp, closeUps);
+  if (isWide(width, height) && closeUp !== "off") return widePanels([left, top, width, height], closeUp, closeUps);
   const { face, hands } = closeUps;
   const shots = { hands, face, both: [...hands.slice(0, 1), ...face, ...hands.slice(1)], off: [] }[closeUp];
   const tall = shots.length ? Math.round(Math.min(width / Math.max(2, shots.length), CLOSE_UP_SHARE * height)) : 0;
@@ -69,7 +74,7 @@ function widePanels([left, top, width, height], closeUp, closeUps) {
 export function pairPanels([left, top, width, height], closeUp, closeUps) {
   const shots = [...(closeUp === "face" || closeUp === "both" ? closeUps.face : []), ...(closeUp === "hands" || closeUp === "both" ? closeUps.hands : [])];
   if (!shots.length) return { body: { rect: [left, top, width, height] }, sides: [[], []] };
-  if (width < height * PAIR_ASPECT) {
+  if (!isPairWide(width, height)) {
     // Below: those of the first on the left half.
     const tall = Math.round(Math.min(width / 2 / shots.length, CLOSE_UP_SHARE * height));
     const row = cells(2 * shots.length, width, tall, 2 * shots.length);

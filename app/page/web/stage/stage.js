@@ -21,7 +21,7 @@ import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { axisCorners, boneCorners } from "./bones.js";
-import { cells, grid, pairPanels, panels } from "./packing.js";
+import { cells, grid, isPairWide, isWide, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { Pace } from "./pace.js";
 import { readingOf } from "./reading.js";
@@ -34,13 +34,16 @@ const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
 const HEIGHTS_PX = [330, 760];
+const EDITED_PX = 250; // the least beside an editor
 const OPENING_PX = 270; // the least of an example
 const UNDER_PX = 12; // of the window, free under everything
-const UNDER_OPENING_PX = 60; // the controls of an example
+const UNDER_OPENING_PX = 60; // the controls of an example, or on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const CLICK_PX = 5; // of a pointer that turned nothing
 const TAG_PX = 34; // of a body's name, above its picture
+const NAME_PX = 15; // of the same, under close-ups
+const FINGERTIP_M = 0.008; // its radius
 const SOON_FRAMES = 60; // that are shown next
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
@@ -114,8 +117,8 @@ export class Stage {
       onkeydown: (event) => this.#keyWipe(event),
     });
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
-    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption, this.back);
-    this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend);
+    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption);
+    this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
     this.element = make("div", { class: "stage" }, this.view, this.under, this.#apart);
     this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
@@ -233,11 +236,10 @@ export class Stage {
     const told = ({ view, rect }) => ({ view, rect });
     const isPair = this.mode !== "grid";
     const seen = (isPair ? this.pair.map((name) => this.#rows.get(name)) : this.#seen).filter((entry) => entry?.shown);
-    const [, , wide, tall] = isPair ? [0, 0, width, height] : this.#cells[0].cell;
-    const size = [wide, isPair ? tall : tall - TAG_PX];
+    const [, , ...size] = this.#inside(isPair ? [0, 0, width, height] : this.#cells[0].cell);
     const pictures = () => {
       if (!isPair) return [panels([0, 0, size[0], size[1]], this.closeUp, this.#facts.close_ups)];
-      const { body, sides } = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups);
+      const { body, sides } = pairPanels([0, 0, size[0], size[1]], this.closeUp, this.#facts.close_ups);
       return sides.map((side) => [{ view: null, rect: body.rect }, ...side]);
     };
     return {
@@ -500,6 +502,30 @@ export class Stage {
     return cells(seen.length, width, height, columns).map((cell, i) => ({ cell, entry: seen[i] }));
   }
 
+  /**
+   * What of a cell bodies may take: nothing stands behind their names, or those under close-ups.
+   *
+   * @param {import("./packing.js").Rect} cell
+   * @returns {import("./packing.js").Rect}
+   */
+  #inside([left, top, width, height], density = 1) {
+    const [above, below] = [TAG_PX, this.#isNamedBelow ? NAME_PX : 0].map((px) => Math.round(px * density));
+    return [left, top + above, width, height - above - below];
+  }
+
+  /** Close-ups of several stand under the bodies: whose they are, is said there again. */
+  get #isNamedBelow() {
+    if (this.closeUp === "off") return false;
+    const [width, height] = this.mode === "grid" ? this.#cells[0].cell.slice(2) : this.#size;
+    if (this.mode !== "grid") return !isPairWide(width, height - TAG_PX);
+    return this.closeUp !== "face" && this.#seen.length > 1 && !isWide(width, height - TAG_PX);
+  }
+
+  /** The room of two in one place. */
+  #pairPanels([width, height] = this.#size, density = 1) {
+    return pairPanels(this.#inside([0, 0, width, height], density), this.closeUp, this.#facts.close_ups);
+  }
+
   /** As high as the window allows. An example, or who speaks, is seen as the page opens; so is the time line with
    * a run whose form makes room, and else a run may be scrolled to. */
   fit() {
@@ -512,8 +538,9 @@ export class Stage {
     const timeline = this.#isNarrow ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
     const { top, bottom } = this.view.getBoundingClientRect();
     const above = top + window.scrollY + UNDER_PX;
-    const [least, most] = HEIGHTS_PX;
-    const beside = isLive ? above + UNDER_LIVE_PX : isOpening ? above + UNDER_OPENING_PX : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
+    const [usual, most] = HEIGHTS_PX;
+    const least = this.element.closest(".lockstep")?.querySelector(".editing.open") ? EDITED_PX : usual;
+    const beside = isLive ? above + UNDER_LIVE_PX : isOpening || this.#isNarrow ? above + UNDER_OPENING_PX : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
@@ -528,12 +555,16 @@ export class Stage {
     const [width, height] = this.#size;
     const isPair = this.mode !== "grid";
     const shown = isPair ? [] : this.#cells;
+    const below = isPair ? this.pair.map((name, i) => ({ cell: [(i * width) / 2, 0, width / 2, height], entry: this.#rows.get(name) })) : shown;
+    const put = (element, { row }, left, top, wide) => {
+      Object.assign(element.style, { left: `${(100 * left) / width}%`, top: `${(100 * top) / height}%`, width: `${(100 * wide) / width}%` });
+      element.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
+      return element;
+    };
+    const named = ({ row }) => make("small", { class: "stage-name", "aria-hidden": "true" }, row.label ?? row.name);
     this.#labels.replaceChildren(
-      ...shown.map(({ cell: [left, top, wide], entry }) => {
-        const tag = this.#tag(entry, wide);
-        Object.assign(tag.style, { left: `${(100 * left) / width}%`, top: `${(100 * top) / height}%`, width: `${(100 * wide) / width}%` });
-        return tag;
-      }),
+      ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry, wide), entry, left, top, wide)),
+      ...(this.#isNamedBelow ? below : []).map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
     );
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
   }
@@ -549,7 +580,6 @@ export class Stage {
       tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
     }
     const tag = make("div", { class: `stage-tag${wide < 200 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
-    tag.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
     return tag;
@@ -649,7 +679,10 @@ export class Stage {
   /** What is waited for; all that has come is taken in. */
   #showWaiting() {
     const isWaiting = this.#player.isWaiting && this.hasBodies;
-    this.#waiting.hidden = !isWaiting;
+    if (this.#waiting.hidden === isWaiting) {
+      this.#waiting.hidden = !isWaiting;
+      this.fit(); // it takes or leaves room
+    }
     if (!isWaiting) return;
     for (const entry of this.#coming) this.#follow(entry);
     this.#ask();
@@ -689,11 +722,8 @@ export class Stage {
     for (const { cell, entry } of this.#cells) {
       if (!entry.shown) continue;
       const [left, top, w, h] = cell.map((part) => Math.round(part * density));
-      const under = Math.round(TAG_PX * density); // no head behind its name
-      /** @type {import("./packing.js").Rect} */
-      const inside = [left, top + under, Math.min(w, width - left), Math.min(h, height - top) - under];
       this.#castShadow(entry, level);
-      for (const panel of panels(inside, this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
+      for (const panel of panels(this.#inside([left, top, Math.min(w, width - left), Math.min(h, height - top)], density), this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
     }
   }
 
@@ -701,7 +731,7 @@ export class Stage {
   #drawPair(moment, level, { width, height, density }) {
     const [first, second] = this.pair.map((name) => this.#rows.get(name));
     if (!first?.shown || !second?.shown) return;
-    const layout = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups);
+    const layout = this.#pairPanels([width, height], density);
     const { rect } = layout.body;
     const shift = this.#look.get("isAligned") ? first.pelvis.map((part, k) => (k === 1 ? 0 : part - second.pelvis[k])) : [0, 0, 0];
     const edge = Math.round(rect[0] + this.#wipe * rect[2]);
@@ -833,7 +863,10 @@ export class Stage {
       spikes.push(jerk[frame - from] > this.#look.get("heatScale"));
     }
     const { speed: colors, spike } = this.#facts.marks;
-    this.#painter.ink(rect, trailCorners({ places, speeds, spikes, width, height, colors, spike }), clip);
+    const [x, y, z] = this.#tip(entry, last, this.#motionLook);
+    const depth = matrix[12] * x + matrix[13] * y + matrix[14] * z + matrix[15];
+    const tip = (FINGERTIP_M * height) / (2 * Math.tan(this.#facts.camera.yfov / 2) * Math.max(depth, 1e-3));
+    this.#painter.ink(rect, trailCorners({ places, speeds, spikes, width, height, tip, colors, spike }), clip);
   }
 
   /** Where the followed point is in a frame; a fingertip is rigid with its last joint. */
@@ -874,15 +907,9 @@ export class Stage {
 
   /** Over legs rather than heads: the lower end of the first row's bodies. */
   get #captionEnds() {
-    const [width, height] = this.#size;
-    const shots = this.#facts.close_ups;
-    let body = pairPanels([0, 0, width, height], this.closeUp, shots).body.rect;
-    if (this.mode === "grid") {
-      const [left, above, wide, high] = this.#cells[0].cell;
-      body = panels([left, above + TAG_PX, wide, high - TAG_PX], this.closeUp, shots)[0].rect;
-    }
-    const [, top, , tall] = body;
-    return Math.min(top + tall, height) - CAPTION_PX;
+    const { body } = this.mode === "grid" ? { body: panels(this.#inside(this.#cells[0].cell), this.closeUp, this.#facts.close_ups)[0] } : this.#pairPanels();
+    const [, top, , tall] = body.rect;
+    return Math.min(top + tall, this.#size[1]) - CAPTION_PX;
   }
 
   #dragWipe(event) {
@@ -890,8 +917,7 @@ export class Stage {
     this.#handle.focus();
     this.#handle.setPointerCapture(event.pointerId);
     const move = ({ clientX }) => {
-      const [width, height] = this.#size;
-      const [left, , wide] = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect;
+      const [left, , wide] = this.#pairPanels().body.rect;
       this.#wipeTo((clientX - this.view.getBoundingClientRect().left - left) / wide);
     };
     this.#handle.addEventListener("pointermove", move);

@@ -2,16 +2,19 @@
 
 const WHITE = [1, 1, 1];
 const DOT_CORNERS = 10;
+const DOT = 1.25; // radius of a dot with its edge, of the line's width
+const LEAST_PX = 0.7;
 
 /**
  * Corners for `Painter.ink`: a line that grows thicker and has a colour for each speed, on a white
  * edge, with a dot where it jerks.
  *
- * `places` are pixels in a panel of `width` by `height`, null behind the camera; `speeds` 0 to 1.
+ * `places` are pixels in a panel of `width` by `height`, null behind the camera; `speeds` 0 to 1;
+ * `tip` are the pixels of a fingertip's radius, and no dot has more.
  */
-export function trailCorners({ places, speeds, spikes, width, height, colors, spike }) {
+export function trailCorners({ places, speeds, spikes, width, height, tip, colors, spike }) {
   const corners = [];
-  const thick = Math.max(1.2, Math.min(width, height) / 150); // no dot is larger than a fingertip
+  const thick = Math.max(LEAST_PX, Math.min(Math.max(1.2, Math.min(width, height) / 150), tip / DOT));
   const push = (x, y, color) => corners.push((2 * x) / width - 1, 1 - (2 * y) / height, ...color);
   const dot = ([x, y], radius, color) => {
     for (let i = 0; i < DOT_CORNERS; i++) {
@@ -40,7 +43,7 @@ export function trailCorners({ places, speeds, spikes, width, height, colors, sp
   }
   for (const [i, place] of places.entries()) {
     if (!place || !spikes[i]) continue;
-    dot(place, 1.25 * thick, WHITE);
+    dot(place, DOT * thick, WHITE);
     dot(place, 0.9 * thick, spike);
   }
   return corners;
