@@ -80,6 +80,16 @@ class Edited:
     notes: tuple[str, ...] = ()
 
 
+class NoTimeError(PlanError):
+    """A gesture has no time where it is to be, as the hand makes another there."""
+
+    def __init__(self, sentence: str, kind: str, gesture: Gesture | None) -> None:
+        super().__init__(sentence)
+        self.kind = kind
+        self.gesture = gesture
+        """The other."""
+
+
 def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
     return list(without_gaps(plan.hand(side), plan.duration_s))
 
@@ -382,6 +392,13 @@ def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     return off[nearest] if nearest < SAME_S else None
 
 
+def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:
+    for stroke in strokes_of(plan):
+        if stroke.side == side and phase in plan.hand(side)[stroke.first : stroke.last + 1]:
+            return Gesture(side, stroke.lands.end_s)
+    return None
+
+
 def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
     """The other hand's gesture that lands with this one."""
     other = SIDES[1 - SIDES.index(gesture.side)]
@@ -470,10 +487,12 @@ def _laid(
     for one in moving:
         if one.start_s < busy_s - _TINY_S and one.end_s > strikes_s - least_s + _TINY_S:
             kind = f" ({one.kind})" if one.kind else ""
-            raise PlanError(
+            raise NoTimeError(
                 f"The {side} hand makes a {one.phase}{kind} from {one.start_s:.2f} to "
                 f"{one.end_s:.2f} s; there is no time for a gesture that strikes from "
-                f"{strikes_s:.2f} to {busy_s:.2f} s."
+                f"{strikes_s:.2f} to {busy_s:.2f} s.",
+                one.kind,
+                _gesture_with(plan.with_hand(side, tuple(phases)), side, one),
             )
     if ready is not None:
         free_s = max((one.end_s for one in moving if one.end_s <= strikes_s), default=0.0)

@@ -125,8 +125,32 @@ def page(generated: Page) -> Page:
     return generated
 
 
+IN_ONE_VIEW = """() => {
+  const rect = (what) => document.querySelector(`#player ${what}`).getBoundingClientRect();
+  return rect('.stage-view').top + scrollY >= 0 && rect('.stage-view').height >= 250
+    && rect('.timeline').bottom + scrollY <= innerHeight;
+}"""
+"""Bodies, editor and time line, with nothing scrolled."""
+
+
 def editor(page: Page) -> Locator:
     return page.locator("#player .editing")
+
+
+def palette(page: Page) -> Locator:
+    """What is done with the gesture that is chosen."""
+    return page.locator("#player .palette")
+
+
+def add(page: Page, place: int, hands: str = "", kind: str = "you") -> None:
+    editor(page).locator("summary", has_text="Add").click()
+    editor(page).get_by_label("Gesture to be added").select_option(kind)
+    editor(page).get_by_label("Where").select_option(str(place))
+    editor(page).get_by_label("With", exact=True).select_option(hands)
+    expected = page.locator("#player .event.expected")
+    expect(expected).to_have_text([kind])  # before it is performed
+    press(editor(page), "Add")
+    expect(expected).to_have_count(0)
 
 
 def said(page: Page, sentence: str) -> None:
@@ -188,8 +212,10 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     def done() -> None:
         said(page, text.TAKE_DONE.format(number=next(numbers)))
 
-    press(editor(page), "Edit the gestures")
+    press(page.locator("#player .tiers-head"), "Edit the gestures")
     said(page, text.EDITOR_READY)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.wait_for_function(IN_ONE_VIEW)
     plan_field = editor(page).get_by_label("Plan from a file")
     plan_field.set_input_files({"name": "x.json", "mimeType": "text/json", "buffer": b"[]"})
     said(page, "is no plan of format 1")
@@ -198,23 +224,34 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
 
     # Edits are performed beside each other, saved, and taken back.
     stroke(page, "offer").click()
-    expect(editor(page).locator(".which")).to_contain_text("offer, right hand, 2.00 s")
-    press(editor(page), "Later")
+    expect(palette(page).locator(".which")).to_have_text("2.00 s: offer, right hand")
+    press(palette(page), "Later")
     done()
     staged(page, 2)
     assert right_hand(page, tmp_path) == [2.1, 6.5]
-    editor(page).get_by_label("Gesture to be added").select_option("you")
-    editor(page).get_by_label("Where").select_option("0")
-    press(editor(page), "Add")
+    page.wait_for_function(IN_ONE_VIEW)
+    add(page, 0)
     done()
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
+    add(page, 0, kind="beat")  # where there is no time something else is offered
+    said(page, "there is no time")
+    offered = editor(page).locator(".said-of-edits + .row button")
+    expect(offered).to_have_text(
+        [re.compile(r"At \d\.\d s, the nearest free place"), "In place of you"]
+    )
+    offered.last.click()
+    done()
+    assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
+    expect(stroke(page, "you")).to_have_count(0)
+    press(editor(page), "Undo")
+    said(page, "Take 2 is there again, beside take 1")
     stroke(page, "beat").focus()
     page.keyboard.press("Delete")
     done()
     staged(page, 2)
     assert right_hand(page, tmp_path) == [2.1, 4.15]
     names = page.locator("#player .stage-tag header b").all_inner_texts()
-    assert names == ["take 2", "take 3"]
+    assert names == ["take 2", "take 4"]
     assert plan_file(page, ".bvh", tmp_path).read_text().startswith("HIERARCHY")
     grid = read_plan_file(plan_file(page, ".TextGrid", tmp_path)).plan
     assert [len(gestures(grid, side)) for side in ("left", "right")] == [0, 2]
@@ -248,7 +285,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     handle = page.get_by_role("slider", name="End of the hold")
     expect(handle).to_have_attribute("aria-valuetext", "hold ends at 2.30 s")
     drag(page, handle, 0.8)
-    expect(editor(page).locator(".ends-at")).to_contain_text("hold ends at 3.")
+    expect(palette(page).locator(".ends-at")).to_contain_text("hold ends at 3.")
     page.mouse.up()
     done()
     expect(handle).to_be_focused()
@@ -275,21 +312,21 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     assert right_hand(page, tmp_path) == [1.89, 6.5]
 
     stroke(page, "offer").click()
-    press(editor(page), "Lock")
-    press(editor(page), "Delete")
+    palette(page).locator("summary").click()
+    press(palette(page), "Lock")
+    page.keyboard.press("Escape")
+    press(palette(page), "Delete")
     said(page, "is locked; unlock it to change it")
     assert right_hand(page, tmp_path) == [1.89, 6.5]
 
     # On a phone a gesture is added and deleted.
     turn_to(page, (390, 844, "dark"))
-    editor(page).get_by_label("Where").select_option("1")
-    editor(page).get_by_label("With", exact=True).select_option("left")
-    press(editor(page), "Add")
+    add(page, 1, "left")
     done()
     added_one = page.locator("#player .timeline .event.stroke[data-list=left]")
     added_one.click()
-    expect(editor(page).locator(".which")).to_contain_text("you, left hand, 5.65 s")
-    press(editor(page), "Delete")
+    expect(palette(page).locator(".which")).to_have_text("5.65 s: you, left hand")
+    press(palette(page), "Delete")
     done()
     expect(added_one).to_have_count(0)
     expect_fit(page)
@@ -300,6 +337,8 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
 
 FRAMES = 15
 SHOWN = 10
+TAG_PX = 34
+"""Of a body's name, above its picture."""
 SMALL = (96, 72)
 """Pictures are compared so coarsely that edges and an encoder's noise do not count."""
 PLAYER = "document.querySelector('#own-player .lockstep')"
@@ -347,8 +386,7 @@ def away(canvas: np.ndarray, video: np.ndarray, page: Page) -> float:
     told = json.loads(page.evaluate(f"{PLAYER}.seen()"))
     width, height = told["size"]
     columns = min(told["columns"], len(told["shown"])) if told["mode"] == "grid" else 1
-    under = canvas.shape[0] - height if told["mode"] == "grid" else 0
-    seen = canvas[round(under) :, : round(columns * width)]
+    seen = canvas[TAG_PX : TAG_PX + round(height), : round(columns * width)]
     band = video.shape[0] - round(video.shape[1] * seen.shape[0] / seen.shape[1])
     shorter = video.shape[1] // (columns if told["mode"] == "grid" else 2)
     assert abs(band - band_height(min(shorter, video.shape[0] - band))) < 8

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.errors import page_sentence
 from app.findings.sentences import GRAVEST
@@ -23,6 +23,9 @@ from app.run.output.run_folder import (
     read_run,
 )
 from conventions.names import REFERENCE_NAME, file_stem
+
+if TYPE_CHECKING:
+    from app.run.takes.edits import Offer
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
@@ -78,13 +81,22 @@ class Showing:
         path = file_of(self.folder, self.record.timeline)
         return {} if path is None else json.loads(path.read_text(encoding="utf-8"))
 
-    def say(self, sentence: str = "", *, is_refused: bool = False, state: str = "") -> None:
+    def say(
+        self,
+        sentence: str = "",
+        *,
+        is_refused: bool = False,
+        state: str = "",
+        offers: Sequence[Offer] = (),
+    ) -> None:
         """Have the editor of gestures say something beside all that it knows.
 
         Args:
             state: ``working`` while a take is made.
+            offers: what can be done instead.
         """
-        self.editing = {"said": sentence, "refused": is_refused, "state": state}
+        told = [{"label": one.label, "edits": [e.told() for e in one.edits]} for one in offers]
+        self.editing = {"said": sentence, "refused": is_refused, "state": state, "offers": told}
 
     def for_browser(self, address: Address) -> Showing:
         """The same for another, who sees the run and changes nothing of it."""

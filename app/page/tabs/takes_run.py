@@ -11,7 +11,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.errors import CancelledRun, RunError, visitor_sentence
+from app.errors import CancelledRun, RunError, page_sentence, visitor_sentence
 from app.page.parts.html_parts import PRIVATE, in_turn
 from app.page.player.player import Showing
 from app.page.queue.runner import Updates, follow
@@ -150,6 +150,9 @@ class _Work:
         return self.said(text.TAKE_COMING.format(number=number), state="working")
 
     def finished(self, result: Take) -> Updates:
+        if result.offers:
+            self.showing.say(page_sentence(result.notes[0]), is_refused=True, offers=result.offers)
+            return {self.parts.player: self.showing.value() | {"begins": False}}
         done = text.TAKE_DONE.format(number=result.number) if result.number else text.EDITOR_READY
         return self.said(" ".join((done, *result.notes)))
 

@@ -19,6 +19,8 @@ export interface Row {
   /** How much of it there is so far. */
   there?: There;
   video?: string;
+  /** Whether it will have one. */
+  is_drawn?: boolean;
   /** Address of its `Plan`, and whether the system was given that. */
   plan?: string;
   is_planned?: boolean;
@@ -47,6 +49,8 @@ export interface Editing {
   said: string;
   refused: boolean;
   state: string;
+  /** What can be done in place of what was refused. */
+  offers: { label: string; edits: object[] }[];
 }
 
 /** Of one plan: app/run/takes/take.py. */
@@ -57,7 +61,9 @@ export interface EditorTold {
   looks: [number, number, number, number][];
   blinks: number[];
   style: Record<string, number>;
-  kinds: string[];
+  /** Each with the hands that usually make it; and how long before and after it lands it begins and ends. */
+  kinds: Record<string, "right" | "both">;
+  around: [number, number];
   words: Interval[];
 }
 

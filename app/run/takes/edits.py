@@ -10,7 +10,7 @@ from typing import Any, cast
 from app.errors import RunError
 from conventions.names import printable
 from model.plan import editing
-from model.plan.editing import SAME_S, Edited, Gesture, Hands
+from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
 from model.plan.files import ENDINGS, plan_in
 from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side
 from model.plan.style import LIMITS, excited, style_of, with_style
@@ -26,6 +26,8 @@ NOD_DEG = 8.0
 LOOK_S = 1.0
 AT_S = 0.05
 """An event that is to be removed is found by its time, to so much."""
+STEP_S = 0.1
+"""By which the nearest free place is searched."""
 Locked = tuple[str, float]
 """A hand, and when its gesture lands."""
 Values = Mapping[str, Any]
@@ -40,6 +42,18 @@ class Edit:
 
     do: str
     values: Values
+
+    def told(self) -> dict[str, Any]:
+        """As it comes from outside."""
+        return {"do": self.do, **self.values}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What can be done in place of an edit that cannot."""
+
+    label: str
+    edits: tuple[Edit, ...]
 
 
 @dataclass(frozen=True)
@@ -92,6 +106,44 @@ def edited(
         plan = done.plan
         notes += done.notes
     return editing.keeping(kept, before, Edited(plan, tuple(dict.fromkeys(notes))))
+
+
+def offers_for(
+    plan: GesturePlan, edit: Edit, words: Said, locked: Sequence[Locked]
+) -> tuple[Offer, ...]:
+    """Where there is no time for a gesture, the nearest place that has, and to take the place of
+    the one that is there; as far as either can be done. None where nothing is in the way."""
+
+    def can_be(*edits: Edit) -> bool:
+        try:
+            edited(plan, edits, words, locked)
+        except (PlanError, RunError):
+            return False
+        return True
+
+    try:
+        edited(plan, (edit,), words, locked)
+    except NoTimeError as error:
+        offers = []
+        if edit.do in ("add", "move"):
+            lands_s, _ = _place(edit.values, words)
+            steps = range(1, 1 + round(plan.duration_s / STEP_S))
+            places = (round(lands_s + by * STEP_S, 3) for step in steps for by in (step, -step))
+            others = {name: value for name, value in edit.values.items() if name != "word"}
+            moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
+            found = next((each for each in moved if can_be(each)), None)
+            if found is not None:
+                place = f"At {found.values['at']:.1f} s, the nearest free place"
+                offers.append(Offer(place, (found,)))
+        if error.gesture is not None:
+            one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
+            kind = error.kind.replace("_", " ") or "what is there"
+            instead = Offer(f"In place of {kind}", (Edit("delete", one), edit))
+            offers += [instead] if can_be(*instead.edits) else []
+        return tuple(offers)
+    except (PlanError, RunError):
+        pass
+    return ()
 
 
 def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:

@@ -24,7 +24,7 @@ from app.run.output.run_folder import (
 )
 from app.run.requests.request import Ask, Grown, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import Edit, Locked, edited
+from app.run.takes.edits import Edit, Locked, Offer, edited, offers_for
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
@@ -64,7 +64,8 @@ class Take:
     number: int
     """0 where the row is only ready."""
     notes: tuple[str, ...] = ()
-    """What was mended, in sentences."""
+    """What was mended, in sentences; or why nothing is done, where something else is offered."""
+    offers: tuple[Offer, ...] = ()
 
 
 class _TakeWriter(RunWriter):
@@ -91,7 +92,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
     from model.generation.windows import Cancelled
     from model.motion.filtering import filtered
     from model.motion.motion import load_motion
-    from model.plan.plan import read_plan
+    from model.plan.plan import PlanError, read_plan
     from model.speech.audio import SpeechLimits, load_speech
 
     asked, record = request.run, read_run(request.folder)
@@ -118,7 +119,13 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             before = _ready(request, start, system, speech, sample, plan, words, should_cancel)
             if not request.edits:
                 return Take(0)
-            done = edited(plan, request.edits, words, request.locked)
+            try:
+                done = edited(plan, request.edits, words, request.locked)
+            except PlanError as error:
+                offers = offers_for(plan, request.edits[-1], words, request.locked)
+                if len(request.edits) > 1 or not offers:
+                    raise
+                return Take(0, (str(error),), offers)
             number = 1 + max(numbers, default=0)
             name = f"{of}.take{number}"
             row = rows_of([*(each.name for each in record.rows), name])[-1]
@@ -200,7 +207,7 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     eyes' events, the style of the whole, and what can be added."""
     from model.plan.editing import Gesture as Which
     from model.plan.editing import partner_of
-    from model.plan.kinds import PLACES, strokes_of
+    from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
     from model.plan.style import style_of
 
     gestures = []
@@ -223,7 +230,8 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
         "looks": [[each.start_s, each.end_s, each.yaw_deg, each.pitch_deg] for each in plan.looks],
         "blinks": [each.time_s for each in plan.blinks],
         "style": {name: round(value, 4) for name, value in asdict(style_of(plan)).items()},
-        "kinds": sorted(PLACES),
+        "kinds": {kind: "both" if kind in BY_BOTH else "right" for kind in sorted(PLACES)},
+        "around": [-STROKE_S - PREPARATION_S, HOLD_S],
         "words": [[word.start_s, word.end_s, word.text] for word in words],
     }
 

@@ -13,7 +13,7 @@ from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
 from app.run.requests.request import Ask, Event, Grown
-from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of
+from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of, offers_for
 from app.run.takes.take import Take, TakeRequest, asked_of, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan import editing
@@ -138,6 +138,28 @@ def test_a_plan_from_a_file_takes_its_place(plan):
         done(plan, {"do": "plan", "name": "x.exe", "text": ""})
     with pytest.raises(PlanError, match="no plan of format"):
         done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})
+
+
+def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_offered(plan):
+    for told, at, left in (
+        ({"do": "move", **FIRST, "at": 6.1}, 6.6, [6.1]),
+        ({"do": "add", "kind": "you", "at": 6.2}, 6.6, [2.0, 6.2]),
+    ):
+        (edit,) = edits_of([told])
+        with pytest.raises(PlanError, match="there is no time"):
+            edited(plan, (edit,), WORDS, ())
+        nearest, instead = offers_for(plan, edit, WORDS, ())
+        assert (
+            nearest.label == f"At {at} s, the nearest free place"
+            and instead.label == "In place of frame"
+        )
+        assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
+        made = done(plan, *(each.told() for each in instead.edits)).plan
+        assert (lands(made, "right"), lands(made, "left")) == (left, [])
+        kept = locked_of([["right", 6.0]])
+        assert [each.label for each in offers_for(plan, edit, WORDS, kept)] == [nearest.label]
+    (fits,) = edits_of([{"do": "add", "kind": "you", "at": 9.0}])
+    assert offers_for(plan, fits, WORDS, ()) == ()
 
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):

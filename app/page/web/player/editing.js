@@ -4,9 +4,9 @@
  * take, that stands beside the one it was made from. Takes are kept, so that undo is the take before.
  */
 
-import { make } from "../dom.js";
+import { make, popUp } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
-import { foundAgain, kindName } from "./plan.js";
+import { capital, foundAgain, kindName, SIDES } from "./plan.js";
 
 const NUDGE_S = 0.1;
 const HOLD_S = 0.3;
@@ -29,7 +29,7 @@ const SLIDERS = {
   both: ["With both hands", 0, 1, 0.05],
   smile: ["Smile", 0, 1, 0.05],
 };
-const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "" };
+const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "", offers: [] };
 
 export class Editing {
   #player;
@@ -79,33 +79,63 @@ export class Editing {
   #build() {
     const button = (label, onclick, title = label) => make("button", { type: "button", title, onclick }, label);
     this.toggle = make("button", { type: "button", class: "toggle", "aria-expanded": "false", onclick: () => this.#open(!this.#isOpen) }, "Edit the gestures");
+    this.#timeline.tiersHead.append(this.toggle);
     this.said = make("p", { class: "said-of-edits", role: "status" });
+    this.offers = make("span", { class: "row" });
     this.undo = button("Undo", () => this.#undo(), "Undo (Ctrl+Z)");
     this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
     this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
     this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
     const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
-    const top = make("div", { class: "row" }, this.undo, this.redo, make("label", {}, "Edited", this.takes), make("label", {}, "beside", this.besides), make("label", { class: "file" }, "Plan from a file", file));
+    this.element = make("section", {
+      class: "editing", hidden: true, "aria-label": "Edit the gestures",
+      ondragover: (event) => event.preventDefault(),
+      ondrop: (event) => {
+        if (!event.dataTransfer.files.length) return;
+        event.preventDefault();
+        this.#take(event.dataTransfer.files[0]);
+      },
+    }, this.undo, this.redo, make("label", {}, this.takes, "beside", this.besides), this.#buildAdding(button),
+    popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file))), this.said, this.offers);
+    this.#buildPalette(button);
+  }
+
+  /** What is done with the gesture that is chosen, in a lane under that of its hand. */
+  #buildPalette(button) {
     this.which = make("b", { class: "which" });
-    this.tools = make("div", { class: "row tools", hidden: true, role: "group", "aria-label": "The gesture that is chosen" },
-      this.which, (this.endsAt = make("span", { class: "ends-at" })), (this.deletion = button("Delete", () => this.#delete(), "Delete (Del)")),
-      (this.ofGesture = make("span", { class: "row" },
-        button("Earlier", () => this.#nudge(-NUDGE_S), "Earlier (Shift+Left)"), button("Later", () => this.#nudge(NUDGE_S), "Later (Shift+Right)"),
-        (this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)))),
-        button("Hold shorter", () => this.#hold(-HOLD_S)), button("Hold longer", () => this.#hold(HOLD_S)),
-        button("Smaller", () => this.#change("size", { size: 1 / LARGER })), button("Larger", () => this.#change("size", { size: LARGER })),
+    this.endsAt = make("span", { class: "ends-at" });
+    this.hint = make("span", { class: "hint" }, "Choose a gesture. A stroke can be dragged, and so can the end of any phase of a hand.");
+    this.deletion = button("Delete", () => this.#delete(), "Delete (Del)");
+    this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)));
+    this.handButtons = ["left", "right", "both"].map((hands) => make("button", { type: "button", "aria-label": hands === "both" ? "Both hands" : `${capital(hands)} hand`, onclick: () => this.#hands(hands) }, capital(hands)));
+    this.lock = make("button", { type: "button", "aria-pressed": "false", title: "What is locked stays as it is", onclick: () => this.#toggleLock() }, "Lock");
+    this.ofGesture = make("span", { class: "row" },
+      button("Earlier", () => this.#nudge(-NUDGE_S), "Earlier (Shift+Left)"), button("Later", () => this.#nudge(NUDGE_S), "Later (Shift+Right)"), this.byWord,
+      button("Hold shorter", () => this.#hold(-HOLD_S)), button("Hold longer", () => this.#hold(HOLD_S)),
+      button("Smaller", () => this.#change("size", { size: 1 / LARGER })), button("Larger", () => this.#change("size", { size: LARGER })),
+      make("span", { class: "switch", role: "group", "aria-label": "Hand" }, ...this.handButtons),
+      popUp("menu", make("summary", {}, "More"), make("div", {}, make("span", { class: "row" },
         button("Lower", () => this.#change("height", { by: -HIGHER_M })), button("Higher", () => this.#change("height", { by: HIGHER_M })),
-        button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER })),
-        make("span", { class: "switch", role: "group", "aria-label": "Hand" }, ...(this.handButtons = ["left", "right", "both"].map((hands) => button(hands === "both" ? "Both hands" : `${hands[0].toUpperCase()}${hands.slice(1)} hand`, () => this.#hands(hands))))),
-        (this.lock = make("button", { type: "button", "aria-pressed": "false", title: "What is locked stays as it is", onclick: () => this.#toggleLock() }, "Lock")),
-      )));
-    this.hint = make("p", { class: "hint" }, "Choose a gesture on the time line. A stroke can be dragged, too, and so can the end of any phase of a hand.");
-    this.kinds = make("select", { "aria-label": "Gesture to be added" });
-    this.places = make("select", { "aria-label": "Where" });
-    this.hands = make("select", { "aria-label": "With" }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
-    const head = [button("Nod", () => this.#ask({ do: "nod", at: this.#player.time })), button("Blink", () => this.#ask({ do: "blink", at: this.#player.time })),
-      ...Object.entries(LOOKS).map(([label, yaw]) => button(label, () => this.#ask({ do: "look", at: this.#player.time, yaw, pitch: 0 })))];
-    const adding = make("div", { class: "row", role: "group", "aria-label": "Add" }, this.kinds, this.places, this.hands, button("Add", () => this.#add()), make("span", { class: "row", role: "group", "aria-label": "At the present moment" }, ...head));
+        button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER })), this.lock))));
+    this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "The gesture that is chosen" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.hint, this.deletion, this.ofGesture, this.endsAt));
+  }
+
+  #buildAdding(button) {
+    const changed = { onchange: () => this.#foresee() };
+    this.kinds = make("select", { "aria-label": "Gesture to be added", ...changed });
+    this.places = make("select", { "aria-label": "Where", ...changed });
+    this.hands = make("select", { "aria-label": "With", ...changed }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
+    const now = (does, values = {}) => () => this.#ask({ do: does, at: this.#player.time, ...values });
+    const looks = Object.entries(LOOKS).map(([label, yaw]) => button(label, now("look", { yaw, pitch: 0 })));
+    const head = make("span", { class: "row", role: "group", "aria-label": "At the present moment" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
+    this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, make("span", { class: "row" }, this.kinds, this.places, this.hands, button("Add", () => this.#add(), "Add it")), head));
+    this.adding.addEventListener("toggle", () => this.#foresee());
+    this.#player.addEventListener("time", () => this.adding.open && this.#foresee());
+    this.expected = SIDES.map(() => make("i", { class: "event expected" }));
+    return this.adding;
+  }
+
+  #buildStyle() {
     this.sliders = new Map();
     const sliders = Object.entries(SLIDERS).map(([name, [label, min, max, step]]) => {
       const input = make("input", { type: "range", min, max, step, "aria-label": label, onchange: () => this.#ask({ do: "style", [name]: Number(input.value) }) });
@@ -114,17 +144,7 @@ export class Editing {
       return make("label", {}, make("span", {}, label), input);
     });
     const excite = make("input", { type: "range", min: -1, max: 1, step: 0.25, value: 0, "aria-label": "Calm to excited", onchange: () => (this.#ask({ do: "style", excite: Number(excite.value) }), (excite.value = "0")) });
-    const style = make("details", { class: "style" }, make("summary", {}, "Style of the whole"), make("div", { class: "sliders" }, ...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite)));
-    this.body = make("div", { class: "editor", hidden: true }, top, this.hint, this.tools, adding, style);
-    this.element = make("section", {
-      class: "editing", hidden: true, "aria-label": "Edit the gestures",
-      ondragover: (event) => this.#isOpen && event.preventDefault(),
-      ondrop: (event) => {
-        if (!this.#isOpen || !event.dataTransfer.files.length) return;
-        event.preventDefault();
-        this.#take(event.dataTransfer.files[0]);
-      },
-    }, make("div", { class: "row head" }, this.toggle, this.said), this.body);
+    return [...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite)];
   }
 
   /** What the server is asked for, as app/page/tabs/takes_run.py reads it. */
@@ -154,13 +174,12 @@ export class Editing {
    */
   show(run, value, rows) {
     if (run !== this.#run) this.#clear(run);
-    this.element.hidden = !value?.rows.length;
+    this.toggle.hidden = !value?.rows.length;
     this.#value = value ?? NOTHING;
     this.#rows = rows;
     if (!value?.rows.length) return;
     if (!this.#start) this.#start = value.rows[0];
-    this.said.textContent = value.said;
-    this.said.classList.toggle("refused", value.refused);
+    if (this.#isBusy) this.#say(value.said, value.refused, value.offers);
     const coming = rows.find(({ name, take }) => take && !value.known[name])?.name ?? null;
     const isNew = coming && coming !== this.#coming;
     const made = this.#coming && !coming && value.known[this.#coming] ? this.#coming : null;
@@ -172,8 +191,20 @@ export class Editing {
     this.#update();
   }
 
+  /** What has become of what was asked for, and what can be done instead. */
+  #say(sentence, isRefused = false, offers = []) {
+    this.said.textContent = sentence;
+    this.said.classList.toggle("refused", isRefused);
+    const choose = (edits) => () => {
+      this.offers.replaceChildren();
+      this.#ask(...edits);
+    };
+    this.offers.replaceChildren(...offers.map(({ label, edits }) => make("button", { type: "button", onclick: choose(edits) }, label)));
+  }
+
   #clear(run) {
     this.#run = run;
+    this.#say("");
     this.#start = this.#beside = this.#told = this.#toldUrl = this.#chosen = this.#picked = this.#coming = null;
     this.#isShowing = false;
     this.#queue = [];
@@ -187,11 +218,13 @@ export class Editing {
 
   #open(isOpen) {
     this.#isOpen = isOpen;
-    this.body.hidden = !isOpen;
+    this.element.hidden = !isOpen;
     this.toggle.setAttribute("aria-expanded", String(isOpen));
     this.toggle.textContent = isOpen ? "Close the editor" : "Edit the gestures";
     this.element.classList.toggle("open", isOpen);
     if (!isOpen) this.end.show(null);
+    if (!isOpen) this.palette.remove();
+    this.#foresee();
     if (!this.#start) return;
     if (isOpen && !this.#value.known[this.#start]) this.#flush(true);
     if (isOpen) this.#timeline.showBody(this.#start);
@@ -242,6 +275,16 @@ export class Editing {
     const now = this.#start;
     this.#goOnFrom(before);
     this.#putBeside(this.#value.known[before]?.from || now);
+    this.#tellStart();
+  }
+
+  /** Of takes that were there before nothing new is told by the server. */
+  #tellStart() {
+    if (this.#value.known[this.#start]) this.#say(`${capital(this.#labelOf(this.#start))} is there again${this.#beside ? `, beside ${this.#labelOf(this.#beside)}` : ""}.`);
+  }
+
+  #labelOf(name) {
+    return this.#rows.find((row) => row.name === name)?.label ?? name;
   }
 
   #doAgain() {
@@ -252,6 +295,7 @@ export class Editing {
     this.#goOnFrom(next);
     this.#putBeside(now);
     this.#redo = rest;
+    this.#tellStart();
     this.#update();
   }
 
@@ -271,8 +315,9 @@ export class Editing {
   // ------------------------------------------------------------------ asking
 
   /** Have something done to the plan, after what is being done. */
-  #ask(edit) {
-    this.#queue.push(edit);
+  #ask(...edits) {
+    this.#before = [this.#chosen, this.#picked];
+    this.#queue.push(...edits);
     if (!this.#isBusy) this.#flush();
     this.#update();
   }
@@ -301,12 +346,11 @@ export class Editing {
   #change(does, values) {
     if (!this.#chosen?.side) return;
     const { side, lands } = this.#chosen;
-    this.#before = [this.#chosen, this.#picked];
     this.#ask({ do: does, side, lands, ...values });
   }
 
   #delete() {
-    const { chosen } = this;
+    const chosen = this.#chosen;
     if (!chosen) return;
     if (chosen.side) this.#change("delete", {});
     else this.#ask({ do: "remove", list: chosen.list, at: chosen.at });
@@ -315,8 +359,8 @@ export class Editing {
     this.#update();
   }
 
-  get chosen() {
-    return this.#chosen;
+  get isOpen() {
+    return this.#isOpen;
   }
 
   #moveTo(at) {
@@ -339,7 +383,6 @@ export class Editing {
   #moveEnd({ list, index }, from, to) {
     const event = this.#timeline.tiers.plan[list][index];
     const at = Math.round(1000 * to) / 1000;
-    this.#before = [this.#chosen, this.#picked];
     this.#ask({ do: "end", side: list, ends: from, at });
     this.#picked = { list, event: { ...event, end_s: at } };
     if (event.phase === "stroke" && this.#chosen?.lands === from) this.#chosen = { ...this.#chosen, lands: at };
@@ -353,7 +396,7 @@ export class Editing {
   #toWord(way) {
     const words = this.#told?.words ?? [];
     if (!this.#chosen?.side || !words.length) return;
-    const lands = words.map(/** @param {import("../told").Interval} word */ ([start, end]) => start + 0.3 * (end - start));
+    const lands = words.map(landsOn);
     const now = this.#chosen.lands;
     const index = way > 0 ? lands.findIndex((at) => at > now + 0.02) : lands.findLastIndex((at) => at < now - 0.02);
     if (index < 0) return;
@@ -390,13 +433,27 @@ export class Editing {
     const [what, where] = [this.kinds.value, this.places.value];
     const place = where === "" ? { at: Math.round(1000 * this.#player.time) / 1000 } : { word: Number(where) };
     const hands = this.hands.value ? { hands: this.hands.value } : {};
+    this.adding.open = false;
     this.#ask({ do: "add", kind: what, ...place, ...hands });
+  }
+
+  /** Where the gesture would be that is to be added, before anything is performed. */
+  #foresee() {
+    const { kinds = {}, around: [before, after] = [0, 0], words = [] } = this.#told ?? {};
+    const isShown = this.#isOpen && this.adding.open && !!this.#told;
+    const hands = this.hands.value || kinds[this.kinds.value];
+    const lands = this.places.value === "" ? this.#player.time : landsOn(words[Number(this.places.value)]);
+    for (const [i, side] of SIDES.entries()) {
+      const element = this.expected[i];
+      const isMade = isShown && [side, "both"].includes(hands);
+      element.textContent = kindName(this.kinds.value);
+      this.#timeline.tiers.hang(element, isMade ? side : null, () => this.#timeline.tiers.lay(element, { start_s: lands + before, end_s: lands + after }));
+    }
   }
 
   async #take(file) {
     if (file.size > MAX_FILE) {
-      this.said.textContent = `${file.name} has ${(file.size / 1e6).toFixed(1)} MB; a plan has at most ${MAX_FILE / 1e6} MB.`;
-      this.said.classList.add("refused");
+      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; a plan has at most ${MAX_FILE / 1e6} MB.`, true);
       return;
     }
     this.#ask({ do: "plan", name: file.name.slice(-200), text: await file.text() });
@@ -513,7 +570,6 @@ export class Editing {
 
   #update() {
     if (!this.#isOpen) return;
-    const label = (name) => this.#rows.find((row) => row.name === name)?.label ?? name;
     const options = (select, entries, value) => {
       const told = JSON.stringify(entries);
       if (select.dataset.told !== told) select.replaceChildren(...entries.map(([each, words]) => make("option", { value: each }, words)));
@@ -521,14 +577,14 @@ export class Editing {
       select.value = value;
     };
     const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.known)])];
-    options(this.takes, names.map((name) => [name, label(name)]), this.#start);
+    options(this.takes, names.map((name) => [name, this.#labelOf(name)]), this.#start);
     options(this.besides, [["", "nothing"], ...this.#rows.filter(({ name }) => name !== this.#start && name !== this.#coming).map((row) => [row.name, row.label ?? row.name])], this.#beside ?? "");
     this.undo.disabled = this.#isBusy || !this.#value.known[this.#start]?.from;
     this.redo.disabled = this.#isBusy || !this.#redo.length;
     this.element.setAttribute("aria-busy", String(this.#isBusy));
     this.#showChosen();
     if (!this.#told) return;
-    options(this.kinds, this.#told.kinds.map((kind) => [kind, kindName(kind)]), this.kinds.value || "you");
+    options(this.kinds, Object.keys(this.#told.kinds).map((kind) => [kind, kindName(kind)]), this.kinds.value || "you");
     options(this.places, [["", "at the present moment"], ...this.#told.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
     for (const [name, input] of this.sliders) {
       if (!this.#isBusy || document.activeElement !== input) input.value = String(this.#told.style[name]);
@@ -536,20 +592,15 @@ export class Editing {
     }
   }
 
-  /** What is done with the gesture that is chosen stands above the time line, which stays where it is. */
   #showChosen() {
-    const { element } = this.#timeline;
-    const before = element.getBoundingClientRect().top;
-    this.#layChosen();
-    window.scrollBy({ top: element.getBoundingClientRect().top - before, behavior: "instant" });
-  }
-
-  #layChosen() {
+    if (!this.#isOpen) return;
     const chosen = this.#chosen;
     const { told } = this.end;
+    const list = chosen?.side ?? chosen?.list ?? told?.list ?? "right";
+    const lane = this.#timeline.tiers.laneOf(list);
+    if (lane.nextElementSibling !== this.palette) lane.after(this.palette);
     this.endsAt.textContent = told ? `${told.phase} ends at ${told.seconds.toFixed(2)} s` : "";
     this.hint.hidden = !!chosen || !!told;
-    this.tools.hidden = !chosen && !told;
     this.deletion.hidden = this.ofGesture.hidden = !chosen;
     if (!chosen) this.which.textContent = told ? `${told.phase}, ${told.list} hand` : "";
     if (!chosen) return;
@@ -558,11 +609,20 @@ export class Editing {
     const gesture = this.#gesture;
     const kind = gesture ? kindName(gesture.kind) || "gesture" : "Gesture";
     const hands = gesture && gesture.partner !== null ? "both hands" : `${chosen.side} hand`;
-    this.which.textContent = chosen.side ? `${kind}, ${hands}, ${chosen.lands.toFixed(2)} s` : `${chosen.list.slice(0, -1)}, ${chosen.at.toFixed(2)} s`;
+    this.which.textContent = chosen.side ? `${chosen.lands.toFixed(2)} s: ${kind}, ${hands}` : `${chosen.at.toFixed(2)} s: ${chosen.list.slice(0, -1)}`;
     const now = gesture && gesture.partner !== null ? "both" : chosen.side;
     for (const [i, each] of ["left", "right", "both"].entries()) this.handButtons[i].setAttribute("aria-pressed", String(each === now));
     const isLocked = !!chosen.side && !!this.#lockOf(chosen);
     this.lock.setAttribute("aria-pressed", String(isLocked));
     this.lock.textContent = isLocked ? "Unlock" : "Lock";
   }
+}
+
+/**
+ * Where on a word a stroke lands; as model/plan/kinds.py has it.
+ *
+ * @param {import("../told").Interval} word
+ */
+function landsOn([start, end]) {
+  return start + 0.3 * (end - start);
 }

@@ -57,7 +57,7 @@ export class PhaseEnd {
     if (!goesOn || !chosen) this.#forget();
     const { plan } = this.#tiers;
     this.#chosen = chosen && plan && hasEnd(plan, chosen) ? chosen : null;
-    if (!this.#chosen) return this.#tiers.hang(null);
+    if (!this.#chosen) return this.#tiers.hang(this.element, null);
     const { phase } = this.#phase;
     this.element.setAttribute("aria-label", `End of the ${phase}`);
     this.element.setAttribute("aria-valuemax", plan.duration_s.toFixed(2));

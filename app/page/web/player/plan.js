@@ -230,6 +230,6 @@ function otherTold(plan, list, event, said) {
   }
 }
 
-function capital(words) {
+export function capital(words) {
   return words[0].toUpperCase() + words.slice(1);
 }

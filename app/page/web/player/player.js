@@ -61,6 +61,7 @@ class Player {
     this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
     this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage() });
+    this.editing.toggle.addEventListener("click", () => this.editing.isOpen && this.#foldForm(true));
     this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.bodies.value && this.timeline.showBody(detail));
     this.timeline.bar.append(this.#sounds.element, this.controls.worst.line);
     this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");

@@ -4,7 +4,7 @@
  */
 
 import { make, WHOLE } from "../dom.js";
-import { classOf, labelOf, ORIGINS, sentenceOf, TIERS, timesOf, within } from "./plan.js";
+import { classOf, labelOf, sentenceOf, TIERS, timesOf, within } from "./plan.js";
 
 const MOST = 600; // boxes in a tier; of more, strokes alone, and of more of these none
 const BEFORE = -0.004; // share of the width by which boxes begin before what is shown
@@ -21,7 +21,7 @@ export class Tiers {
   #time = 0;
   /** @type {import("../told").Chosen | null} */
   #chosen = null;
-  #hung = null; // what hangs in a tier beside its events, the tier's list, and how it is placed
+  #hung = new Map(); // what hangs in tiers beside their events: element -> how it is placed
 
   /**
    * @param {{ onChoose?: (chosen: import("../told").Chosen, event: object, sentence: string) => void }} told
@@ -54,7 +54,7 @@ export class Tiers {
 
   /** The element of an event, if it is drawn now. */
   elementOf({ list, index }) {
-    return this.#tiers.find(({ lists }) => lists.includes(list))?.buttons.get(`${list} ${index}`) ?? null;
+    return this.#of(list)?.buttons.get(`${list} ${index}`) ?? null;
   }
 
   /**
@@ -91,20 +91,29 @@ export class Tiers {
   }
 
   /**
-   * Have an element hang in the tier of a list, after its events; null takes it away. `place` is
-   * called with it whenever moments stand elsewhere.
+   * Have an element hang in the tier of a list, after its events; without a list it is taken away.
+   * `place` is called whenever moments stand elsewhere.
    *
-   * @param {HTMLElement | null} element
-   * @param {string} list
+   * @param {HTMLElement} element
+   * @param {string | null} list
    * @param {() => void} place
    */
-  hang(element, list = "", place = () => {}) {
-    if (this.#hung && this.#hung.element !== element) this.#hung.element.remove();
-    this.#hung = element && { element, list, place };
-    if (!element) return;
-    const { box } = this.#tiers.find(({ lists }) => lists.includes(list));
+  hang(element, list, place = () => {}) {
+    this.#hung.delete(element);
+    if (!list) return void element.remove();
+    this.#hung.set(element, place);
+    const { box } = this.#of(list);
     if (element.parentElement !== box) box.append(element);
     place();
+  }
+
+  #of(list) {
+    return this.#tiers.find(({ lists }) => lists.includes(list));
+  }
+
+  /** The lane of a list. */
+  laneOf(list) {
+    return this.#of(list).lane;
   }
 
   /** Where a moment stands, 0 to 1 within what is shown. */
@@ -114,10 +123,9 @@ export class Tiers {
 
   /** Lay the events of a list as if they were at other times; null as they are. */
   preview(list, events) {
-    const { buttons } = this.#tiers.find(({ lists }) => lists.includes(list));
-    for (const [key, button] of buttons) {
+    for (const [key, button] of this.#of(list).buttons) {
       const [of, index] = key.split(" ");
-      if (of === list) this.#lay(button, (events ?? this.#plan[list])[Number(index)]);
+      if (of === list) this.lay(button, (events ?? this.#plan[list])[Number(index)]);
     }
   }
 
@@ -163,17 +171,17 @@ export class Tiers {
       }
       for (const [key, chosen] of seen) {
         if (!tier.buttons.has(key)) tier.buttons.set(key, this.#button(chosen));
-        this.#lay(tier.buttons.get(key), this.#plan[chosen.list][chosen.index]);
+        this.lay(tier.buttons.get(key), this.#plan[chosen.list][chosen.index]);
       }
       const inOrder = [...seen.keys()].map((key) => tier.buttons.get(key));
       if (inOrder.some((button, i) => tier.box.children[i] !== button)) {
         const focused = inOrder.find((button) => button === document.activeElement);
-        const first = this.#hung?.element.parentElement === tier.box ? this.#hung.element : null;
+        const first = [...this.#hung.keys()].find(({ parentElement }) => parentElement === tier.box) ?? null;
         for (const button of inOrder) tier.box.insertBefore(button, first);
         focused?.focus({ preventScroll: true });
       }
     }
-    this.#hung?.place();
+    for (const place of this.#hung.values()) place();
     this.#letTab();
     this.#light();
   }
@@ -203,7 +211,8 @@ export class Tiers {
     }, WHOLE + labelOf(list, event));
   }
 
-  #lay({ style }, event) {
+  /** Put an element where an event is. */
+  lay({ style }, event) {
     const [start, end] = event.time_s === undefined ? timesOf(event) : [event.time_s, event.time_s];
     const from = end > start ? Math.max(BEFORE, this.#share(start)) : this.#share(start); // its label stays in sight
     style.left = `${100 * from}%`;
@@ -279,12 +288,6 @@ export class Tiers {
         return null;
     }
   }
-}
-
-/** What says which drawing means what. */
-export function legend() {
-  const each = Object.entries(ORIGINS).map(([origin, words]) => make("span", { "data-origin": origin }, make("i", { class: "swatch" }), words));
-  return make("div", { class: "tier-legend" }, ...each);
 }
 
 /** @returns {HTMLElement[]} */

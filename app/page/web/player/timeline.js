@@ -4,8 +4,8 @@ import { clockText, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../rates.js";
-import { accentsOf, beginOf } from "./plan.js";
-import { legend, Tiers } from "./tiers.js";
+import { accentsOf, beginOf, ORIGINS } from "./plan.js";
+import { Tiers } from "./tiers.js";
 
 const CURVES = {
   jerk_m_s3: { label: "Jerk", unit: "m/s³", digits: 0 },
@@ -54,7 +54,6 @@ export class Timeline {
   onplanned = () => {};
   #unfollow;
   #view = [0, 0]; // the seconds that are shown
-  #fingers = new Map(); // touching the lanes: pointer -> clientX
   #observer = new ResizeObserver(() => this.#draw());
 
   constructor(player) {
@@ -87,18 +86,18 @@ export class Timeline {
       (this.later = button("Later", "\u203a", () => this.pan(PAGE))),
     );
     this.lanes = make("div", { class: "lanes", onpointerdown: (event) => this.#press(event) });
-    this.lanes.addEventListener("pointermove", (event) => this.#pinch(event));
-    for (const end of ["pointerup", "pointercancel"]) this.lanes.addEventListener(end, ({ pointerId }) => this.#fingers.delete(pointerId));
     this.lanes.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     this.tiers = new Tiers({ onChoose: (chosen, event, sentence) => this.#explain(chosen, event, sentence) });
     this.bodies = make("select", { "aria-label": "Whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
     this.why = make("p", { class: "why", role: "status" });
     this.more = make("button", { type: "button", title: "Head and gaze, face and weight, too", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
-    this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, (this.legend = legend()), this.more, this.why);
-    this.legend.hidden = this.more.hidden = true; // of no gestures
+    this.origin = make("span", {});
+    this.legend = make("span", { class: "tier-legend", hidden: true }, make("i", { class: "swatch" }), this.origin);
+    this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, this.legend, this.more, this.why);
+    this.more.hidden = true; // of no gestures
     this.cursor = make("div", { class: "cursor", "aria-hidden": "true" });
     this.range = make("div", { class: "range", hidden: true }, ...["Start", "End"].map((name, end) => this.#handle(name, end)));
-    this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming)), this.tiersHead, this.lanes);
+    this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.zooming, this.scale)), this.tiersHead, this.lanes);
     this.#showRest(!matchMedia(NARROW).matches && !matchMedia(LOW).matches);
   }
 
@@ -189,6 +188,8 @@ export class Timeline {
 
   #showPlan(plan, chosen) {
     this.legend.hidden = this.more.hidden = !plan;
+    this.legend.dataset.origin = plan?.origin ?? "";
+    this.origin.textContent = ORIGINS[plan?.origin] ?? "";
     this.tiers.show(plan, this.#said, chosen);
     this.why.textContent = chosen ? this.tiers.sentence(chosen) : "";
     this.#draw();
@@ -364,7 +365,7 @@ export class Timeline {
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
     const { unit, digits } = CURVES[this.#curve];
-    const scale = known.length ? `, 0 to ${highest.toFixed(digits)} ${unit} in each lane` : "";
+    const scale = known.length ? `, to ${highest.toFixed(digits)} ${unit}` : "";
     this.scale.textContent = this.#data.point + scale;
     for (const row of this.#rows) {
       const curve = this.#curveOf(row.name);
@@ -435,44 +436,14 @@ export class Timeline {
   }
 
   #press(event) {
-    if (event.button !== 0 || !event.target.closest(".plot")) return undefined;
-    if (event.pointerType === "touch") this.#fingers.set(event.pointerId, event.clientX);
-    const { target, pointerType } = event;
-    if (target.closest(".tier") && pointerType === "touch") return this.#slide(event); // to choose, or to go on
-    if (target.closest("[data-list]")) return undefined; // something to choose
+    if (event.button !== 0 || !event.target.closest(".plot") || event.target.closest("[data-list]")) return; // something to choose
     const seek = ({ clientX }) => {
-      if (this.#fingers.size >= 2) return;
       const [seconds, { loop }] = [this.secondsAt(clientX), this.#player];
       if (loop && (seconds < loop[0] || seconds >= loop[1])) this.#player.setLoop(null);
       this.#player.seek(seconds);
     };
     seek(event);
     this.#drag(event, seek);
-    return undefined;
-  }
-
-  /** One finger on the tiers moves what is shown of them. */
-  #slide({ clientX: begun }) {
-    const [start, end] = this.#view;
-    const move = ({ clientX }) => {
-      if (this.#fingers.size < 2 && !this.#isWhole) this.#show(start - ((clientX - begun) / this.#plot.clientWidth) * (end - start), end - start);
-    };
-    const stop = () => {
-      this.lanes.removeEventListener("pointermove", move);
-      for (const name of ["pointerup", "pointercancel"]) this.lanes.removeEventListener(name, stop);
-    };
-    this.lanes.addEventListener("pointermove", move);
-    for (const name of ["pointerup", "pointercancel"]) this.lanes.addEventListener(name, stop);
-  }
-
-  /** Two fingers that move apart or together. */
-  #pinch({ pointerId, clientX }) {
-    if (!this.#fingers.has(pointerId)) return;
-    const spread = () => Math.max(...this.#fingers.values()) - Math.min(...this.#fingers.values());
-    const before = spread();
-    this.#fingers.set(pointerId, clientX);
-    const [first, second] = this.#fingers.values();
-    if (this.#fingers.size === 2) this.zoom(Math.max(spread(), 1) / Math.max(before, 1), this.secondsAt((first + second) / 2));
   }
 
   /** What a key does; true if it does anything. */
