@@ -1,6 +1,6 @@
 """The table of all measures as HTML: every number raw and filtered, one switch for both.
 
-app/page/web/measures.js turns the switch, orders the columns and saves the CSV.
+app/page/web/measures.js turns the switch and saves the CSV.
 """
 
 from __future__ import annotations
@@ -63,7 +63,6 @@ def table_of(
     point: str,
     legend: str,
     above: str = "",
-    is_sortable: bool = True,
 ) -> str:
     """A part of the page: heading, switches and the table.
 
@@ -72,14 +71,13 @@ def table_of(
         legend: a sentence beside the switches; it gets the sign of what is nearest to a reference
             where there is one.
         above: what stands before the table, as HTML.
-        is_sortable: whether a click on a measure orders the columns.
     """
     shown = [measure for measure in MEASURES if _is_known(measure, columns)]
     firsts = {measure.group for measure in shown if measure.is_first}
     head = "".join(_column_head(column) for column in columns)
     body = "".join(
         _group_head(group, len(columns) + 1, group in firsts)
-        + "".join(_row(each, columns, is_sortable) for each in measures)
+        + "".join(_row(each, columns) for each in measures)
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
     return (
@@ -138,17 +136,15 @@ def _group_head(title: str, width: int, has_first: bool) -> str:
     )
 
 
-def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
+def _row(measure: Measure, columns: Sequence[Column]) -> str:
     near = {kind: _nearest_names(measure, columns, kind) for kind in VERSIONS}
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_first else ' class="later"'
-    about = f"{measure.about} {text.SORT_HELP}" if is_sortable else measure.about
-    name = f'<span title="{escape(about)}">{escape(measure.title)}</span>{unit}'
-    head = f'<button type="button">{name}</button>' if is_sortable else f"<div>{name}</div>"
+    name = f'<span title="{escape(measure.about)}">{escape(measure.title)}</span>{unit}'
     return (
         f'<tr data-measure="{escape(measure.title)}" data-unit="{escape(measure.unit)}"{later}>'
-        f'<th scope="row">{head}</th>{cells}</tr>'
+        f'<th scope="row"><div>{name}</div></th>{cells}</tr>'
     )
 
 

@@ -162,7 +162,7 @@ def pair_table(a: RunRecord, b: RunRecord) -> str:
     for pair in pairs_of(list(runs[0]), list(runs[1])):
         columns += _columns([run.get(name) for run, name in zip(runs, pair, strict=True)], pair)
     points = dict.fromkeys(point_title(run.point) for run in (a, b))
-    return table_of(columns, " and ".join(points), text.PAIR_LEGEND, is_sortable=False)
+    return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
 
 
 def _columns(numbers: Sequence[Numbers | None], names: Sequence[str]) -> list[Column]:

@@ -1,10 +1,8 @@
-/** The table of measures: one switch for the filter, columns in the order of a measure, a CSV. */
+/** The table of measures: one switch for the filter, a CSV. */
 
 import { make } from "./dom.js";
-import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
+import { followFilter, wireSwitch } from "./filter_switch.js";
 import { goTo as goToMoment } from "./player/findings.js";
-
-const ORDERS = ["ascending", "descending", null]; // one after the other with each click
 
 export function mountMeasures(element, props, watch) {
   let unfollow = () => {};
@@ -28,11 +26,6 @@ function goTo(button, root) {
 
 /** Wire what the server has written; returns a function that lets go of it. */
 function wireTable(root) {
-  const columns = readColumns(root);
-  for (const row of root.querySelectorAll("tr[data-measure]")) {
-    const button = row.querySelector("th button"); // a table of two runs has none: A stands beside B
-    if (button) button.onclick = () => order(root, row, columns);
-  }
   const more = root.querySelector(".more");
   if (more) more.onclick = () => showMore(root, more);
   root.querySelector(".csv").onclick = () => save(root);
@@ -47,29 +40,6 @@ function showMore(root, button) {
   button.dataset.fewer = button.textContent;
   button.textContent = fewer;
   button.setAttribute("aria-expanded", String(root.classList.toggle("all")));
-}
-
-/** Names of the systems in the server's order; the reference keeps its place. */
-function readColumns(root) {
-  return [...root.querySelectorAll("thead th[data-name]:not(.reference)")].map((head) => head.dataset.name);
-}
-
-function order(root, row, names) {
-  const was = row.getAttribute("aria-sort");
-  const next = ORDERS[(ORDERS.indexOf(was) + 1) % ORDERS.length];
-  for (const other of root.querySelectorAll("tr[aria-sort]")) other.removeAttribute("aria-sort");
-  if (next) row.setAttribute("aria-sort", next);
-  const now = headNames(root);
-  const value = (name) => {
-    const text = row.children[1 + now.indexOf(name)].getAttribute(`data-${currentFilter()}`);
-    return text === null ? Infinity : Number(text) * (next === "descending" ? -1 : 1);
-  };
-  const wanted = next ? names.toSorted((a, b) => value(a) - value(b)) : names;
-  const indices = wanted.map((name) => 1 + now.indexOf(name));
-  for (const each of root.querySelectorAll("thead tr, tr[data-measure]")) {
-    const cells = [...each.children];
-    each.append(...indices.map((index) => cells[index]));
-  }
 }
 
 function headNames(root) {

@@ -40,7 +40,6 @@ const UNDER_PX = 12; // of the window, free under everything
 const UNDER_OPENING_PX = 60; // the controls of an example, or on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
-const CLICK_PX = 5; // of a pointer that turned nothing
 const TAG_PX = 34; // of a body's name, above its picture
 const NAME_PX = 15; // of the same, under close-ups
 const FINGERTIP_M = 0.008; // its radius
@@ -130,7 +129,6 @@ export class Stage {
     player.addEventListener("state", () => this.#showWaiting());
     this.#unfollow = followFilter(() => this.#ask());
     this.#canvas.addEventListener("pointerdown", (event) => this.#beginSwipe(event));
-    this.#canvas.addEventListener("pointerdown", (event) => this.#beginClick(event));
     this.#canvas.addEventListener("dblclick", (event) => this.#enlargeAt(event));
     this.#observer.observe(this.view);
     window.addEventListener("resize", this.#onResize);
@@ -458,16 +456,6 @@ export class Stage {
     const [width, height] = this.#size;
     const found = this.#cells.find(({ cell: [left, top, w, h] }) => x * width >= left && x * width < left + w && y * height >= top && y * height < top + h);
     return found?.entry.row.name ?? null;
-  }
-
-  /** Tell whose body somebody has clicked, unless they turned the camera. */
-  #beginClick({ clientX: x, clientY: y }) {
-    const end = (event) => {
-      const isClick = Math.hypot(event.clientX - x, event.clientY - y) < CLICK_PX;
-      const name = isClick && this.mode === "grid" ? this.#nameAt(event) : null;
-      if (name) this.#tellBody(name);
-    };
-    this.#canvas.addEventListener("click", end, { once: true });
   }
 
   /** Which body somebody is looking at, as an event `body` of the element. */
