@@ -192,6 +192,7 @@ class Player {
     const isWorthIt = rows.some((row) => row.video || (isDrawn && (row.frames || row.motion)));
     this.#root.hidden = !isWorthIt;
     this.#root.classList.toggle("opening", plays);
+    this.#makeRoom();
     if (!isWorthIt) return;
     const hasSound = !!audio && !this.#audio.hasAttribute("src");
     if (hasSound) {
@@ -237,8 +238,21 @@ class Player {
   /** The form makes room for the bodies, but for its buttons, and comes back on a click. */
   #foldForm(isFolded) {
     this.#root.closest(".columns")?.classList.toggle("folded", isFolded);
+    for (let at = this.#root; at && !at.matches(".results"); at = at.parentElement) at.classList.add("around-fold");
     this.fold.textContent = isFolded ? "Show the form" : "Fold the form";
     this.fold.setAttribute("aria-expanded", String(!isFolded));
+  }
+
+  /**
+   * The page's head makes room for a run on the stage. By classes: a style that asks for what is inside of most of the
+   * page is found anew, for all of it, at every change there.
+   */
+  #makeRoom() {
+    if (!this.#root.closest("#player, #own-player")) return;
+    const isOn = this.#root.matches(".staged:not(.opening, [hidden])");
+    for (const place of [".results", ".columns", ".tabitem"]) this.#root.closest(place)?.classList.toggle("with-run", isOn);
+    const tabs = this.#root.closest(".tabs");
+    for (const place of [tabs, tabs?.parentElement]) place?.classList.toggle("with-run", !!tabs?.querySelector(".columns.with-run"));
   }
 
   /** Videos where they are what is shown. */
@@ -249,6 +263,7 @@ class Player {
     this.#videos.element.hidden = !isVideo;
     this.toStage.hidden = !this.#isVideo;
     this.#root.classList.toggle("staged", !isVideo);
+    this.#makeRoom();
     this.controls.element.hidden = isVideo; // each video has the browser's own
     if (isVideo) this.#videos.show(rows);
   }
