@@ -231,7 +231,7 @@ def launch(
     make = make_worker or Worker
     worker = make(config.num_slots, limits, warm=warm)
     videos = make(1, replace(limits, silent_s=PATIENT_S), niceness=19, is_kept=False)
-    gate = Worker(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    gate = make(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, videos, gate):
         atexit.register(each.close)
     addresses = MediaAddresses()
