@@ -413,12 +413,25 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     expect(rating.get_by_role("alert")).to_contain_text("list 99")
 
 
-def test_two_tabs_lose_no_answer_and_go_ahead_together(
+def test_damaged_storage_strands_nobody_and_two_tabs_go_ahead_together(
     take_part: Callable[..., Page], host: Host, tmp_path: Path
 ) -> None:
     token = "5-" + "0" * 32
     first = take_part("pairwise", f"?p=0&t={token}")
     agree(first)
+    answer_pairs(first, until=1)
+    here, participant = place(first), kept_name(first).split("/")[2]
+    for of, broken in {
+        "about": '{"screen": "nowhere", "started": 7}',
+        "draft": "[1]",
+        "page/[0-9a-f]{8}": '[{"trial": 7}, null',
+    }.items():
+        name = kept_name(first, of)
+        first.evaluate("([name, value]) => localStorage.setItem(name, value)", [name, broken])
+        first.reload()
+        expect(first.get_by_text(WORDS["problems"]["repaired"])).to_be_visible()
+        assert kept(first, f"{name}/damaged") == broken
+        assert (place(first) == here) == (of in ("about", "draft"))  # what is lost is asked again
     answer_pairs(first, until=1)
     second = watched(first.context.new_page())
     second.goto(first.url)
@@ -429,32 +442,8 @@ def test_two_tabs_lose_no_answer_and_go_ahead_together(
     answer_pairs(first)
     expect(second.get_by_role("heading", name=WORDS["finish"]["heading"])).to_be_visible()
     saved_answers(first, tmp_path)
-    (participant,) = host.collected("pairwise", tmp_path).participants
-    assert is_whole(host, "pairwise", participant) and participant.link == token
-
-
-def test_damaged_storage_strands_nobody(
-    take_part: Callable[..., Page], host: Host, tmp_path: Path
-) -> None:
-    page = take_part("pairwise", "?p=0")
-    agree(page)
-    answer_pairs(page, until=1)
-    here, participant = place(page), kept_name(page).split("/")[2]
-    for of, broken in {
-        "about": '{"screen": "nowhere", "started": 7}',
-        "draft": "[1]",
-        "page/[0-9a-f]{8}": '[{"trial": 7}, null',
-    }.items():
-        name = kept_name(page, of)
-        page.evaluate("([name, value]) => localStorage.setItem(name, value)", [name, broken])
-        page.reload()
-        expect(page.get_by_text(WORDS["problems"]["repaired"])).to_be_visible()
-        assert kept(page, f"{name}/damaged") == broken
-        assert (place(page) == here) == (of in ("about", "draft"))  # what is lost is asked again
-    answer_pairs(page)
-    saved_answers(page, tmp_path)
     (found,) = host.collected("pairwise", tmp_path).participants
-    assert found.id == participant and is_whole(host, "pairwise", found)
+    assert is_whole(host, "pairwise", found) and (found.link, found.id) == (token, participant)
 
 
 # ---------------------------------------------------------------- other pages that are files
