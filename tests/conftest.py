@@ -1,5 +1,6 @@
 """Settings of every test, and what several files need but nobody changes: made once a run."""
 
+import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ from tests.model.systems.planned.made import make_annotated_folder, make_planned
 
 # Of this process and of all that it starts, workers of pytest-xdist among them: threads of several
 # that wait for each other on the same cores make small matrices many times slower.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"), "1")
 threadpool_limits(1, user_api="blas")
 torch.set_num_threads(1)  # before fixtures of a whole run, too
 
@@ -30,9 +31,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: "browser" not in item.path.parts)
 
 
+def pytest_collection_finish() -> None:
+    """What has been imported is no garbage, and need not be gone through for it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup() -> None:
-    begin_test()
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """What the app calls is checked where it is tested itself."""
+    begin_test(is_checked=not item.nodeid.startswith(("tests/app/", "tests/browser/")))
 
 
 @pytest.fixture(autouse=True)
