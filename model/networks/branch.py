@@ -7,12 +7,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.networks.config import BranchConfig
-from model.networks.layers import (
-    MotionBlock,
-    RecurrentBlock,
-    TimeEmbedding,
-    sinusoidal_positions,
-)
+from model.networks.layers import MotionBlock, TimeEmbedding, sinusoidal_positions
 from model.networks.speech_codes import listener_of
 from model.sampling.prior import GaussianPrior
 
@@ -98,7 +93,8 @@ class MotionBranch(nn.Module):
         self.seed_in = nn.Linear(channels, width)
         self.no_seed = nn.Parameter(0.02 * torch.randn(config.seed_frames, width))
         self.seed_to_condition = nn.Linear(width, width)
-        self.blocks = nn.ModuleList(_block(config) for _ in range(config.num_blocks))
+        shape = width, config.num_heads, config.feedforward_ratio, config.conv_kernel
+        self.blocks = nn.ModuleList(MotionBlock(*shape) for _ in range(config.num_blocks))
         self.norm_out = nn.LayerNorm(width)
         self.out = nn.Linear(width, channels)
         nn.init.zeros_(self.out.weight)  # start at the mean pose, which normalisation puts at zero
@@ -141,12 +137,6 @@ class MotionBranch(nn.Module):
     def leave(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
         """What the last block's frames say of the region's channels."""
         return self.out(self.norm_out(x))
-
-
-def _block(config: BranchConfig) -> nn.Module:
-    if config.frames_by == "gru":
-        return RecurrentBlock(config.width, config.feedforward_ratio)
-    return MotionBlock(config.width, config.num_heads, config.feedforward_ratio, config.conv_kernel)
 
 
 class ConditionedNetwork(nn.Module):

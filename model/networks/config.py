@@ -1,7 +1,8 @@
 """Shapes of networks that several families build on: frozen and validated."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, ClassVar
 
 from model.motion.spaces import RotationSpace
 
@@ -10,6 +11,11 @@ from model.motion.spaces import RotationSpace
 class BranchConfig:
     """Shape of a stack of motion blocks, and what it is told."""
 
+    RETIRED: ClassVar[Mapping[str, Any]] = {
+        "frames_by": "attention", "interaction": "cross-attention", "decoupled": True,
+        "latent": True, "cepstra": 0,
+    }  # fmt: skip
+    """See `model.storage.cards.from_dict`."""
     width: int = 192
     num_blocks: int = 3
     num_heads: int = 6
@@ -17,8 +23,6 @@ class BranchConfig:
     conv_kernel: int = 7
     """Frames seen by the depthwise temporal convolution of each block; 0 leaves it out, as in the
     paper. It lets a small network learn smooth motion in few steps."""
-    frames_by: Literal["attention", "gru"] = "attention"
-    """How frames of a window hear of each other: a transformer's blocks, or recurrent ones."""
     speech_dim: int = 68
     codes: int = 0
     """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none.

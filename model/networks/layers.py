@@ -89,9 +89,14 @@ class MotionBlock(nn.Module):
         self.seed_attention = Attention(width, num_heads)
         self.attention = Attention(width, num_heads)
         self.conv = TemporalConv(width, conv_kernel) if conv_kernel else None
-        self.feedforward = _feedforward(width, feedforward_ratio)
-        num_modulated = 3 if self.conv is not None else 2
-        self.modulation = _films(width, num_modulated)
+        inner = feedforward_ratio * width
+        self.feedforward = nn.Sequential(
+            nn.Linear(width, inner), nn.GELU(), nn.Linear(inner, width)
+        )
+        film = nn.Linear(width, (9 if self.conv else 6) * width)
+        nn.init.zeros_(film.weight)
+        nn.init.zeros_(film.bias)
+        self.modulation = nn.Sequential(nn.SiLU(), film)
 
     def forward(
         self,
@@ -110,43 +115,3 @@ class MotionBlock(nn.Module):
         if self.conv is not None:
             x = film(self.conv, x)
         return film(self.feedforward, x)
-
-
-class RecurrentBlock(nn.Module):
-    """What stands for a `MotionBlock` where the comparison is with recurrent networks: a gated
-    recurrent unit over the seed and then the frames, in both directions, and a feed-forward layer,
-    each residual and FiLM modulated; no attention and no convolution."""
-
-    def __init__(self, width: int, feedforward_ratio: int) -> None:
-        super().__init__()
-        self.norm = nn.LayerNorm(width, elementwise_affine=False)
-        self.gru = nn.GRU(width, width // 2, batch_first=True, bidirectional=True)
-        self.feedforward = _feedforward(width, feedforward_ratio)
-        self.modulation = _films(width, 2)
-
-    def forward(
-        self,
-        x: Float[Tensor, "B T width"],
-        seed: Float[Tensor, "B S width"],
-        condition: Float[Tensor, "B width"],
-    ) -> Float[Tensor, "B T width"]:
-        films = self.modulation(condition)[:, None].chunk(6, dim=-1)
-        scale, shift, gate = films[:3]
-        heard = torch.cat([seed, self.norm(x) * (1 + scale) + shift], dim=1)
-        x = x + (1 + gate) * self.gru(heard)[0][:, seed.shape[1] :]
-        scale, shift, gate = films[3:]
-        return x + (1 + gate) * self.feedforward(self.norm(x) * (1 + scale) + shift)
-
-
-def _feedforward(width: int, ratio: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Linear(width, ratio * width), nn.GELU(), nn.Linear(ratio * width, width)
-    )
-
-
-def _films(width: int, num_layers: int) -> nn.Sequential:
-    """Scale, shift and gate of so many layers from a condition; all zero at first."""
-    film = nn.Linear(width, 3 * num_layers * width)
-    nn.init.zeros_(film.weight)
-    nn.init.zeros_(film.bias)
-    return nn.Sequential(nn.SiLU(), film)

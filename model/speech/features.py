@@ -189,16 +189,6 @@ def average_over_frames(
     return np.diff(at_edges, axis=0) * (FPS / hops_per_second)
 
 
-def cepstrum(features: Float[Tensor, "... 68"], count: int) -> Float[Tensor, "... count"]:
-    """The first cepstral coefficients (MFCC) of `MelEncoder`'s features: the orthonormal cosine
-    transform of the log-mels, which is linear, so that a frame's mean may be taken before it."""
-    order = torch.arange(count, dtype=features.dtype, device=features.device)
-    middle = torch.arange(NUM_MELS, dtype=features.dtype, device=features.device) + 0.5
-    waves = torch.cos(torch.pi / NUM_MELS * middle[:, None] * order)
-    scale = torch.where(order == 0, NUM_MELS**-0.5, (2 / NUM_MELS) ** 0.5)
-    return features[..., :NUM_MELS] @ (waves * scale)
-
-
 def augment_mel(
     features: Float[Tensor, "B T 68"], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:

@@ -11,18 +11,6 @@ from model.systems.asynfusion.config import (
     named_config,
 )
 
-_BLENDED = "overlaps blended in the last steps"
-_FEW_STEPS = {
-    "lcm": "LCM",
-    "lcm-recomputed": "LCM, idle branch computed anew",
-    "lcm-blend": f"LCM, {_BLENDED}",
-}
-
-
-def _few_steps(face: int, body: int) -> tuple[Sampler, ...]:
-    return tuple(Sampler(name, body, face, title) for name, title in _FEW_STEPS.items())
-
-
 FAMILY = Family(
     name="asynfusion",
     title="AsynFusion: face and body that hear each other",
@@ -39,12 +27,9 @@ FAMILY = Family(
     package="model.systems.asynfusion",
     place=3,
     own_samplers={
-        DDIM: (
-            Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"]),
-            Sampler("ddim-blend", 25, 25, f"DDIM, {_BLENDED}"),
-        ),
-        LCM_SYNC: _few_steps(8, 8),
-        LCM_ASYNC: _few_steps(4, 8),
+        DDIM: (Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"]),),
+        LCM_SYNC: (Sampler("lcm", 8, 8, "LCM"),),
+        LCM_ASYNC: (Sampler("lcm", 8, 4, "LCM"),),
     },
     guidance=dict.fromkeys(SYSTEMS, 2.5),
     shared_weights={LCM_ASYNC: LCM_SYNC},

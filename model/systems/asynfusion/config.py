@@ -1,4 +1,4 @@
-"""AsynFusion's systems as data, their settings and those of their ablations."""
+"""AsynFusion's systems as data, their settings."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -11,20 +11,8 @@ DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusio
 SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
 PRESETS = ("demo", "small", "paper", "smoke")
 
-Interaction = Literal[
-    "none",
-    "expression-to-gesture",
-    "gesture-to-expression",
-    "concatenation",
-    "gated",
-    "cross-attention",
-]
-"""How the branches hear of each other after every block (the paper's Tables 2 and 3)."""
-INTERACTIONS: tuple[Interaction, ...] = get_args(Interaction)
-
-Aim = Literal["noise", "teacher", "data"]
-"""What training aims at: the noise (eq. 12), a teacher's consistency (`distillation`), or clean
-motion without a teacher, which is the paper's eq. 7 as it is written."""
+Aim = Literal["noise", "teacher"]
+"""What training aims at: the noise (eq. 12), or a teacher's consistency."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +23,6 @@ class DualBranchConfig(BranchConfig):
     num_blocks: int = 2
     num_heads: int = 3
     speech_context: int = 20
-    interaction: Interaction = "cross-attention"
-
-    def __post_init__(self) -> None:
-        if self.interaction not in INTERACTIONS:
-            raise ValueError(
-                f"interaction is {self.interaction!r}; use one of {', '.join(INTERACTIONS)}."
-            )
-        super().__post_init__()
 
     @property
     def gesture_dim(self) -> int:
@@ -85,6 +65,10 @@ class AsynFusionConfig(TrainConfig):
     teacher_guidance: float = 2.5
     """How many times what speech changes in the teacher's gesture is taken (Luo et al. 2023 distil
     guidance, too): so the student hears at the strength at which its teacher is asked."""
+
+    def __post_init__(self) -> None:
+        if self.aim not in get_args(Aim):
+            raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(Aim))}.")
 
 
 def named_config(preset: str, system: str) -> AsynFusionConfig:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
@@ -14,7 +13,7 @@ from model.networks.branch import ConditionedNetwork, MotionBranch
 from model.networks.layers import Attention
 from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior
-from model.systems.asynfusion.config import DualBranchConfig, Interaction
+from model.systems.asynfusion.config import DualBranchConfig
 
 
 class CoSync(nn.Module):
@@ -36,61 +35,6 @@ class CoSync(nn.Module):
         return self.mlp(self.norm(self.attention(own, other))) + own
 
 
-class Concatenation(nn.Module):
-    """A linear map of both, frame by frame; begins with a branch's own."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.mix = nn.Linear(2 * width, width)
-        with torch.no_grad():
-            self.mix.weight.copy_(torch.cat([torch.eye(width), torch.zeros(width, width)], dim=1))
-            self.mix.bias.zero_()
-
-    def forward(
-        self, own: Float[Tensor, "B T width"], other: Float[Tensor, "B T width"]
-    ) -> Float[Tensor, "B T width"]:
-        return self.mix(torch.cat([own, other], dim=-1))
-
-
-class Gate(nn.Module):
-    """``g F_own + (1 - g) F_other`` with ``g = sigmoid(W [F_own; F_other])`` (eq. 19)."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.gate = nn.Linear(2 * width, width)
-
-    def forward(
-        self, own: Float[Tensor, "B T width"], other: Float[Tensor, "B T width"]
-    ) -> Float[Tensor, "B T width"]:
-        share = self.gate(torch.cat([own, other], dim=-1)).sigmoid()
-        return share * own + (1 - share) * other
-
-
-class Deaf(nn.Module):
-    """Hears nothing of the other branch."""
-
-    def forward(
-        self, own: Float[Tensor, "B T width"], other: Float[Tensor, "B T width"]
-    ) -> Float[Tensor, "B T width"]:
-        return own
-
-
-def make_exchange(interaction: Interaction, which: int, width: int, num_heads: int) -> nn.Module:
-    """What the expression branch (``which`` 0) or the gesture branch (1) hears after one block."""
-    match interaction:
-        case "concatenation":
-            return Concatenation(width)
-        case "gated":
-            return Gate(width)
-        case "cross-attention":
-            return CoSync(width, num_heads)
-        case "expression-to-gesture" if which == 1:
-            return CoSync(width, num_heads)
-        case "gesture-to-expression" if which == 0:
-            return CoSync(width, num_heads)
-    return Deaf()
-
-
 EXPRESSION, GESTURE = 0, 1
 BRANCHES = EXPRESSION, GESTURE
 Pair = tuple[Tensor, Tensor]
@@ -109,14 +53,11 @@ FeatureBuffer = dict[tuple[int, int], Tensor]
 class Branch(MotionBranch):
     """The blocks of one branch, the prior it stands on, and what it hears after each block."""
 
-    def __init__(
-        self, config: DualBranchConfig, prior: GaussianPrior, channels: int, which: int
-    ) -> None:
+    def __init__(self, config: DualBranchConfig, prior: GaussianPrior, channels: int) -> None:
         super().__init__(config, inputs=channels, body_inputs=channels, channels=channels)
         self.prior = prior
         self.exchanges = nn.ModuleList(
-            make_exchange(config.interaction, which, config.width, config.num_heads)
-            for _ in range(config.num_blocks)
+            CoSync(config.width, config.num_heads) for _ in range(config.num_blocks)
         )
 
 
@@ -138,8 +79,8 @@ class DualBranchNetwork(ConditionedNetwork):
         super().__init__(config)
         self.config = config
         self.consistent = consistent
-        self.expression = Branch(config, priors[EXPRESSION], config.expression_dim, EXPRESSION)
-        self.gesture = Branch(config, priors[GESTURE], config.gesture_dim, GESTURE)
+        self.expression = Branch(config, priors[EXPRESSION], config.expression_dim)
+        self.gesture = Branch(config, priors[GESTURE], config.gesture_dim)
 
     @property
     def branches(self) -> tuple[Branch, Branch]:

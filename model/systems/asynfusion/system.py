@@ -61,7 +61,7 @@ class AsynFusionSystem(System):
             GuidedNetwork(self.network, guide),
             partial(self._noise, draw),
             (draw.face_steps or draw.steps, draw.steps),
-            WAYS[draw.sampler],
+            WAYS[WAYS.index(draw.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
             heard=heard.repeat_interleave(size, dim=0),

@@ -120,10 +120,8 @@ def branches_step(
                     config.loss, normalisers[which], x_t[which], predicted[which], x_1[which],
                     noise[which], t[which],
                 )  # fmt: skip
-            elif teacher is not None:
+            else:
                 found = {"consistency": pseudo_huber(predicted[which], wanted[which].float())}
-            else:  # eq. 7
-                found = {"clean": losses.simple_loss(predicted[which], x_1[which])}
             terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
         if config.loss.feet or config.loss.contact:
             body = normalisers[GESTURE].restore(predicted[GESTURE])

@@ -30,27 +30,7 @@ class GeneratorConfig(BranchConfig):
     num_heads: int = 3
     speech_context: int = 20
     """As much as the face hears, so that it costs no further delay."""
-    decoupled: bool = True
-    """A branch for the fingers and one for the rest, as in the paper; False is one for both."""
-    latent: bool = True
-    """Draw x_0 (the z of denoising diffusion GANs; the paper names none); False predicts its
-    mean."""
     channels: int = AXIS_ANGLE_MOTION_DIM
-    cepstra: int = 0
-    """Hear so many cepstral coefficients (MFCC) of the log-mels instead of them; 0 for none."""
-
-    def __post_init__(self) -> None:
-        if self.cepstra and self.codes:
-            raise ValueError(
-                f"cepstra is {self.cepstra} and codes {self.codes}; codes are of log-mels, which "
-                "cepstra replace: one of the two must be 0."
-            )
-        super().__post_init__()
-
-    @property
-    def heard_dim(self) -> int:
-        """Speech features of each frame that the networks see."""
-        return self.cepstra or self.speech_dim
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """The generator (clean motion x_0 from x_t, speech, seed pose and speaker), the discriminator."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import torch
@@ -12,7 +11,6 @@ from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.branch import ConditionedNetwork, MotionBranch, shown
 from model.networks.layers import TimeEmbedding
 from model.sampling.prior import GaussianPrior
-from model.speech.features import cepstrum
 from model.systems.gan.config import DiscriminatorConfig, GeneratorConfig
 from model.systems.gan.sampling import flow_time
 
@@ -41,14 +39,14 @@ class Generator(ConditionedNetwork):
     def __init__(
         self, config: GeneratorConfig, prior: GaussianPrior, normaliser: Normaliser
     ) -> None:
-        super().__init__(replace(config, speech_dim=config.heard_dim))
+        super().__init__(config)
         assert normaliser.unmix is not None
         self.config = config
         self.prior = prior
         self.reach = TimeEmbedding(config.width)
         channels = config.channels
         rest = [c for c in range(channels) if c not in set(FINGERS)]
-        self.regions = [FINGERS, rest] if config.decoupled else [[*range(channels)]]
+        self.regions = [FINGERS, rest]
         self.branches = nn.ModuleList(
             MotionBranch(
                 config,
@@ -60,14 +58,12 @@ class Generator(ConditionedNetwork):
         )
         self.unmix: Tensor
         self.register_buffer("unmix", normaliser.unmix, persistent=False)
-        if config.decoupled:
-            energy = normaliser.unmix.square()
-            share = energy[:, FINGERS].sum(1) / energy.sum(1)
-            self.balance = nn.Parameter(torch.logit(share, eps=SHARE_LIMIT))
-        if config.latent:
-            self.spread = nn.Linear(config.width + 1, channels + config.window_frames)
-            nn.init.zeros_(self.spread.weight)
-            nn.init.zeros_(self.spread.bias)
+        energy = normaliser.unmix.square()
+        share = energy[:, FINGERS].sum(1) / energy.sum(1)
+        self.balance = nn.Parameter(torch.logit(share, eps=SHARE_LIMIT))
+        self.spread = nn.Linear(config.width + 1, channels + config.window_frames)
+        nn.init.zeros_(self.spread.weight)
+        nn.init.zeros_(self.spread.bias)
 
     def forward(
         self,
@@ -83,7 +79,7 @@ class Generator(ConditionedNetwork):
         has_speech: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Mean of the clean components x_0, and the deviation of what is left open along the
-        prior's eigenvectors (zeros without a latent); `drawn` makes x_0 of both.
+        prior's eigenvectors; `drawn` makes x_0 of both.
 
         Args:
             now: diffusion time of ``x_t``, 1 (noise) to 0 (data).
@@ -97,12 +93,6 @@ class Generator(ConditionedNetwork):
             x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
             has_seed=has_seed,
         )  # fmt: skip
-
-    def hear(
-        self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
-    ) -> Float[Tensor, "B T width"]:
-        """See `ConditionedNetwork.hear`; of the features as the config says."""
-        return super().hear(features_heard(self.config, speech), has_speech)
 
     def denoised(
         self,
@@ -123,20 +113,16 @@ class Generator(ConditionedNetwork):
         condition = self.condition(now, speaker) + self.reach(before)
         body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
-        said = [
+        fingers, rest = (
             branch(
                 in_channels[..., region], body, tokens, seed, has_seed, condition, self.positions
-            )
+            ).float()
             for branch, region in zip(self.branches, self.regions, strict=True)
-        ]
-        unit = said[0].float()
-        if len(said) == 2:
-            unit = torch.lerp(said[1].float(), unit, self.balance.sigmoid())
+        )
+        unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
             own = self.prior_deviation(tau, has_seed)
             mean = known + self.back(own * self.along(unit, has_seed), has_seed)
-            if not self.config.latent:
-                return mean, torch.zeros_like(own)
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
             return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
@@ -199,13 +185,6 @@ class Generator(ConditionedNetwork):
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()
 
 
-def features_heard(
-    config: GeneratorConfig, speech: Float[Tensor, "B heard speech_dim"]
-) -> Float[Tensor, "B heard heard_dim"]:
-    """The encoder's features, or the cepstral coefficients that follow from them."""
-    return cepstrum(speech, config.cepstra) if config.cepstra else speech
-
-
 class Discriminator(nn.Module):
     """Seven layers (linear, SELU, GroupNorm) on both ends of a step, its times, and what the
     generator was told. The first is shared by all frames, the others see the window at once."""
@@ -216,7 +195,7 @@ class Discriminator(nn.Module):
         self.speaker = nn.Embedding(motion.num_speakers, TOLD_WIDTH)
         self.motion = motion
         # x_before, x_now, the seed where there is one, speech
-        self.frame = _layer(3 * motion.channels + motion.heard_dim, config.frame_width, config)
+        self.frame = _layer(3 * motion.channels + motion.speech_dim, config.frame_width, config)
         flat = motion.window_frames * config.frame_width + 3 * TOLD_WIDTH
         widths = [flat] + [config.width] * (NUM_LAYERS - 2)
         self.window = nn.Sequential(*(_layer(a, b, config) for a, b in pairwise(widths)))
@@ -237,8 +216,7 @@ class Discriminator(nn.Module):
     ) -> Float[Tensor, " B"]:
         """Scores, positive for steps held for real."""
         context = self.motion.speech_context
-        spoken = features_heard(self.motion, speech[:, context : speech.shape[1] - context])
-        spoken = spoken * has_speech[:, None, None]
+        spoken = speech[:, context : speech.shape[1] - context] * has_speech[:, None, None]
         known = F.pad(seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1]))
         frames = self.frame(torch.cat([x_before, x_now, known, spoken], dim=-1).flatten(0, 1))
         told = [self.now(now), self.before(before), self.speaker(speaker)]

@@ -194,11 +194,9 @@ class GanTask(DescentTask):
         penalty = config.loss.gradient_penalty * gradient_penalty(score_real, real).mean()
         judging = discriminator_loss(score_real, score_fake).mean()
         terms = self.training_terms(mean, deviation, drawn)
-        weight = config.loss.geometric
-        explicit = {name: weight * term for name, term in terms.items()} if weight else {}
-        if config.loss.adversarial:
-            deceiving = generator_loss(self.scores(self.step_back(found, drawn), drawn)).mean()
-            explicit["adversarial"] = config.loss.adversarial * deceiving
+        explicit = {name: config.loss.geometric * term for name, term in terms.items()}
+        deceiving = generator_loss(self.scores(self.step_back(found, drawn), drawn)).mean()
+        explicit["adversarial"] = config.loss.adversarial * deceiving
         total = torch.stack(list(explicit.values())).sum()
         norms = [
             self._put_gradient(self.network, total),
@@ -290,11 +288,10 @@ class GanTask(DescentTask):
         terms |= geometric_terms(weights, decoded, drawn.target)
         by_sample = time_weight(flow_time(drawn.now)[0], self.config.loss.time_weight_floor)
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
-        if self.config.generator.latent:
-            has_seed = drawn.told["has_seed"]
-            own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
-            error = self.network.along(drawn.x_0 - mean, has_seed) / own
-            means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
+        has_seed = drawn.told["has_seed"]
+        own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
+        error = self.network.along(drawn.x_0 - mean, has_seed) / own
+        means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means
 
     def _put_gradient(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:

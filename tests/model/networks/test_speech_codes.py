@@ -17,7 +17,6 @@ from model.speech.encoders import make_encoder
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights
-from model.systems.gan.config import GeneratorConfig
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
@@ -90,8 +89,6 @@ def test_what_cannot_be_heard_with_is_told(tmp_path):
         TaskSetup(BUNDLED_WEIGHTS).put_weights_into(network, None)
     with pytest.raises(CheckpointError, match="speech-encoder"):
         TaskSetup(tmp_path).put_weights_into(MotionNetwork(replace(SHAPE, codes=CODES)), None)
-    with pytest.raises(ValueError, match="cepstra is 13 and codes 48"):
-        GeneratorConfig(cepstra=13, codes=CODES)
 
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "three_reasons.wav"

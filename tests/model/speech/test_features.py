@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.fft
 import torch
 
 from model.speech import features
@@ -13,7 +12,6 @@ from model.speech.features import (
     Voice,
     analysed,
     augment_mel,
-    cepstrum,
     in_other_throats,
 )
 from tests.model.made import made_waveform
@@ -93,15 +91,6 @@ def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():
         rows[:1].expand(4, -1, -1), (0.8, 1.2), torch.Generator().manual_seed(0)
     )
     assert len({round(float(one[0, 40]), 4) for one in drawn}) == 4
-
-
-def test_cepstral_coefficients_are_the_cosine_transform_of_the_log_mels():
-    rows = MelEncoder().encode(tone(150), 20)
-    wanted = scipy.fft.dct(rows[:, :NUM_MELS], norm="ortho")[:, :13]
-    found = cepstrum(torch.from_numpy(rows), 13)
-    np.testing.assert_allclose(found, wanted, atol=1e-4)
-    level = cepstrum(torch.ones(1, 68), 3)
-    torch.testing.assert_close(level, torch.tensor([[8.0, 0.0, 0.0]]), atol=1e-5, rtol=0)
 
 
 VOICE = Voice(level_db=25.0, pitch=7.0)

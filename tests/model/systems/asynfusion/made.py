@@ -6,33 +6,21 @@ import torch
 from torch import Tensor
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
-from model.systems.asynfusion.config import (
-    DDIM,
-    LCM_SYNC,
-    AsynFusionConfig,
-    DualBranchConfig,
-    Interaction,
-)
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, AsynFusionConfig, DualBranchConfig
 from model.systems.asynfusion.network import DualBranchNetwork, Pair, Stream, face_tensors
 from tests.model.made import made_components, made_prior, save_made, shaken
 
 FACE, BODY = 52, AXIS_ANGLE_MOTION_DIM
 
 
-def tiny_config(interaction: Interaction = "cross-attention") -> DualBranchConfig:
-    return DualBranchConfig(
-        width=16, num_blocks=2, num_heads=2, num_speakers=4, speech_context=6,
-        interaction=interaction,
-    )  # fmt: skip
+TINY = DualBranchConfig(width=16, num_blocks=2, num_heads=2, num_speakers=4, speech_context=6)
 
 
-def tiny_network(
-    interaction: Interaction = "cross-attention", *, consistent: bool = False
-) -> DualBranchNetwork:
+def tiny_network(*, consistent: bool = False) -> DualBranchNetwork:
     """Its layers say something: those that begin at zero are moved away from it."""
     torch.manual_seed(0)
     priors = made_prior(FACE), made_prior(BODY)
-    network = DualBranchNetwork(tiny_config(interaction), priors, consistent=consistent)
+    network = DualBranchNetwork(TINY, priors, consistent=consistent)
     return shaken(network, by=0.1).requires_grad_(False)
 
 
@@ -66,8 +54,6 @@ def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:
     """Weights of the teacher and of the student."""
     face, body = made_streams()
     for name, aim in ((DDIM, "noise"), (LCM_SYNC, "teacher")):
-        config = AsynFusionConfig(
-            system=name, network=tiny_config(), aim=aim, speech_dropout=speech_dropout
-        )
+        config = AsynFusionConfig(system=name, network=TINY, aim=aim, speech_dropout=speech_dropout)
         save_made(folder, config, tiny_network(), body.tensors() | face_tensors(face))
     return folder

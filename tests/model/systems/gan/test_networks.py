@@ -1,11 +1,8 @@
 """The generator on its Gaussian prior, the discriminator, and what they descend."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
-from model.networks.layers import RecurrentBlock
 from model.systems.gan.config import DiscriminatorConfig
 from model.systems.gan.network import FINGERS, Discriminator, Generator
 from model.systems.gan.sampling import posterior, signal_and_noise, times
@@ -20,8 +17,6 @@ from model.systems.gan.task import (
 from model.training.run_folder import TrainingError
 from tests.model.made import made_components, made_prior, shaken
 from tests.model.systems.gan.made_generator import TINY, made_generator, told
-
-FEW = replace(TINY, channels=3, decoupled=False)
 
 
 def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor) -> torch.Tensor:
@@ -40,13 +35,13 @@ def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor
 
 @pytest.mark.parametrize("steps", [1, 5])
 def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
-    generator = made_generator(FEW).eval()
+    generator = made_generator().eval()
     with torch.no_grad():
-        x = sampled(generator, steps, 600)
+        x = sampled(generator, steps, 300)
     found = torch.einsum("nic,njc->cij", x, x) / len(x)
     wanted = generator.prior.covariance
     scale = wanted.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
-    assert ((found - wanted) / scale).abs().max() < 0.3
+    assert ((found - wanted) / scale).mean(0).abs().max() < 0.05
     bends = x.diff(n=2, dim=1).var(dim=(0, 1))
     curve = torch.zeros(58, 60)
     for k in range(58):
@@ -56,9 +51,9 @@ def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
 
 
 def test_it_continues_its_seed_in_every_number_of_steps():
-    generator = made_generator(FEW).eval()
+    generator = made_generator().eval()
     process = torch.linalg.cholesky(generator.prior.covariance + 1e-5 * torch.eye(60))
-    seed = (process @ torch.randn(3, 60, 64)).permute(2, 1, 0)[:, :8]
+    seed = (process @ torch.randn(TINY.channels, 60, 64)).permute(2, 1, 0)[:, :8]
     for steps in (1, 5, 10):
         with torch.no_grad():
             x = sampled(generator, steps, 64, seed=seed, has_seed=torch.ones(64).bool())
@@ -116,11 +111,11 @@ def test_gradients_reach_every_weight():
 
 
 def test_deviations_are_the_priors_before_training():
-    generator = made_generator(FEW)
+    generator = made_generator()
     now = torch.tensor([0.4, 0.4])
-    known = told(FEW, 2, has_seed=torch.tensor([True, False]))
+    known = told(TINY, 2, has_seed=torch.tensor([True, False]))
     _, deviation = generator(
-        torch.randn(2, 60, 3), now, now / 2, expression=torch.zeros(2, 60, 52), **known
+        torch.randn(2, 60, 168), now, now / 2, expression=torch.zeros(2, 60, 52), **known
     )
     signal, noise = (float(factor) for factor in signal_and_noise(now[0]))
     for b, which in ((0, 1), (1, 0)):
@@ -147,35 +142,6 @@ def test_windows_with_and_without_a_seed_share_a_batch():
     mine = generator.posterior(x_t, tau, known["seed"], known["has_seed"])
     wanted = generator.prior.posterior(x_t, tau, known["seed"], known["has_seed"])
     torch.testing.assert_close(mine, wanted, rtol=1e-4, atol=1e-4)
-
-
-def test_of_speech_it_may_hear_the_cepstrum_alone():
-    config = replace(TINY, cepstra=13)
-    generator = shaken(made_generator(config))
-    assert generator.speech.frames[0].in_features == 13
-    half, x_t = torch.full((2,), 0.5), torch.randn(2, 60, 168)
-    inputs = {"expression": torch.zeros(2, 60, 52), **told(config, 2)}
-    heard = generator(x_t, half, half / 2, **inputs)[0]
-    speech = inputs["speech"].clone()
-    speech[..., 64:] += 1.0  # energy, onsets and pitch are not among the log-mels
-    same = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
-    torch.testing.assert_close(same, heard, atol=0.0, rtol=0.0)
-    speech[..., :8] += 1.0
-    other = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
-    assert (other - heard).abs().max() > 1e-3
-
-
-def test_recurrent_blocks_hear_the_seed_and_both_directions():
-    block = RecurrentBlock(16, 2)
-    x, seed, condition = torch.randn(1, 10, 16), torch.randn(1, 3, 16), torch.randn(1, 16)
-    kept = block(x, seed, condition)
-    for frame in (0, -1):
-        moved = x.clone()
-        moved[:, frame, 0] += 1.0
-        assert (block(moved, seed, condition) - kept).abs().amax(2).min() > 0
-    assert (block(x, seed + 1.0, condition) - kept).abs().amax(2).min() > 0
-    generator = shaken(made_generator(replace(TINY, frames_by="gru")))
-    assert not any("attention" in name for name, _ in generator.named_parameters())
 
 
 SMALL = DiscriminatorConfig(frame_width=16, width=32, groups=4)
