@@ -15,12 +15,11 @@ import json
 import logging
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -31,6 +30,7 @@ from model.data.recordings import DataError, fingerprint, read_split, speaker_of
 from model.evaluation import frechet, tables
 from model.evaluation.adherence import adherence
 from model.evaluation.clips import (
+    ROWS_FORMAT,
     Cast,
     OneClip,
     as_table,
@@ -44,27 +44,25 @@ from model.evaluation.speakers import (
     NO_SPEAKER_JUDGE,
     UNKNOWN_SPEAKERS,
     FewClips,
-    SpeakerJudge,
     judge_of,
 )
 from model.generation.base import System
 from model.measures import beats
 from model.motion.motion import Motion
-from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
 from model.systems.matching import HEARING_JUDGE
-from model.systems.matching.network import MatchingJudge, load_judge
+from model.systems.matching.network import load_judge
 from model.systems.registry import list_systems, load_system
 from processes.job import Job, JobsError
 from processes.pool import JobPool
 
 log = logging.getLogger(__name__)
 
-BATCH_WINDOWS = 64
 ALONE = JobPool(1)
 
 
@@ -109,22 +107,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _motion(args: argparse.Namespace) -> None:
-    calm_and_lively = _two(args.speakers)
-    weights = args.weights.absolute()
+    calm_and_lively, weights = _two(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
-    cast = _load(tuple(names), weights)
+    cast = partial(load_cast, tuple(names), weights)
     table = evaluate(
+        cast,
         args.data.absolute(),
-        test_clips(args.data, cast.systems)[: args.clips],
-        cast.systems,
+        test_clips(args.data, cast().systems)[: args.clips],
         args.seeds,
-        judges=cast.judges,
-        matching=cast.matching,
         guidance=args.guidance,
         speakers=calm_and_lively,
         pool=JobPool(args.processes, args.scheduler),
         kept=args.out / "clips",
-        again=partial(_load, tuple(names), weights),
     )
     write(table, args.out)
     sys.stdout.write(tables.as_markdown(table))
@@ -176,59 +170,43 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
 
 
 def evaluate(
+    cast: Callable[[], Cast],
     folder: Path,
     clips: Sequence[str],
-    systems: Sequence[System],
     seeds: int,
     *,
-    judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
-    matching: MatchingJudge | None = None,
     guidance: float | None = None,
     speakers: tuple[str, str] = CALM_AND_LIVELY,
     pool: JobPool = ALONE,
     kept: Path | None = None,
-    again: Callable[[], Cast] | None = None,
-    batch_windows: int = BATCH_WINDOWS,
 ) -> dict:
-    """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts.
-    Every clip has noise of its own, which is the same for all systems.
+    """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts,
+    ``left_out`` says what there is no judge for. Every clip has noise of its own, which is the same
+    for all systems.
 
     Args:
-        judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
-            and ``left_out`` of the table says so.
-        matching: who tells matched from mismatched speech; the same holds for it.
+        cast: who is measured and who judges; asked again in another process.
         speakers: a calm one and a lively one, who are compared on a few clips.
         pool: who measures the clips.
         kept: where the numbers of each clip stay; those of the same recordings, weights and
             options are taken from there. None keeps nothing.
-        again: gives systems and judges once more, in another process; None sends them there.
-        batch_windows: windows asked at once; changes the speed and nothing else.
 
     Raises:
         DataError: if fewer than two clips can be used.
         JobsError: if those who measure are lost.
     """
-    cast = Cast(tuple(systems), dict(judges), matching)
-    motions = _usable(folder, clips, cast)
+    there = cast()
+    motions = _usable(folder, clips, there)
     names = list(motions)
     speeds = [
         beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
         for motion in motions.values()
     ]
-    few = FewClips.choose(folder, names, cast.systems, speakers)
+    few = FewClips.choose(folder, names, there.systems, speakers)
     whose = [speaker_of(name)[1] for name in names]
-    speaker_judge = judge_of(folder, whose)
-    one = OneClip(
-        folder=folder,
-        cast=again or partial(Cast, cast.systems, cast.judges, matching),
-        seeds=seeds,
-        guidance=guidance,
-        few=few,
-        speaker_judge=speaker_judge,
-        batch_windows=batch_windows,
-        mean_speed=np.mean(speeds, axis=0),
-    )
-    stamp = _stamp(folder, names, cast, seeds, guidance, few, speaker_judge)
+    judge = judge_of(folder, whose)
+    one = OneClip(folder, cast, seeds, guidance, few, judge, np.mean(speeds, axis=0))
+    stamp = _stamp(one, names, there)
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
         files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
         Path(place).mkdir(parents=True, exist_ok=True)
@@ -245,24 +223,23 @@ def evaluate(
             for error in pool.do_all(jobs, on_done).values():
                 raise error
         rows = [load_rows(files[name]) for name in names]
-    table = as_table(rows, whose)
     return {
         "clips": names,
         "noise_seeds": seeds,
-        "guidance": _strengths(cast.systems, guidance),
-        **table,
+        "guidance": _strengths(there.systems, guidance),
+        **as_table(rows, whose),
         "left_out": [
-            *frechet.left_out(judges, motions.values()),
-            *([] if matching else [NO_HEARING_JUDGE]),
+            *frechet.left_out(there.judges, motions.values()),
+            *([] if there.matching else [NO_HEARING_JUDGE]),
             *([] if few.speakers else [UNKNOWN_SPEAKERS]),
-            *([] if speaker_judge else [NO_SPEAKER_JUDGE]),
+            *([] if judge else [NO_SPEAKER_JUDGE]),
         ],
     }
 
 
 @cache
-def _load(names: tuple[str, ...], weights: Path) -> Cast:
-    """Once in each process."""
+def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
+    """Systems by name, and all judges whose weights are there; read once in each process."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()
@@ -290,26 +267,20 @@ def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, f
     }
 
 
-def _stamp(
-    folder: Path,
-    names: Sequence[str],
-    cast: Cast,
-    seeds: int,
-    guidance: float | None,
-    few: FewClips,
-    speaker_judge: SpeakerJudge | None,
-) -> str:
+def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
     """Tells the numbers of these recordings, weights and options from all others."""
+    judge = one.speaker_judge
     told = {
-        "recordings": fingerprint(folder, names),
+        "format": ROWS_FORMAT,
+        "recordings": fingerprint(one.folder, names),
         "clips": list(names),
         "systems": {system.name: dict(system.sha256s) for system in cast.systems},
         "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
         "matching": cast.matching and cast.matching.sha256,
-        "seeds": seeds,
-        "guidance": _strengths(cast.systems, guidance),
-        "few": asdict(few),
-        "speaker_judge": speaker_judge and np.round(speaker_judge.weights, 6).tolist(),
+        "seeds": one.seeds,
+        "guidance": _strengths(cast.systems, one.guidance),
+        "few": asdict(one.few),
+        "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -320,7 +291,7 @@ def _usable(folder: Path, clips: Sequence[str], cast: Cast) -> dict[str, Motion]
     window = max(system.windowing.frames for system in cast.systems)
     for name in clips:
         try:
-            motion = read_recording(folder, name).motion
+            motion, _ = read_recording(folder, name)
             if motion.num_frames < window:
                 raise DataError(f"{motion.num_frames} frames, {window} needed.")
         except (DataError, MotionError, SpeechError) as error:

@@ -79,12 +79,6 @@ class Batch:
         return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
-def home_of(transl: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "3"]:
-    """Where a body stands in the mean, on the floor (y = 0); metres."""
-    place = transl.mean(0)
-    return np.array([place[0], 0.0, place[2]], np.float32)
-
-
 @dataclass(frozen=True)
 class PreparedData:
     """All clips of a data folder as arrays of frames."""
@@ -102,7 +96,8 @@ class PreparedData:
 
     def home(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
         """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
-        return home_of(self.transl[clip.start : clip.stop])
+        x, _, z = self.transl[clip.start : clip.stop].mean(0)
+        return np.array([x, 0.0, z], np.float32)
 
     def of_split(self, split: str) -> tuple[PreparedClip, ...]:
         """The clips of ``train``, ``val``, ``test`` or ``additional``.

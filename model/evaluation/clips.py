@@ -3,7 +3,7 @@ on disk; and intervals over all of them, the evaluation's table."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -15,9 +15,9 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, speaker_of
 from model.diagnostics import measures
-from model.evaluation import frechet, matching
+from model.evaluation import frechet
 from model.evaluation.frechet import window_diversity
-from model.evaluation.matching import coupling, frame_loudness, matched, speech_tracks, voiced
+from model.evaluation.matching import coupling, frame_loudness, matched, voiced
 from model.evaluation.speakers import FewClips, SpeakerJudge
 from model.evaluation.tables import (
     Estimate,
@@ -26,7 +26,7 @@ from model.evaluation.tables import (
     bootstrap_of,
     bootstrap_ratio,
 )
-from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction, System
+from model.generation.base import System
 from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats, differences, face, hearing
@@ -38,7 +38,6 @@ from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
 from model.speech.audio import Speech
-from model.speech.encoder import SpeechEncoder
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
 from model.systems.matching.network import MatchingJudge
@@ -119,7 +118,6 @@ def face_error(motion: Motion, recorded: Motion) -> float:
     return float(np.square(difference[:, used]).mean()) if used.any() else 0.0
 
 
-_NUMBERS = ("measures", "by_depth", "couplings", "errors")
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")
 RATIOS = (
@@ -132,6 +130,8 @@ RATIOS = (
     "seam_jerk_ratio",
 )
 """Measures that are also given over those of the recorded clips."""
+ROWS_FORMAT = 2
+"""Raised whenever `save_rows` writes something else."""
 PAIRWISE_FRAMES = 300
 """Of each clip: the first 10 s."""
 
@@ -141,15 +141,12 @@ class ClipRow:
     """One row's numbers on one clip, averaged over noise seeds."""
 
     measures: dict[str, float]
-    by_depth: dict[str, list[float]]
+    jerk_by_depth: list[float]
     couplings: dict[str, float]
-    features: dict[str, frechet.Features]
-    """Codes by distance, of every judge that sees no more than the motions have."""
-    positions: list[np.ndarray]
-    """Rooted joints of the beginning, for the pairwise distances: one for each noise seed."""
-    windows: np.ndarray
-    """Of the first noise seed, see `diversity.windows_of`."""
-    errors: dict[str, float] = field(default_factory=dict)
+    arrays: dict[str, np.ndarray]
+    """``positions``: of each noise seed, rooted joints of the beginning, for the pairwise
+    distances; ``windows`` of the first (`differences.windows_of`); and by distance the codes of
+    every judge that sees no more than the motions have."""
 
 
 @dataclass(frozen=True)
@@ -160,10 +157,7 @@ class ClipContext:
     sound: np.ndarray
     foreign: np.ndarray
     mean_speed: np.ndarray
-    judges: Mapping[str, FrozenEncoder]
-    """Encoders of the Fréchet distances, by distance."""
-    matching: MatchingJudge | None = None
-    """Who tells matched from mismatched speech; None leaves that out."""
+    cast: "Cast"
 
     @cached_property
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
@@ -184,22 +178,18 @@ class ClipContext:
         """Of each kind of speech, dB for each frame."""
         own = frame_loudness(self.sound, self.recorded.num_frames)
         foreign = frame_loudness(self.foreign, self.recorded.num_frames)
-        return {
-            kind: np.ascontiguousarray(track[:, 0])
-            for kind, track in speech_tracks(own[:, None], foreign[:, None]).items()
-        }
+        shifted = np.roll(own, round(face.SHIFT_S * FPS))
+        return dict(zip(KINDS, (own, shifted, foreign), strict=True))
 
     def row(
         self,
         motions: Sequence[Motion],
-        prediction: Prediction | None = None,
         elsewhere: Sequence[Motion] = (),
         more: Mapping[str, float] = MappingProxyType({}),
     ) -> ClipRow:
         """One row's numbers.
 
         Args:
-            prediction: for a system that can tell x_1 of this clip.
             elsewhere: what the system made of the foreign speech with the same noise.
             more: measures that were found on other motions.
         """
@@ -212,103 +202,73 @@ class ClipContext:
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness["right"])
             | face_and_hands(motion, joints)
-            | (matched(self.matching, motion, *self.heard) if self.matching else {})
+            | (matched(self.cast.matching, motion, *self.heard) if self.cast.matching else {})
             for (one, _), joints, motion in zip(measured, positions, motions, strict=True)
         ]
-        by_depth = {"jerk_m_s3": np.mean([by_depth for _, by_depth in measured], 0).tolist()}
-        if prediction is not None:
-            by_depth["position_error_m"] = prediction.position_error_by_depth_m
-        features = {}
-        for name, judge in self.judges.items():
+        arrays = {
+            "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
+            "windows": differences.windows_of(motions[0]),
+        }
+        for name, judge in self.cast.judges.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
             found = [codes for codes in judged if codes is not None]
             if len(found) == len(motions):
-                features[name] = np.concatenate(found)
+                arrays[name] = np.concatenate(found)
         return ClipRow(
             measures=_mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more),
-            by_depth=by_depth,
+            jerk_by_depth=np.mean([by_depth for _, by_depth in measured], 0).tolist(),
             couplings={
                 kind: float(np.mean([coupling(p, track) for p in positions]))
                 for kind, track in self.loudness.items()
             },
-            features=features,
-            positions=[joints[:PAIRWISE_FRAMES] for joints in positions],
-            windows=differences.windows_of(motions[0]),
-            errors=prediction.errors if prediction else {},
+            arrays=arrays,
         )
 
 
 def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
     """Write a clip's rows, whole or not at all: numbers as JSON, arrays as they are."""
-    arrays: dict[str, np.ndarray] = {}
-    told = {}
-    for place, (name, row) in enumerate(rows.items()):
-        own = {f"features.{key}": value for key, value in row.features.items()}
-        own |= {f"positions.{seed}": joints for seed, joints in enumerate(row.positions)}
-        own["windows"] = row.windows
-        arrays |= {f"{place}.{key}": array for key, array in own.items()}
-        told[name] = {key: getattr(row, key) for key in _NUMBERS}
-    text = json.dumps(told).encode()
+    told = {name: vars(row) | {"arrays": list(row.arrays)} for name, row in rows.items()}
+    arrays = {
+        f"{place}.{key}": array
+        for place, row in enumerate(rows.values())
+        for key, array in row.arrays.items()
+    }
+    text = np.frombuffer(json.dumps(told).encode(), np.uint8)
     with written_atomically(path) as part:
-        np.savez(part, rows=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
+        np.savez(part, rows=text, **arrays)  # type: ignore[arg-type]
 
 
 def load_rows(path: Path) -> dict[str, ClipRow]:
     """What `save_rows` wrote."""
     with np.load(path, allow_pickle=False) as archive:
         told = json.loads(archive["rows"].tobytes())
-        rows = {}
-        for place, (name, numbers) in enumerate(told.items()):
-            start = f"{place}."
-            own = {key[len(start) :]: archive[key] for key in archive if key.startswith(start)}
-            features = {k.partition(".")[2]: v for k, v in own.items() if k.startswith("features.")}
-            seeds = sum(key.startswith("positions.") for key in own)
-            rows[name] = ClipRow(
-                **numbers,
-                features=features,
-                positions=[own[f"positions.{seed}"] for seed in range(seeds)],
-                windows=own["windows"],
+        return {
+            name: ClipRow(
+                **numbers | {"arrays": {key: archive[f"{k}.{key}"] for key in numbers["arrays"]}}
             )
-    return rows
+            for k, (name, numbers) in enumerate(told.items())
+        }
 
 
 @dataclass(frozen=True)
 class Cast:
-    """Who is measured, and the encoders of the distances."""
+    """Who is measured, and who judges."""
 
-    systems: Sequence[System]
-    judges: Mapping[str, FrozenEncoder]
+    systems: tuple[System, ...]
+    judges: Mapping[str, FrozenEncoder] = MappingProxyType({})
+    """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
     matching: MatchingJudge | None = None
-    """Who tells matched from mismatched speech."""
+    """Who tells matched from mismatched speech; None leaves that out."""
 
 
-@dataclass(frozen=True)
-class ReadClip:
-    """A test clip: its motion, its speech, and what each encoder hears in it."""
-
-    motion: Motion
-    speech: Speech
-
-    def features(self, encoder: SpeechEncoder) -> Float[np.ndarray, "T dim"]:
-        """The speech of the motion's frames; encoded once for all systems with that encoder."""
-        if encoder.name not in self._heard:
-            found = encoder.encode(self.speech.waveform, self.motion.num_frames)
-            self._heard[encoder.name] = found
-        return self._heard[encoder.name]
-
-    @cached_property
-    def _heard(self) -> dict[str, Float[np.ndarray, "T dim"]]:
-        return {}
-
-
-def read_recording(folder: Path, name: str) -> ReadClip:
+def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
     """The frames that both motion and speech have.
 
     Raises:
         DataError, MotionError, SpeechError: if it cannot be used.
     """
     motion, speech = read_files(folder, name)
-    return ReadClip(first_frames(motion, min(motion.num_frames, speech.num_frames)), speech)
+    return first_frames(motion, min(motion.num_frames, speech.num_frames)), speech
 
 
 @dataclass(frozen=True)
@@ -321,19 +281,16 @@ class OneClip:
     guidance: float | None
     few: FewClips
     speaker_judge: SpeakerJudge | None
-    batch_windows: int
     mean_speed: np.ndarray
     """Of the joints whose beats count, over all clips."""
 
     def measure(self, name: str, other: str, out: Path) -> None:
         """Write the rows of clip ``name``; the speech of ``other`` is the wrong one."""
         cast = self.cast()
-        mine, foreign = read_recording(self.folder, name), read_recording(self.folder, other)
-        motion = mine.motion
-        context = ClipContext(
-            motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges,
-            cast.matching,
-        )  # fmt: skip
+        (motion, speech), (_, foreign) = (
+            read_recording(self.folder, clip) for clip in (name, other)
+        )
+        context = ClipContext(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
         # Silences of its own speech; nothing where none is long enough.
         in_silence = speed_in_silence(motion, voiced(context.heard[0]))
         of_recordings = (
@@ -348,17 +305,11 @@ class OneClip:
                 samples=self.seeds,
                 guidance=guidance,
             )
-            prediction = system.predict_with(
-                motion,
-                speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
-                system.speaker_index(speaker_of(name)[1]),
-                self.batch_windows,
-            )
-            motions = generate_motion(system, mine.speech, options)
-            elsewhere = generate_motion(system, foreign.speech, options)
-            more = self.few.measures(system, name, mine.speech, guidance)
+            motions = generate_motion(system, speech, options)
+            elsewhere = generate_motion(system, foreign, options)
+            more = self.few.measures(system, name, speech, guidance)
             more |= self._told(motions, name)
-            rows[system.name] = context.row(motions, prediction, elsewhere, more)
+            rows[system.name] = context.row(motions, elsewhere, more)
         save_rows(out, rows)
 
     def _told(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
@@ -376,12 +327,11 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         ``motion``: measures by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
         against each other, where there is that distance;
         ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
-        ``wrong_speech``: the x_1 error with wrong speech over that with the right one;
         ``coupling``: of wrists and loudness.
     """
     motion: dict[str, dict[str, dict]] = {}
     by_depth: dict[str, dict[str, list[float]]] = {}
-    wrong_speech, couplings = {}, {}
+    couplings = {}
     recorded = [rows[RECORDED] for rows in clips]
     judged = _judged(recorded)
     for name in clips[0]:
@@ -405,27 +355,19 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         ]
         if wrists:
             columns["calm_over_lively"] = bootstrap_ratio(*zip(*wrists, strict=True))
-        columns["pairwise_l1_m"] = _pairwise([row.positions[0] for row in rows])
+        columns["pairwise_l1_m"] = _pairwise([row.arrays["positions"][0] for row in rows])
         spread = _spread_at_will(rows, speakers if name == RECORDED else None)
         if spread is not None:
             columns["spread_at_will_m"] = spread
-        columns |= window_diversity([row.windows for row in rows])
+        columns |= window_diversity([row.arrays["windows"] for row in rows])
         if name != RECORDED:
             for measure, features in _judged(rows).items():
                 if measure in judged:
                     columns[measure] = frechet.distance(judged[measure], features)
         motion[name] = {measure: vars(interval) for measure, interval in columns.items()}
-        by_depth[name] = {
-            key: np.mean([row.by_depth[key] for row in rows], axis=0).tolist()
-            for key in rows[0].by_depth
-        }
+        jerk = np.mean([row.jerk_by_depth for row in rows], axis=0)
+        by_depth[name] = {"jerk_m_s3": jerk.tolist()}
         couplings[name] = _contrast([row.couplings for row in rows])
-        if rows[0].errors:
-            right = [row.errors["right"] for row in rows]
-            wrong_speech[name] = {
-                kind: vars(bootstrap_ratio([row.errors[kind] for row in rows], right))
-                for kind in KINDS[1:]
-            }
     floors = {
         f"{measure}_floor": vars(frechet.split_half_floor(features))
         for measure, features in judged.items()
@@ -434,13 +376,12 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         "motion": motion,
         **floors,
         "by_depth": by_depth,
-        "wrong_speech": wrong_speech,
         "coupling": couplings,
         "settings": settings(),
     }
 
 
-def settings() -> dict[str, float | list[float]]:
+def settings() -> dict[str, float]:
     """The parameters behind the numbers."""
     return {
         "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,
@@ -448,9 +389,7 @@ def settings() -> dict[str, float | list[float]]:
         "beat_speed_threshold": beats.SPEED_THRESHOLD,
         "beat_neighbours_frames": beats.NEIGHBOURS,
         "beat_margin_s": beats.MARGIN_S,
-        "wrong_speech_shift_s": matching.SHIFT_S,
-        "wrong_speech_flow_times": list(FLOW_TIMES),
-        "position_error_flow_time": DEPTH_FLOW_TIME,
+        "wrong_speech_shift_s": face.SHIFT_S,
         "silence_s": SILENCE_S,
         "coupling_max_lag_s": face.MAX_LAG_S,
         "div_batch_windows": differences.BATCH_WINDOWS,
@@ -464,10 +403,11 @@ def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> 
     noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
     where there are no two of either."""
     if speakers is None:
-        pairs = [mean_pairwise_l1(row.positions) for row in rows if len(row.positions) > 1]
+        drawn = [row.arrays["positions"] for row in rows]
+        pairs = [mean_pairwise_l1(positions) for positions in drawn if len(positions) > 1]
         values = [float(d[np.triu_indices(len(d), 1)].mean()) for d in pairs]
     else:
-        distances = mean_pairwise_l1([row.positions[0] for row in rows])
+        distances = mean_pairwise_l1([row.arrays["positions"][0] for row in rows])
         values = [
             float(distances[i, j])
             for i, one in enumerate(speakers)
@@ -490,8 +430,8 @@ def _pairwise(positions: Sequence[np.ndarray]) -> Estimate:
 
 def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:
     """Codes of all clips, by distance; those that a clip lacks are left out."""
-    names = [name for name in rows[0].features if all(name in row.features for row in rows)]
-    return {name: [row.features[name] for row in rows] for name in names}
+    names = [name for name in frechet.ENCODERS if all(name in row.arrays for row in rows)]
+    return {name: [row.arrays[name] for row in rows] for name in names}
 
 
 def _contrast(rows: Sequence[dict[str, float]]) -> dict[str, dict]:

@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.generation.base import Features
-from model.measures.face import SHIFT_S, lagged_correlation, wrist_speed
+from model.measures.face import lagged_correlation, wrist_speed
 from model.motion.motion import Motion
 from model.speech.features import NUM_MELS
 from model.systems.matching import HEARING_JUDGE
@@ -99,15 +98,6 @@ def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
     lead = own[:, None] - others
     wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
     return float(wins.mean())
-
-
-def speech_tracks(right: Features, foreign: Features) -> dict[str, Features]:
-    """The clip's own speech, the same shifted by 4 s in a circle, and another clip's."""
-    return {
-        "right": right,
-        "shifted": np.roll(right, round(SHIFT_S * FPS), axis=0),
-        "foreign": np.resize(foreign, right.shape),
-    }
 
 
 def frame_loudness(

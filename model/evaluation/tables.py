@@ -130,10 +130,6 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
     return str(Estimate(**columns[measure])) if measure in columns else "-"
 
 
-def _percent_above_1(columns: dict[str, dict], measure: str) -> str:
-    return str(Estimate(**{key: 100 * (value - 1) for key, value in columns[measure].items()}))
-
-
 def _markdown(headings: list[str], rows: list[list[str]]) -> list[str]:
     lines = [headings, ["---"] * len(headings), *rows]
     return ["| " + " | ".join(cells) + " |" for cells in lines] + [""]
@@ -156,17 +152,6 @@ def as_markdown(table: dict) -> str:
             lines += [f"{heading} of recorded halves against each other: {floor}", ""]
     for sentence in table["left_out"]:
         lines += [sentence, ""]
-    lines += _markdown(
-        ["x_1 error above that with right speech, %", "shifted 4 s", "foreign"],
-        [
-            [
-                harmless.markdown(name),
-                _percent_above_1(kinds, "shifted"),
-                _percent_above_1(kinds, "foreign"),
-            ]
-            for name, kinds in table["wrong_speech"].items()
-        ],
-    )
     kinds = ["right", "shifted", "foreign", "right_minus_shifted", "right_minus_foreign"]
     lines += _markdown(
         ["wrist speed with loudness, correlation", *(kind.replace("_", " ") for kind in kinds)],
@@ -175,23 +160,18 @@ def as_markdown(table: dict) -> str:
             for name, columns in table["coupling"].items()
         ],
     )
-    for key in ("jerk_m_s3", "position_error_m"):
-        having = {name: row[key] for name, row in table["by_depth"].items() if key in row}
-        depths = range(len(next(iter(having.values()), [])))
-        lines += _markdown(
-            [f"{key} by depth", *map(str, depths)],
-            [
-                [harmless.markdown(name), *(f"{value:.3g}" for value in values)]
-                for name, values in having.items()
-            ],
-        )
+    jerks = {name: row["jerk_m_s3"] for name, row in table["by_depth"].items()}
+    lines += _markdown(
+        ["jerk_m_s3 by depth", *map(str, range(len(next(iter(jerks.values())))))],
+        [[harmless.markdown(name), *(f"{one:.3g}" for one in row)] for name, row in jerks.items()],
+    )
     return "\n".join(lines)
 
 
 def as_csv(table: dict) -> str:
     """One line for each value: part, row, measure, mean, low, high."""
     lines: list[list[object]] = [["part", "row", "measure", "mean", "low", "high"]]
-    for part in ("motion", "wrong_speech", "coupling"):
+    for part in ("motion", "coupling"):
         for row, columns in table[part].items():
             for measure, value in columns.items():
                 lines.append([part, row, measure, value["mean"], value["low"], value["high"]])

@@ -23,12 +23,6 @@ from model.speech.encoder import SpeechEncoder
 from model.speech.transcript import Interval
 from model.storage.cards import Card
 
-Features = Float[np.ndarray, "_ dim"]
-FLOW_TIMES = (0.0, 0.2, 0.4)
-"""Of `Prediction.errors`: early, where speech matters more than x_t."""
-DEPTH_FLOW_TIME = 0.5
-"""Of its position error by depth."""
-
 
 @dataclass(frozen=True)
 class Windowing:
@@ -146,17 +140,6 @@ class Follower(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Errors of x_1 on one clip, without a seed pose, which would give most of the answer away."""
-
-    errors: dict[str, float]
-    """Mean squared error over `FLOW_TIMES` by kind of speech; normalised channels."""
-    position_error_by_depth_m: list[float]
-    """With the right speech at `DEPTH_FLOW_TIME`, the pelvis in place; entry d is of the joints d
-    bones from it."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class System(ABC):
     """A trained generator with a name, its card, and what it can be asked for."""
@@ -269,10 +252,3 @@ class System(ABC):
             root=torch.cat([root, newer.root[:, rest]], dim=1),
             expression=torch.cat([expression, newer.expression[:, rest]], dim=1),
         )
-
-    def predict_with(
-        self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
-    ) -> Prediction | None:
-        """How well x_1 of a recorded clip is told with each kind of speech; None for a system that
-        cannot be asked that."""
-        return None

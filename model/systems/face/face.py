@@ -92,12 +92,11 @@ class Face:
         seed: Float[Tensor, "B S E"] | None,
         noise: Float[Tensor, "B T E"],
         plan: Float[Tensor, "B heard tracks"] | None = None,
-    ) -> tuple[Float[Tensor, "B T E"], Float[Tensor, "B S E"]]:
-        """Windows of face units, and the seeds of the windows that follow them.
+    ) -> Float[Tensor, "B T E"]:
+        """Windows of face units.
 
         Args:
-            seed: normalised last frames of the windows before, as this returned them; None where
-                a face begins.
+            seed: normalised last frames of the windows before; None where a face begins.
             plan: `model.plan.tracks.FACE_TRACKS` of the frames that are heard.
         """
         size = len(speech)
@@ -114,8 +113,7 @@ class Face:
             return self.network(x_t, torch.full((size,), t), tracks=plan, **conditions)
 
         x_1 = self.network.prior.sample(predict, noise, seed, steps=FACE_STEPS)
-        units = self.normaliser.restore(x_1).clamp(0, 1)
-        return units, self.normaliser.normalise(units[:, -self.config.seed_frames :])
+        return self.normaliser.restore(x_1).clamp(0, 1)
 
     def window(
         self,
@@ -143,8 +141,7 @@ class Face:
             seed = None if end is None else self.normaliser.normalise(end[None])
             noise = self.noise(noise_seed, index)
             planned = None if plan is None else plan[None]
-            drawn, _ = self.draw(speech[None], speaker, seed, noise, planned)
-            found = drawn[0]
+            found = self.draw(speech[None], speaker, seed, noise, planned)[0]
             if end is not None:
                 found = torch.cat([fade(end, found[:shared]), found[shared:]])
             self._remembered[key] = found

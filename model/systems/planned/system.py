@@ -11,8 +11,7 @@ from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from model.data.annotated import kinds_of
-from model.generation.base import Draw, Features
-from model.motion.motion import Motion
+from model.generation.base import Draw
 from model.networks.trained import Trained
 from model.plan.plan import GesturePlan
 from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
@@ -132,11 +131,6 @@ class PlannedSystem(GlobalDiffSystem):
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
         """See `FacedSystem.face_plan`."""
         return heard[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
-
-    def predict_with(
-        self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
-    ) -> None:
-        """See `System.predict_with`: its network is told a plan, which features alone are not."""
 
 
 def load(name: str, folder: Path) -> PlannedSystem:

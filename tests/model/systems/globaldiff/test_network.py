@@ -4,12 +4,9 @@ import json
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import pytest
 import torch
 
-from conventions.joints import NUM_JOINTS
-from model.motion.motion import Motion
 from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
@@ -21,10 +18,8 @@ from model.systems.globaldiff.config import (
     named_config,
 )
 from model.systems.globaldiff.network import MotionNetwork
-from model.systems.globaldiff.system import load
 from model.systems.registry import family_of
 from model.training.run_folder import differing_fields
-from tests.helpers import smooth_motion_example
 from tests.model.made import TINY_NETWORK, shaken
 
 
@@ -48,11 +43,6 @@ def inputs(size: int = 2, config: NetworkConfig = TINY_NETWORK) -> dict:
 def network() -> MotionNetwork:
     torch.manual_seed(0)
     return shaken(MotionNetwork(TINY_NETWORK), by=0.1)
-
-
-@pytest.fixture(scope="module")
-def system(weights):
-    return load("globaldiff/local", weights)
 
 
 @pytest.mark.parametrize("changed", ["x_t", "t", "speech", "expression", "seed", "speaker"])
@@ -111,45 +101,6 @@ def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
     assert first["joint"] == first["skeleton"] == first["motion"] == 0
     assert min(last[name] for name in ("simple", "position", "joint", "skeleton", "motion")) > 0
     assert first["simple"] > 0 and first["position"] > 0
-
-
-FRAMES, SHIFT = 240, 120
-
-
-class Listener(MotionNetwork):
-    """A network that hears which frame of the recording it is, and nothing else."""
-
-    def __init__(self, config: NetworkConfig, frames: torch.Tensor) -> None:
-        super().__init__(config)
-        self.frames = frames
-
-    def forward(self, x_t, t, *, speech, **_):
-        return self.frames[speech[..., 0].long()]
-
-
-def recorded_frames(system, motion: Motion) -> torch.Tensor:
-    """Normalised motion vectors, written out: row-6D, then (velocity x, height, velocity z)."""
-    rows = motion.local_rotations()[..., :2, :].reshape(FRAMES, NUM_JOINTS * 6)
-    steps = np.diff(motion.trans, axis=0)[:, [0, 2]] * 30
-    steps = np.concatenate([steps[:1], steps])
-    root = np.stack([steps[:, 0], motion.trans[:, 1], steps[:, 1]], axis=1)
-    return system.normaliser.normalise(torch.cat([rows, torch.from_numpy(root)], dim=1)).float()
-
-
-def test_a_network_that_listens_is_right_with_its_own_speech_alone(system):
-    motion = smooth_motion_example(FRAMES)
-    frames = recorded_frames(system, motion)
-    listening = replace(system, network=Listener(system.config, frames))
-    count = np.zeros((FRAMES, 68), np.float32)
-    count[:, 0] = np.arange(FRAMES)
-    tracks = {"right": count, "shifted": np.roll(count, SHIFT, axis=0), "foreign": 0 * count}
-    found = listening.predict_with(motion, tracks, 1, batch_size=3)
-    assert found.errors["right"] == pytest.approx(0, abs=1e-8)
-    assert max(found.position_error_by_depth_m) < 1e-5
-    wanted = (torch.roll(frames, SHIFT, 0) - frames).square().mean()
-    assert found.errors["shifted"] == pytest.approx(float(wanted), rel=1e-4)
-    still = (frames[:1] - frames).square().mean()
-    assert found.errors["foreign"] == pytest.approx(float(still), rel=1e-4)
 
 
 @pytest.mark.parametrize("name", LADDER)
