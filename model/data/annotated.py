@@ -37,6 +37,11 @@ class Events:
     event: dict[str, Int[Tensor, "B T"]]
     mark: dict[str, Float[Tensor, "B T _"]]
 
+    def to(self, device: torch.device) -> "Events":
+        """The same on a device."""
+        parts = (self.seen, self.event, self.mark)
+        return Events(*({name: one.to(device) for name, one in part.items()} for part in parts))
+
 
 @dataclass(frozen=True)
 class Plans:

@@ -24,6 +24,8 @@ from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
 from model.storage.checkpoint import load_into
 
+CPU = torch.device("cpu")
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -120,7 +122,7 @@ def listener_of(speech_dim: int, codes: int) -> Listener | None:
     return Listener(CodesConfig(speech_dim=speech_dim, codes=codes)) if codes else None
 
 
-def load_codes(folder: Path) -> SpeechCodes:
+def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
     """Read the encoder.
 
     Raises:
@@ -128,7 +130,7 @@ def load_codes(folder: Path) -> SpeechCodes:
     """
     trained = Trained.read(folder, SPEECH_ENCODER)
     network = trained.as_of(CodesNetwork(trained.card.config(CodesConfig, "codes")))
-    return SpeechCodes(network, trained.normaliser, trained.sha256)
+    return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)
 
 
 SURE = 0.6

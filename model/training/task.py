@@ -1,10 +1,12 @@
 """What there is to train: a task owns its networks, their optimizers, its state and its export."""
 
 import math
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
@@ -19,7 +21,7 @@ from model.networks.trained import Trained
 from model.storage.cards import CheckpointError
 from model.training import losses
 from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Shard, can_compile
+from model.training.parallel import WHOLE, Draws, Shard, can_compile
 
 
 @dataclass(frozen=True)
@@ -136,52 +138,71 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class StepLoss:
-    """The loss to descend, and its parts for the log."""
+    """The loss to descend: the sum of its weighted terms."""
 
-    total: Float[Tensor, ""]
-    parts: dict[str, Float[Tensor, ""]]
-    """Detached, with ``total`` among them."""
+    terms: dict[str, Float[Tensor, ""]]
+    told: dict[str, Float[Tensor, ""]] = field(default_factory=dict)
+    """What else the log has."""
 
-    @staticmethod
-    def of(means: Mapping[str, Float[Tensor, ""]]) -> "StepLoss":
-        """The sum of weighted terms."""
-        total = torch.stack(list(means.values())).sum()
-        parts = {name: mean.detach() for name, mean in means.items()}
-        return StepLoss(total, parts | {"total": total.detach()})
+    @cached_property
+    def total(self) -> Float[Tensor, ""]:
+        return torch.stack(list(self.terms.values())).sum()
 
-
-StepFunction = Callable[[nn.Module, Batch, torch.Generator, Shard], StepLoss]
-"""It draws its random numbers for the whole batch and computes its shard of it, so that several
-processes together do what one does alone."""
+    @property
+    def parts(self) -> dict[str, Float[Tensor, ""]]:
+        """For the log: each term, ``total`` and what is told."""
+        parts = {**self.terms, "total": self.total, **self.told}
+        return {name: part.detach() for name, part in parts.items()}
 
 
-@dataclass
-class DescentTask:
-    """One network that descends one loss with AdamW, and a moving average of its weights."""
+class DescentTask(ABC):
+    """One network that descends one loss with AdamW, and a moving average of its weights.
+
+    Args:
+        normaliser: statistics of the input, saved with the weights.
+        window_frames, context: see `Task`.
+        statistics: what else is saved with the weights, beside the prior of a network that stands
+            on one.
+    """
 
     kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """What a resumed run needs as it was."""
-    setup: TaskSetup
-    config: TrainConfig
-    network: nn.Module
-    step_loss: StepFunction
-    normaliser: Normaliser
-    """Statistics of the input, saved with the weights."""
-    window_frames: int
-    context: int = 0
-    compiles: bool = False
-    statistics: dict[str, Tensor] = field(default_factory=dict)
-    """What else is saved with the weights, beside the prior of a network that stands on one."""
+    is_compiled: ClassVar[bool] = False
+    """Whether its network is worth compiling."""
 
-    def __post_init__(self) -> None:
-        config = self.config
-        self.network = self.network.to(self.shard.device)
+    def __init__(
+        self,
+        setup: TaskSetup,
+        config: TrainConfig,
+        network: nn.Module,
+        normaliser: Normaliser,
+        window_frames: int,
+        context: int = 0,
+        statistics: Mapping[str, Tensor] = MappingProxyType({}),
+    ) -> None:
+        self.setup, self.config = setup, config
+        self.window_frames, self.context = window_frames, context
+        self.network = network.to(self.shard.device)
+        self.normaliser = normaliser.to(self.shard.device)
+        self.statistics = statistics
         self.average = torch.optim.swa_utils.AveragedModel(
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
         )
         self.optimizer = self.adam(self.network, config.learning_rate)
+        self.compiles = self.is_compiled and setup.compiles
         if self.compiles:
             self.network.compile(dynamic=False)
+
+    @abstractmethod
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """The loss of a network on the shard's share of a batch. Random numbers are drawn for the
+        whole batch, so that several processes together do what one does alone."""
+
+    def step_loss(
+        self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
+    ) -> StepLoss:
+        """`loss` with what a generator draws."""
+        return self.loss(network, batch, Draws(len(batch.clips), generator, shard))
 
     @property
     def shard(self) -> Shard:
@@ -238,7 +259,7 @@ class DescentTask:
     def export(self) -> dict[str, Tensor]:
         """The averaged weights and the statistics."""
         found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
-        found |= self.normaliser.tensors() | self.statistics
+        found |= {**self.normaliser.tensors(), **self.statistics}
         prior = getattr(self.network, "prior", None)
         if prior is not None:
             found["prior.covariance"] = prior.covariance

@@ -4,6 +4,7 @@ import errno
 import json
 import shutil
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch.utils._pytree import tree_leaves
 
 from model.data.prepared import PreparedData, prepare
 from model.data.recordings import DataError
 from model.networks.autoencoder import load_encoder
+from model.speech.codes import CodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
@@ -151,6 +154,34 @@ def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, sy
         for k in range(3)  # the same draws each time
     ]
     assert found[-1] < found[0]
+
+
+class Told(Exception):
+    """Holds what a network was told."""
+
+
+class Asked(torch.nn.Module):
+    def forward(self, *args, **kwargs):
+        raise Told(args, kwargs)
+
+
+@pytest.mark.parametrize("system", ["globaldiff/full", BEST, "expression", "asynfusion/ddim",
+                                    MOTION_VAE, PLANNER, PLANNED, "gan/20", "hearing-judge"])  # fmt: skip
+def test_what_a_network_is_told_is_on_the_device_that_trains_it(data, system, monkeypatch):
+    """``meta`` stands for a GPU: it mixes with the processor as little."""
+    monkeypatch.setattr(DescentTask, "adam", lambda *_: None)
+    monkeypatch.setattr(Shard, "autocast", lambda _: nullcontext())
+    shard, config = replace(FP32, device=torch.device("meta")), quick(system)
+    if system == PLANNER:
+        config = replace(config, planner=replace(config.planner, codes=CodesConfig.codes))
+    setup = TaskSetup(BUNDLED_WEIGHTS, shard=shard)
+    task = family_of(system).make_task(config, data, setup)
+    clips, rng = data.of_split("train"), np.random.default_rng(0)
+    batch = data.window_batch(clips, task.window_frames, 2, rng, context=task.context)
+    with pytest.raises(Told) as caught:
+        task.step_loss(Asked(), batch, torch.Generator().manual_seed(0), shard)
+    told = [each for each in tree_leaves(caught.value.args) if isinstance(each, torch.Tensor)]
+    assert told and all(each.is_meta for each in told)
 
 
 def test_flow_times_are_a_power_of_uniform_ones(data):

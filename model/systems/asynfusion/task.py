@@ -27,7 +27,7 @@ from model.systems.asynfusion.network import (
 )
 from model.systems.asynfusion.sampling import NUM_STEPS, flow_times, noise_of
 from model.training import losses
-from model.training.parallel import WHOLE, Draws, Shard
+from model.training.parallel import Draws
 from model.training.targets import (
     Targets,
     conditions,
@@ -36,37 +36,89 @@ from model.training.targets import (
     prior_batches,
     with_components,
 )
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 NAMES = "expression", "gesture"
 HUBER_C = 0.03
 
 
-def make_task(config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """See `Family.make_task`. A student begins as its teacher, `DDIM` among the helpers."""
-    shape, device = config.network, setup.shard.device
-    given = setup.begin(config, data, shape.num_speakers)
-    targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-    taught = Trained.read(setup.helpers, DDIM) if config.aim == "teacher" else None
-    known = taught or given
-    streams = read_streams(known, shape.seed_frames) if known else fit_streams(shape, data, targets)
-    teacher = None
-    if taught is not None:
-        teacher = taught.as_of(make_network(shape, streams, consistent=False)).to(device)
-    network = make_network(shape, streams, consistent=teacher is not None)
-    if given is None and teacher is not None:
-        network.load_state_dict(teacher.state_dict())
-    else:
-        setup.put_weights_into(network, given)
-    face, body = streams
-    normalisers = face.normaliser.to(device), body.normaliser.to(device)
-    if teacher is not None and setup.compiles:
-        teacher.compile(dynamic=False)
-    step = branches_step(config, normalisers, targets, teacher)
-    return DescentTask(
-        setup, config, network, step, normalisers[1], shape.window_frames, shape.speech_context,
-        setup.compiles, face_tensors(face) | {"prior.covariance": body.prior.covariance},
-    )  # fmt: skip
+class BranchesTask(DescentTask):
+    """Both branches descend eqs. 12 to 14 and terms on feet; or a student, which begins as its
+    teacher (`DDIM` among the helpers), the consistency with it."""
+
+    is_compiled = True
+    config: AsynFusionConfig
+
+    def __init__(self, config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> None:
+        shape, device = config.network, setup.shard.device
+        given = setup.begin(config, data, shape.num_speakers)
+        self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
+        taught = Trained.read(setup.helpers, DDIM) if config.aim == "teacher" else None
+        known = taught or given
+        if known:
+            face, body = read_streams(known, shape.seed_frames)
+        else:
+            face, body = fit_streams(shape, data, self.targets)
+        self.teacher = None
+        if taught is not None:
+            self.teacher = taught.as_of(make_network(shape, (face, body), consistent=False))
+        network = make_network(shape, (face, body), consistent=self.teacher is not None)
+        if given is None and self.teacher is not None:
+            network.load_state_dict(self.teacher.state_dict())
+        else:
+            setup.put_weights_into(network, given)
+        super().__init__(
+            setup, config, network, body.normaliser, shape.window_frames, shape.speech_context,
+            face_tensors(face) | {"prior.covariance": body.prior.covariance},
+        )  # fmt: skip
+        self.normalisers = face.normaliser.to(device), self.normaliser
+        if self.teacher is not None:
+            self.teacher.to(device)
+            if self.compiles:
+                self.teacher.compile(dynamic=False)
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, shard = self.config, draws.shard
+        with torch.no_grad():
+            vectors, recorded = self.targets.of(batch.rows(shard.mine), rotations=False)
+            motion = shard.of(batch.expression), vectors.to(shard.device)
+            x_1 = both(lambda n, m: n.normalise(m), self.normalisers, motion)
+            noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
+            steps = both(shard.of, draw_steps(draws.size, config, draws.generator))
+            t = both(lambda k: flow_times().to(k.device)[k], steps)
+            x_t = both(interpolate, noise, x_1, t)
+            seed_frames = config.network.seed_frames
+            told: dict[str, Any] = {"seed": both(lambda x: x[:, :seed_frames], x_1)}
+            hidden = "seed", "speech", "speaker"
+            told |= conditions(config, network, batch, draws, hidden)
+        with shard.autocast():
+            predicted = network(x_t, t, **told)
+            if self.teacher is not None:
+                wanted = one_solver_step(
+                    config, network, self.teacher, self.normaliser, x_t, steps, told
+                )
+        predicted = both(lambda x: x.float(), predicted)
+        terms: dict[str, Tensor] = {}
+        for which in BRANCHES:
+            if self.teacher is not None:
+                found = {"consistency": pseudo_huber(predicted[which], wanted[which].float())}
+            else:
+                found = noise_terms(
+                    config.loss, self.normalisers[which], x_t[which], predicted[which],
+                    x_1[which], noise[which], t[which],
+                )  # fmt: skip
+            terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
+        if config.loss.feet or config.loss.contact:
+            body, of = self.normaliser.restore(predicted[GESTURE]), self.targets
+            posed = decode(body, of.space, of.skeleton, of.root)
+            recorded = recorded.to(shard.device)
+            found = foot_terms(config.loss, posed.positions, recorded.positions, t[GESTURE])
+            terms |= {name: term.mean() for name, term in found.items()}
+        return StepLoss(terms)
+
+
+make_task = BranchesTask
 
 
 def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) -> Streams:
@@ -78,60 +130,6 @@ def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) 
         Stream(*fit_face_prior(data, config)),
         Stream(*with_components(body, bodies, config.seed_frames)),
     )
-
-
-def branches_step(
-    config: AsynFusionConfig,
-    normalisers: tuple[Normaliser, Normaliser],
-    targets: Targets,
-    teacher: DualBranchNetwork | None,
-) -> StepFunction:
-    """The loss of both branches on one batch."""
-    seed_frames = config.network.seed_frames
-    times = flow_times()
-
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
-        draws = Draws(len(batch.clips), generator, shard)
-        with torch.no_grad():
-            vectors, recorded = targets.of(batch.rows(shard.mine), rotations=False)
-            motion = shard.of(batch.expression), vectors.to(shard.device)
-            x_1 = both(lambda n, m: n.normalise(m), normalisers, motion)
-            noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
-            steps = draw_steps(draws.size, config, generator)
-            steps = shard.of(steps[0]), shard.of(steps[1])
-            t = both(lambda k: times.to(k.device)[k], steps)
-            x_t = both(interpolate, noise, x_1, t)
-            told: dict[str, Any] = {"seed": both(lambda x: x[:, :seed_frames], x_1)}
-            hidden = "seed", "speech", "speaker"
-            told |= conditions(config, network, batch, draws, hidden)
-        with shard.autocast():
-            predicted = network(x_t, t, **told)
-            if teacher is not None:
-                wanted = one_solver_step(
-                    config, network, teacher, normalisers[GESTURE], x_t, steps, told
-                )
-        predicted = both(lambda x: x.float(), predicted)
-        terms: dict[str, Tensor] = {}
-        for which in BRANCHES:
-            if config.aim == "noise":
-                found = noise_terms(
-                    config.loss, normalisers[which], x_t[which], predicted[which], x_1[which],
-                    noise[which], t[which],
-                )  # fmt: skip
-            else:
-                found = {"consistency": pseudo_huber(predicted[which], wanted[which].float())}
-            terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
-        if config.loss.feet or config.loss.contact:
-            body = normalisers[GESTURE].restore(predicted[GESTURE])
-            posed = decode(body, targets.space, targets.skeleton, targets.root)
-            recorded = recorded.to(shard.device)
-            found = foot_terms(config.loss, posed.positions, recorded.positions, t[GESTURE])
-            terms |= {name: term.mean() for name, term in found.items()}
-        return StepLoss.of(terms)
-
-    return step
 
 
 def draw_steps(

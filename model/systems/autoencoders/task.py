@@ -11,23 +11,71 @@ from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.systems.autoencoders import AutoencoderTrainConfig
 from model.training import losses
 from model.training.losses import geometric_terms
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import Draws
 from model.training.targets import statistics_batch
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
-def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """See `Family.make_task`."""
-    given = setup.begin(config, data)
-    if given is None:
-        statistics = fit_input(config, statistics_batch(data, config.window_frames))
-    else:
-        statistics = given.normaliser
-    normaliser = statistics.to(setup.shard.device)
-    network = MotionAutoencoder(config.autoencoder)
-    setup.put_weights_into(network, given)
-    step = autoencoder_step(config, normaliser)
-    return DescentTask(setup, config, network, step, normaliser, config.window_frames)
+class AutoencoderTask(DescentTask):
+    """An autoencoder's input back, its geometry, and the codes' KL term."""
+
+    config: AutoencoderTrainConfig
+
+    def __init__(
+        self, config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup
+    ) -> None:
+        given = setup.begin(config, data)
+        if given is None:
+            normaliser = fit_input(config, statistics_batch(data, config.window_frames))
+        else:
+            normaliser = given.normaliser
+        network = MotionAutoencoder(config.autoencoder)
+        setup.put_weights_into(network, given)
+        super().__init__(setup, config, network, normaliser, config.window_frames)
+        self.skeleton = open_body_skeleton()
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, shape, shard = self.config, self.config.autoencoder, draws.shard
+        space, body = shape.rotation_space, slice(shape.motion_channels)
+        face = slice(shape.motion_channels, None)
+        num_frames = batch.poses.shape[1]
+        num_frames -= num_frames % max(shape.scales)
+        vectors = input_vectors(
+            shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
+        )[:, :num_frames]
+        seen = self.normaliser.normalise(vectors)
+        hidden, noise = None, None
+        if network.training:
+            draw = torch.rand(draws.size, num_frames, generator=draws.generator)
+            hidden = shard.of(draw < shape.mask_share)
+            if shape.kl_weight > 0:
+                noise = [
+                    draws.noise((num_frames // scale, shape.latent_dim))
+                    for scale in sorted(shape.scales)
+                ]
+        with shard.autocast():
+            restored, codes = network(seen, hidden, noise)
+        restored = restored.float()
+        terms = {}
+        if shape.motion_channels > 0:
+            simple = losses.simple_loss(restored[..., body], seen[..., body])
+            terms["simple"] = config.loss.simple * simple
+            terms |= geometric_terms(
+                config.loss,
+                decode(self.normaliser.restore(restored)[..., body], space, self.skeleton),
+                decode(vectors[..., body], space, self.skeleton),
+            )
+        if shape.face_channels > 0:
+            pair = restored[..., face], seen[..., face]
+            terms["face"] = config.loss.simple * losses.simple_loss(*pair)
+            terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
+        if shape.kl_weight > 0:
+            terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
+        return StepLoss({name: term.mean() for name, term in terms.items()})
+
+
+make_task = AutoencoderTask
 
 
 def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
@@ -50,55 +98,3 @@ def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
     return Normaliser(
         torch.cat([part.mean for part in parts]), torch.cat([part.std for part in parts])
     )
-
-
-def autoencoder_step(config: AutoencoderTrainConfig, normaliser: Normaliser) -> StepFunction:
-    """The loss of an autoencoder: its input back, its geometry, and the codes' KL term."""
-    skeleton = open_body_skeleton()
-    shape = config.autoencoder
-    space, body = shape.rotation_space, slice(shape.motion_channels)
-    face = slice(shape.motion_channels, None)
-
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
-        size, num_frames = batch.poses.shape[:2]
-        num_frames -= num_frames % max(shape.scales)
-        vectors = input_vectors(
-            shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
-        )[:, :num_frames]
-        seen = normaliser.normalise(vectors)
-        hidden, noise = None, None
-        if network.training:
-            draw = torch.rand(size, num_frames, generator=generator)
-            hidden = shard.of(draw < shape.mask_share)
-            if shape.kl_weight > 0:
-                noise = [
-                    shard.of(
-                        torch.randn(
-                            size, num_frames // scale, shape.latent_dim, generator=generator
-                        )
-                    )
-                    for scale in sorted(shape.scales)
-                ]
-        with shard.autocast():
-            restored, codes = network(seen, hidden, noise)
-        restored = restored.float()
-        terms = {}
-        if shape.motion_channels > 0:
-            simple = losses.simple_loss(restored[..., body], seen[..., body])
-            terms["simple"] = config.loss.simple * simple
-            terms |= geometric_terms(
-                config.loss,
-                decode(normaliser.restore(restored)[..., body], space, skeleton),
-                decode(vectors[..., body], space, skeleton),
-            )
-        if shape.face_channels > 0:
-            pair = restored[..., face], seen[..., face]
-            terms["face"] = config.loss.simple * losses.simple_loss(*pair)
-            terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
-        if shape.kl_weight > 0:
-            terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
-        return StepLoss.of({name: term.mean() for name, term in terms.items()})
-
-    return step

@@ -19,7 +19,7 @@ from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses
 from model.training.losses import geometric_terms
-from model.training.parallel import Draws, Shard, compiled
+from model.training.parallel import Draws, compiled
 from model.training.run_folder import TrainingError
 from model.training.targets import Targets, conditions, fit_motion_prior, prepare_targets
 from model.training.task import DescentTask, StepLoss, TaskSetup
@@ -148,6 +148,7 @@ class GanTask(DescentTask):
     step."""
 
     kept = (*DescentTask.kept, "discriminator", "judging", "watch")
+    is_compiled = True
     config: GanConfig
     network: Generator
 
@@ -162,9 +163,8 @@ class GanTask(DescentTask):
     ) -> None:
         shape, device = config.generator, setup.shard.device
         super().__init__(
-            setup, config, generator, self.explicit_loss, normaliser.to(device),
-            shape.window_frames, shape.speech_context, setup.compiles,
-        )  # fmt: skip
+            setup, config, generator, normaliser, shape.window_frames, shape.speech_context
+        )
         self.targets, self.discriminator = targets, discriminator.to(device)
         self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
         self.watch = Watch()
@@ -185,7 +185,8 @@ class GanTask(DescentTask):
         """
         config = self.config
         self.network.train()
-        drawn = self.draw(self.network, batch, generator)
+        draws = Draws(len(batch.clips), generator, self.shard)
+        drawn = self.draw(self.network, batch, draws)
         mean, deviation = self.denoised(self.network, drawn)
         found = self.network.drawn(mean, deviation, drawn.latent, drawn.told["has_seed"])
         real = drawn.x_before.requires_grad_()
@@ -227,26 +228,24 @@ class GanTask(DescentTask):
         )
         return logged
 
-    def explicit_loss(
-        self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
-    ) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
         """The explicit terms of what a network says."""
-        drawn = self.draw(network, batch, generator)
-        return StepLoss.of(self.explicit_terms(*self.denoised(network, drawn), drawn))
+        drawn = self.draw(network, batch, draws)
+        return StepLoss(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
     @torch.no_grad()
-    def draw(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> Drawn:
-        """Draws for the whole batch, cut to this process's share of it."""
-        config, shape, shard = self.config, self.config.generator, self.shard
-        size = len(batch.clips)
-        draws = Draws(size, generator, shard)
+    def draw(self, network: nn.Module, batch: Batch, draws: Draws) -> Drawn:
+        """What is drawn for the whole batch, cut to this process's share of it."""
+        config, shape, shard, chance = (
+            self.config, self.config.generator, draws.shard, draws.generator
+        )  # fmt: skip
         window = self.window_frames, shape.channels
         vectors, target = self.targets.of(batch.rows(shard.mine), rotations=False)
         vectors, target = vectors.to(shard.device), target.to(shard.device)
         x_0 = self.normaliser.normalise(vectors)
         counts = torch.tensor(config.step_counts)
-        counts = counts[torch.randint(len(counts), (size,), generator=generator)]
-        number = 1 + (torch.rand(size, generator=generator) * counts).long()
+        counts = counts[torch.randint(len(counts), (draws.size,), generator=chance)]
+        number = 1 + (torch.rand(draws.size, generator=chance) * counts).long()
         now, before = shard.of(number / counts), shard.of((number - 1) / counts)
         x_before = diffused(x_0, draws.noise(window), torch.zeros_like(before), before)
         x_now = diffused(x_before, draws.noise(window), before, now)

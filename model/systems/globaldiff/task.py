@@ -4,7 +4,7 @@ L_simple and L_pos are eq. 7's; L_j, L_s and L_m are the paper's joint, skeleton
 structure constraints, pure functions that return one value per sample.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -17,11 +17,12 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, Normaliser, decode
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.sampling.flow import interpolate, time_weight
+from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.network import MotionNetwork, make_network
 from model.training import losses
 from model.training.losses import geometric_terms, positions_of, weighted
-from model.training.parallel import WHOLE, Draws, Shard, compiled
+from model.training.parallel import Draws, compiled
 from model.training.targets import (
     Targets,
     conditions,
@@ -29,7 +30,7 @@ from model.training.targets import (
     fit_normaliser,
     prepare_targets,
 )
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 ENCODER = "motion-vae"
 ANCHOR_DISTANCE_M = 0.05
@@ -37,101 +38,103 @@ SHORTEST_BONE_M = 1e-4
 """A bone below this length has no direction."""
 
 
-def make_task(config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """See `Family.make_task`."""
-    shape, device = config.network, setup.shard.device
-    given = setup.begin(config, data, shape.num_speakers)
-    encoder = load_encoder(setup.helpers, ENCODER, device) if config.loss.motion > 0 else None
-    targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
-    prior = None
-    if shape.prior:
-        known, prior = fit_motion_prior(data, targets, shape, given)
-    elif given:
-        known = given.normaliser
-    else:
-        known = fit_normaliser(data, targets, shape.window_frames, config.representation)
-    network = make_network(shape, prior)
-    if isinstance(network, MotionNetwork):
-        network.start_at(mean_vector(known, targets))
-    normaliser = known.to(device)
-    setup.put_weights_into(network, given)
-    step = motion_step(config, normaliser, targets, encoder, setup.compiles)
-    return DescentTask(
-        setup, config, network, step, normaliser, shape.window_frames, shape.speech_context,
-        setup.compiles,
-    )  # fmt: skip
+class MotionTask(DescentTask):
+    """Flow matching of motion, its geometry and its constraints. The network hears the recorded
+    face: at generation it gets one that was drawn to look like it."""
 
+    is_compiled = True
+    config: GlobalDiffConfig
 
-def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
-    """The mean normalised motion vector, from every hundredth frame."""
-    vectors = torch.from_numpy(np.array(targets.vectors[::100]))
-    return normaliser.normalise(vectors).mean(0)
+    def __init__(
+        self, config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup, *,
+        may_lack: bool = False,
+    ) -> None:  # fmt: skip
+        """
+        Args:
+            may_lack: see `TaskSetup.put_weights_into`.
+        """
+        shape = config.network
+        given = setup.begin(config, data, shape.num_speakers)
+        self.encoder = None
+        if config.loss.motion > 0:
+            self.encoder = load_encoder(setup.helpers, ENCODER, setup.shard.device)
+        self.targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
+        prior = None
+        if shape.prior:
+            normaliser, prior = fit_motion_prior(data, self.targets, shape, given)
+        elif given:
+            normaliser = given.normaliser
+        else:
+            normaliser = fit_normaliser(
+                data, self.targets, shape.window_frames, config.representation
+            )
+        network = self.untrained(config, prior)
+        if isinstance(network, MotionNetwork):
+            network.start_at(mean_vector(normaliser, self.targets))
+        setup.put_weights_into(network, given, may_lack=may_lack)
+        super().__init__(
+            setup, config, network, normaliser, shape.window_frames, shape.speech_context
+        )
+        self.training_terms = compiled(self.terms) if self.compiles else self.terms
 
+    def untrained(self, config: GlobalDiffConfig, prior: GaussianPrior | None) -> nn.Module:
+        """The network; one that stands on a prior is given it."""
+        return make_network(config.network, prior)
 
-def motion_step(
-    config: GlobalDiffConfig,
-    normaliser: Normaliser,
-    targets: Targets,
-    encoder: FrozenEncoder | None = None,
-    compile_step: bool = False,
-    more: Callable[[Batch, Draws], dict[str, Tensor]] | None = None,
-) -> StepFunction:
-    """The loss of a motion network on one batch.
+    def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
+        """What else the network is told of a batch, by name."""
+        return {}
 
-    The network hears the recorded face: at generation it gets one that was drawn to look like it.
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, weights, shard = self.config, self.config.loss, draws.shard
+        with torch.no_grad():
+            needs_rotations = weights.joint > 0 or weights.motion > 0
+            vectors, target = self.targets.of(batch.rows(shard.mine), rotations=needs_rotations)
+            vectors, target = vectors.to(shard.device), target.to(shard.device)
+            x_1 = self.normaliser.normalise(vectors)
+            x_0 = draws.noise(x_1.shape[1:])
+            t = draws.flow_times(config.flow_time_power)
+            told = conditions(config, network, batch, draws)
+            told["expression"] = shard.of(batch.expression)
+            told["seed"] = x_1[:, : config.network.seed_frames]
+            told |= self.told(batch, draws)
+        with shard.autocast():
+            predicted = network(interpolate(x_0, x_1, t), t, **told)
+        measured = self.training_terms if network.training else self.terms
+        return StepLoss(measured(predicted.float(), vectors, target, t, told["has_seed"]))
 
-    Args:
-        encoder: L_m's encoder, if L_m has a weight.
-        compile_step: compile the terms of training steps; the network compiles itself.
-        more: what else the network is told of a batch, by name.
-    """
-    weights = config.loss
-    seed_frames = config.network.seed_frames
-    needs_rotations = weights.joint > 0 or weights.motion > 0
-    skeleton = targets.skeleton
-
-    def terms_of(
+    def terms(
+        self,
         predicted: Float[Tensor, "B T C"],
         vectors: Float[Tensor, "B T C"],
         target: Decoded,
         t: Float[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[str, Float[Tensor, ""]]:
-        restored = normaliser.restore(predicted)
-        scaled, wanted = normaliser.scaled(restored), normaliser.scaled(vectors)
+        """Means over the batch, weighted."""
+        weights, seed_frames = self.config.loss, self.config.network.seed_frames
+        restored = self.normaliser.restore(predicted)
+        scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
         seed_error = losses.simple_loss(scaled[:, :seed_frames], wanted[:, :seed_frames])
         terms = {
             "simple": weights.simple * losses.simple_loss(scaled, wanted),
             "seed": weights.seed * seed_frames / vectors.shape[1] * seed_error * has_seed,
         }
-        decoded = decode(restored, targets.space, skeleton, targets.root)
+        decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
         terms |= geometric_terms(weights, decoded, target)
-        terms |= constraint_terms(weights, decoded, target, encoder)
+        terms |= constraint_terms(weights, decoded, target, self.encoder)
         by_sample = time_weight(t, weights.time_weight_floor)
         return {name: (by_sample * term).mean() for name, term in terms.items()}
 
-    compiled_terms = compiled(terms_of) if compile_step else terms_of
 
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
-        draws = Draws(len(batch.clips), generator, shard)
-        with torch.no_grad():
-            vectors, target = targets.of(batch.rows(shard.mine), rotations=needs_rotations)
-            target = target.to(shard.device)
-            vectors = vectors.to(shard.device)
-            x_1 = normaliser.normalise(vectors)
-            x_0 = draws.noise(x_1.shape[1:])
-            t = draws.flow_times(config.flow_time_power)
-            told = conditions(config, network, batch, draws)
-            told |= {"expression": shard.of(batch.expression), "seed": x_1[:, :seed_frames]}
-            told |= more(batch, draws) if more else {}
-        with shard.autocast():
-            predicted = network(interpolate(x_0, x_1, t), t, **told)
-        measured = compiled_terms if network.training else terms_of
-        return StepLoss.of(measured(predicted.float(), vectors, target, t, told["has_seed"]))
+make_task = MotionTask
 
-    return step
+
+def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
+    """The mean normalised motion vector, from every hundredth frame."""
+    vectors = torch.from_numpy(np.array(targets.vectors[::100]))
+    return normaliser.normalise(vectors).mean(0)
 
 
 def constraint_terms(

@@ -10,60 +10,50 @@ from model.motion.packing import Normaliser
 from model.systems.matching import MatchingTrainConfig
 from model.systems.matching.network import (
     PARTS,
-    TRACKS,
     MatchingNetwork,
     agreement,
     arm_speed,
     motion_tracks,
 )
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import Draws
 from model.training.targets import heard, statistics_batch
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 STD_FLOOR = 0.01
 """Of a track: a jaw that never moves is not blown up."""
 
 
-def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """See `Family.make_task`."""
-    given = setup.begin(config, data)
-    if given is None:
-        batch = statistics_batch(data, config.piece_frames)
-        statistics = fit_tracks(motion_tracks(batch.poses))
-    else:
-        statistics = given.normaliser
-    normaliser = statistics.to(setup.shard.device)
-    network = MatchingNetwork(config.matching)
-    setup.put_weights_into(network, given)
-    step = matching_step(config, normaliser)
-    return DescentTask(
-        setup, config, network, step, normaliser, config.pieces * config.piece_frames
-    )
-
-
-def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
-    """Statistics of `motion_tracks`."""
-    flat = tracks.flatten(0, 1)
-    return Normaliser(flat.mean(0), flat.std(0).clamp_min(STD_FLOOR))
-
-
-def matching_step(config: MatchingTrainConfig, normaliser: Normaliser) -> StepFunction:
-    """The loss of the judge: for each part, the cross-entropy of finding the speech of a motion,
-    and the motion of a speech, among all pieces of the batch (InfoNCE, van den Oord et al. 2018;
-    in both directions as in CLIP); and the error of the arms' log speed told from speech.
+class MatchingTask(DescentTask):
+    """For each part, the cross-entropy of finding the speech of a motion, and the motion of a
+    speech, among all pieces of the batch (InfoNCE, van den Oord et al. 2018; in both directions as
+    in CLIP); and the error of the arms' log speed told from speech.
 
     Several processes compare the pieces of their own shares.
     """
 
-    def pieces(x: Float[Tensor, "B T C"]) -> Float[Tensor, "N P C"]:
-        return x.unflatten(1, (config.pieces, config.piece_frames)).flatten(0, 1)
+    config: MatchingTrainConfig
 
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
+    def __init__(self, config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
+        given = setup.begin(config, data)
+        if given is None:
+            batch = statistics_batch(data, config.piece_frames)
+            normaliser = fit_tracks(motion_tracks(batch.poses))
+        else:
+            normaliser = given.normaliser
+        network = MatchingNetwork(config.matching)
+        setup.put_weights_into(network, given)
+        super().__init__(setup, config, network, normaliser, config.pieces * config.piece_frames)
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, shard = self.config, draws.shard
+
+        def pieces(x: Float[Tensor, "B T C"]) -> Float[Tensor, "N P C"]:
+            return x.unflatten(1, (config.pieces, config.piece_frames)).flatten(0, 1)
+
         with torch.no_grad():
-            tracks = normaliser.normalise(motion_tracks(shard.of(batch.poses)))
-            speech = shard.of(heard(config, network, batch, generator))
+            tracks = self.normaliser.normalise(motion_tracks(shard.of(batch.poses)))
+            speech = shard.of(heard(config, network, batch, draws.generator))
         with shard.autocast():
             heard_tracks, seen_tracks, told, log_scale = network(pieces(speech), pieces(tracks))
         terms, shares = {}, {}
@@ -74,11 +64,16 @@ def matching_step(config: MatchingTrainConfig, normaliser: Normaliser) -> StepFu
         wanted = arm_speed(pieces(tracks))
         error = (told.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
-        loss = StepLoss.of(terms)
-        return StepLoss(loss.total, loss.parts | shares)
+        return StepLoss(terms, shares)
 
-    assert normaliser.mean.shape == (len(TRACKS),)
-    return step
+
+make_task = MatchingTask
+
+
+def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
+    """Statistics of `motion_tracks`."""
+    flat = tracks.flatten(0, 1)
+    return Normaliser(flat.mean(0), flat.std(0).clamp_min(STD_FLOOR))
 
 
 def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:

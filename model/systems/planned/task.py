@@ -1,50 +1,64 @@
 """Training of the planner, and of the motion network that follows plans."""
 
-from typing import cast
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from model.data.annotated import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
-from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Normaliser
-from model.networks.speech_codes import SpeechCodes, load_codes
-from model.systems.globaldiff.task import motion_step
-from model.systems.planned.config import (
-    PlannedConfig,
-    PlannerConfig,
-    PlannerTrainConfig,
-)
+from model.networks.speech_codes import load_codes
+from model.sampling.prior import GaussianPrior
+from model.systems.globaldiff.task import MotionTask
+from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
 from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import heard_by_planner
-from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Draws, Shard
-from model.training.targets import fit_features, fit_motion_prior, heard, prepare_targets
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.parallel import Draws
+from model.training.targets import fit_features, heard
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
-def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
+def make_task(
+    config: PlannerTrainConfig | PlannedConfig, data: PreparedData, setup: TaskSetup
+) -> DescentTask:
     """See `Family.make_task`."""
     if isinstance(config, PlannerTrainConfig):
-        return _planner_task(config, data, setup)
-    return _motion_task(cast(PlannedConfig, config), data, setup)
+        return PlannerTask(config, data, setup)
+    return PlannedTask(config, data, setup)
 
 
-def _planner_task(config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    shape = config.planner
-    given = setup.begin(config, data, shape.num_speakers)
-    plans = prepare_plans(data, shape.num_speakers)
-    network = PlannerNetwork(shape)
-    setup.put_weights_into(network, given, may_lack=True)  # trained with fewer tiers, or no codes
-    normaliser = given.normaliser if given else fit_features(data)
-    codes = load_codes(setup.helpers) if shape.codes else None
-    return DescentTask(
-        setup, config, network, planner_step(config, normaliser, codes, plans), normaliser,
-        shape.window_frames, shape.context,
-        statistics={**plans.table.tensors(), "begins.goals": first_goals(data, plans, shape)},
-    )  # fmt: skip
+class PlannerTask(DescentTask):
+    """The negative log-likelihood of a plan's events."""
+
+    config: PlannerTrainConfig
+
+    def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
+        shape = config.planner
+        given = setup.begin(config, data, shape.num_speakers)
+        self.plans = prepare_plans(data, shape.num_speakers)
+        network = PlannerNetwork(shape)
+        setup.put_weights_into(network, given, may_lack=True)  # with fewer tiers, or no codes
+        device = setup.shard.device
+        self.codes = load_codes(setup.helpers, device) if shape.codes else None
+        super().__init__(
+            setup, config, network, given.normaliser if given else fit_features(data),
+            shape.window_frames, shape.context,
+            {**self.plans.table.tensors(), "begins.goals": first_goals(data, self.plans, shape)},
+        )  # fmt: skip
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, shard = self.config, draws.shard
+        with torch.no_grad():
+            events = self.plans.events(batch.rows(shard.mine)).to(shard.device)
+            has_speech = draws.keep(config.speech_dropout)
+            knows = draws.keep(config.speaker_dropout)
+            knows &= has_speech | draws.keep(config.speakerless)
+            features = shard.of(heard(config, network, batch, draws.generator))
+            speech = heard_by_planner(features, self.normaliser, self.codes)
+            speaker = shard.of(batch.speaker) * knows
+        with shard.autocast():
+            told = events.seen, events.event, events.mark
+            return StepLoss(network(speech, speaker, has_speech, *told))
 
 
 def first_goals(
@@ -64,46 +78,22 @@ def first_goals(
     return table
 
 
-def planner_step(
-    config: PlannerTrainConfig, normaliser: Normaliser, codes: SpeechCodes | None, plans: Plans
-) -> StepFunction:
-    """The loss of the planner on one batch: the negative log-likelihood of its events."""
+class PlannedTask(MotionTask):
+    """What GlobalDiff's network descends, told plans."""
 
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
-        draws = Draws(len(batch.clips), generator, shard)
-        with torch.no_grad():
-            events = plans.events(batch.rows(shard.mine))
-            has_speech = draws.keep(config.speech_dropout)
-            knows = draws.keep(config.speaker_dropout)
-            knows &= has_speech | draws.keep(config.speakerless)
-            features = shard.of(heard(config, network, batch, generator))
-            speech = heard_by_planner(features, normaliser, codes)
-            speaker = shard.of(batch.speaker) * knows
-        with shard.autocast():
-            losses = network(speech, speaker, has_speech, events.seen, events.event, events.mark)
-        return StepLoss.of(losses)
+    config: PlannedConfig
 
-    return step
+    def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
+        self.plans = prepare_plans(data, config.network.num_speakers)
+        super().__init__(config, data, setup, may_lack=True)  # weights may know of no plans
+        self.statistics = {"kinds.names": self.plans.table.tensors()["kinds.names"]}
 
+    def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
+        """See `MotionTask.untrained`."""
+        return PlannedNetwork(config.network, prior)
 
-def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    shape = config.network
-    given = setup.begin(config, data, shape.num_speakers)
-    plans = prepare_plans(data, shape.num_speakers)
-    targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
-    known, prior = fit_motion_prior(data, targets, shape, given)
-    network = PlannedNetwork(shape, prior)
-    setup.put_weights_into(network, given, may_lack=True)  # they may know of no plans
-    normaliser = known.to(setup.shard.device)
-
-    def told_plan(batch: Batch, draws: Draws) -> dict[str, Tensor]:
-        tracks, kinds = (draws.shard.of(one) for one in plans.of(batch, shape.speech_context))
-        return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(config.plan_dropout)}
-
-    step = motion_step(config, normaliser, targets, compile_step=setup.compiles, more=told_plan)
-    return DescentTask(
-        setup, config, network, step, normaliser, shape.window_frames, shape.speech_context,
-        setup.compiles, {"kinds.names": plans.table.tensors()["kinds.names"]},
-    )  # fmt: skip
+    def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
+        """See `MotionTask.told`."""
+        parts = self.plans.of(batch, self.config.network.speech_context)
+        tracks, kinds = (draws.shard.of(part) for part in parts)
+        return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}

@@ -5,55 +5,49 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.data.annotated import SpeechAnnotation, annotated_speech, prepare_plans
+from model.data.annotated import annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
-from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork, Reading
 from model.speech.codes import TOLD
 from model.systems.speech_encoder import SpeechEncoderConfig
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import Draws
 from model.training.targets import fit_features, heard
-from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
+from model.training.task import DescentTask, StepLoss, TaskSetup
 
 _NUMBERS = ("strength", "speed")
 """Of `TOLD` those that are no logits."""
 
 
-def make_task(config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """See `Family.make_task`."""
-    given, shape = setup.begin(config, data), config.codes
-    spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
-    network = CodesNetwork(shape)
-    setup.put_weights_into(network, given)
-    fitted = given.normaliser if given else fit_features(data)
-    normaliser = fitted.to(setup.shard.device)
-    step = codes_step(config, normaliser, spoken)
-    return DescentTask(
-        setup, config, network, step, normaliser, config.window_frames, shape.context
-    )
+class CodesTask(DescentTask):
+    """Cross-entropies of phone, accent, phrase end, voice and strokes on words, squared errors of
+    an accent's strength where there is one and of the speed."""
 
+    config: SpeechEncoderConfig
 
-def codes_step(
-    config: SpeechEncoderConfig, normaliser: Normaliser, spoken: SpeechAnnotation
-) -> StepFunction:
-    """The loss of the encoder on one batch: cross-entropies of phone, accent, phrase end, voice and
-    strokes on words, squared errors of an accent's strength where there is one and of the speed."""
+    def __init__(self, config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> None:
+        given, shape = setup.begin(config, data), config.codes
+        self.spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
+        network = CodesNetwork(shape)
+        setup.put_weights_into(network, given)
+        normaliser = given.normaliser if given else fit_features(data)
+        super().__init__(setup, config, network, normaliser, config.window_frames, shape.context)
 
-    def step(
-        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
-    ) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        """See `DescentTask.loss`."""
+        config, shard = self.config, draws.shard
         with torch.no_grad():
-            speech = normaliser.normalise(shard.of(heard(config, network, batch, generator)))
-            phone, told = (shard.of(part) for part in spoken.of(batch))
+            features = shard.of(heard(config, network, batch, draws.generator))
+            speech = self.normaliser.normalise(features)
+            phone, told = (shard.of(part) for part in self.spoken.of(batch))
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
         found = Reading(reading.phone[:, inside].float(), reading.told[:, inside].float())
-        loss = StepLoss.of(terms(found, phone, told))
         right = (found.phone.argmax(-1) == phone).float().mean()
-        return StepLoss(loss.total, loss.parts | {"phones_right": right.detach()})
+        return StepLoss(terms(found, phone, told), {"phones_right": right})
 
-    return step
+
+make_task = CodesTask
 
 
 def terms(

@@ -21,9 +21,10 @@ from model.systems.gan.config import (
     named_config,
 )
 from model.systems.gan.network import Discriminator, Generator
-from model.systems.gan.task import GanTask, make_task
+from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import load_system
 from model.train import main
+from model.training.parallel import Draws
 from model.training.run_folder import TrainingError
 from model.training.task import Start, Task, TaskSetup
 from tests.model.training.made import (
@@ -64,6 +65,11 @@ def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
     return task.network, task.discriminator
 
 
+def drawn_by(task: GanTask, batch: Batch, seed: int) -> Drawn:
+    draws = Draws(len(batch.clips), torch.Generator().manual_seed(seed), FP32)
+    return task.draw(task.network, batch, draws)
+
+
 def changed(task: GanTask, **changes) -> GanTask:
     """One of other settings with the same statistics and, in the same shape, the same weights."""
     config = quick(WEIGHTS, **changes)
@@ -94,7 +100,7 @@ def test_each_network_descends_its_own_loss_at_its_own_rate(task, batch):
 def test_real_steps_are_the_chains_and_every_number_of_steps_is_trained(task, batch):
     seen = set()
     for seed in range(40):
-        drawn = task.draw(task.network, batch, torch.Generator().manual_seed(seed))
+        drawn = drawn_by(task, batch, seed)
         gaps = drawn.now - drawn.before
         seen |= {round(1 / float(gap)) for gap in gaps}
         assert (drawn.now <= 1).all() and (drawn.before >= -1e-6).all()
@@ -107,7 +113,7 @@ def test_the_right_answer_steps_back_to_the_data(task, batch):
     """With x_0 itself for the generator's, fake and real steps have the same mean and spread."""
     errors = []
     for seed in range(12):
-        drawn = task.draw(task.network, batch, torch.Generator().manual_seed(seed))
+        drawn = drawn_by(task, batch, seed)
         errors.append((task.step_back(drawn.x_0, drawn) - drawn.x_before).mean((1, 2)))
     found = torch.cat(errors)
     assert abs(float(found.mean())) < 4 * float(found.std()) / len(found) ** 0.5
