@@ -165,8 +165,10 @@ class Asked(torch.nn.Module):
         raise Told(args, kwargs)
 
 
-@pytest.mark.parametrize("system", ["globaldiff/full", BEST, "expression", "asynfusion/ddim",
-                                    MOTION_VAE, PLANNER, PLANNED, "gan/20", "hearing-judge"])  # fmt: skip
+@pytest.mark.parametrize(
+    "system", ["globaldiff/full", BEST, "expression", "asynfusion/ddim", MOTION_VAE, PLANNER,
+               PLANNED, "gan/20", "hearing-judge"],
+)  # fmt: skip
 def test_what_a_network_is_told_is_on_the_device_that_trains_it(data, system, monkeypatch):
     """``meta`` stands for a GPU: it mixes with the processor as little."""
     monkeypatch.setattr(DescentTask, "adam", lambda *_: None)

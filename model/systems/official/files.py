@@ -42,15 +42,16 @@ PARTS: tuple[Part, ...] = get_args(Part)
 FOLDER_VARIABLE = "OFFICIAL_DIR"
 SPEECH_VARIABLE = "OFFICIAL_FEATURES"
 SEED_VARIABLE = "OFFICIAL_SEED"
-_ENDINGS = (".pt", ".pth", ".bin", ".ckpt", ".zip")
-_EPOCH = re.compile(r"epoch_(\d+)")
-_NAMES: tuple[tuple[re.Pattern[str], Part | None], ...] = (
-    (re.compile(r"diffusiondit|epoch_\d|motion"), "motion"),
-    (re.compile(r"vae"), None),
-    (re.compile(r"speech|expression"), "expression"),
-)
-"""In the order in which they are asked: the motion network's folder names a VAE, too, which only
-their training needs."""
+_ENDING = r"/[^/]*\.(pt|pth|bin|ckpt|zip)"
+_NAMES: dict[Part, re.Pattern[str]] = {
+    "motion": re.compile(rf".*/(epoch_\d+|DiffusionDIT[^/]*{_ENDING})", re.IGNORECASE),
+    "expression": re.compile(rf"(.*/)?[^/]*(speech|expression)[^/]*{_ENDING}", re.IGNORECASE),
+}
+"""Of files with their folders, in the order in which they are asked."""
+_CALLED: dict[Part, tuple[str, str]] = {
+    "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
+    "expression": ("expression model", "SimpleSpeechModel/best.pt"),
+}
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,10 @@ class OfficialFiles:
             CheckpointError: if there is none.
         """
         if part not in self.found:
-            raise CheckpointError(_missing(self.folder, part))
+            what, called = _CALLED[part]
+            raise CheckpointError(
+                f"{self.folder} holds no file of the {what}; put it there as {called}."
+            )
         return self.found[part]
 
 
@@ -90,21 +94,16 @@ def official_files(folder: Path | None = None) -> OfficialFiles | None:
         )
     by_part: dict[Part, list[Path]] = {}
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        part = part_of(path.relative_to(folder), folder.name)
+        part = part_of(path.relative_to(folder.parent))
         if part is not None:
             by_part.setdefault(part, []).append(path)
     return OfficialFiles(folder, {part: max(by_part[part], key=_rank) for part in by_part})
 
 
-def part_of(path: Path, folder: str = "") -> Part | None:
-    """Which network a file holds: the nearest name that tells it, from the file's own upwards."""
-    if path.suffix not in _ENDINGS and not _EPOCH.fullmatch(path.name):
-        return None
-    for name in (path.name, *reversed(path.parent.parts), folder):
-        for pattern, part in _NAMES:
-            if pattern.search(name.lower()):
-                return part
-    return None
+def part_of(path: Path) -> Part | None:
+    """Which network a file holds, by its name and its folder's."""
+    named = f"/{path.as_posix()}"
+    return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
 
 
 def require_official(folder: Path | None = None) -> OfficialFiles:
@@ -146,14 +145,5 @@ def require_speech(path: Path | None = None) -> Path:
 
 
 def _rank(path: Path) -> tuple[bool, int]:
-    epoch = _EPOCH.search(path.name)
-    return path.stem.lower() == "best", int(epoch[1]) if epoch else -1
-
-
-def _missing(folder: Path, part: Part) -> str:
-    names = {
-        "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
-        "expression": ("expression model", "SimpleSpeechModel/best.pt"),
-    }
-    what, called = names[part]
-    return f"{folder} holds no file of the {what}; put it there as {called}."
+    epoch = path.name.lower().removeprefix("epoch_")
+    return path.stem.lower() == "best", int(epoch) if epoch.isdigit() else -1
