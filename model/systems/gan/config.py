@@ -1,7 +1,6 @@
 """Settings of the few-step generator, of its discriminator, and of their training."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
@@ -12,11 +11,6 @@ SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 WEIGHTS = "gan/20"
 """Whose weights all of them move with."""
 PRESETS = ("demo", "small", "smoke")
-SAMPLER = "posterior"
-"""As they were taught: x_0 is drawn, and a step from its posterior."""
-Solver = Literal["ddim", "dpm-solver++", "dpm-solver++-2m", "euler", "heun"]
-SOLVERS: tuple[Solver, ...] = get_args(Solver)
-"""As `model.systems.gan.sampling` defines them."""
 STEP_COUNTS = (1, 5, 10, 20, 30, 50)
 """Numbers of steps of the paper's Table 4."""
 

@@ -1,6 +1,7 @@
 """A trained generator with a number of steps: speech and the window before to a window."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import torch
@@ -15,9 +16,9 @@ from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, seeded_noise
 from model.systems.face.face import BodyWindow, FacedSystem, faced
 from model.systems.gan import FAMILY
-from model.systems.gan.config import SOLVERS, GeneratorConfig
+from model.systems.gan.config import GeneratorConfig
 from model.systems.gan.network import Generator
-from model.systems.gan.sampling import posterior, solve, times
+from model.systems.gan.sampling import posterior, stepped, times
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +37,7 @@ class GanSystem(FacedSystem):
         draw: Draw,
     ) -> BodyWindow:
         """See `FacedSystem.body`. As the generator was taught, x_0 is drawn at each time, and x at
-        the earlier time from the posterior; a solver follows the mean of x_0 instead."""
+        the earlier time from the posterior; DDIM follows the mean of x_0 instead."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         guide = SpeechGuide(draw.guidance, self.normaliser, "axis-angle")
@@ -51,30 +52,18 @@ class GanSystem(FacedSystem):
             "has_seed": guide.twice(has_seed),
         }
 
-        def expected(x: Tensor, *at: Tensor) -> tuple[Tensor, Tensor]:
-            """Mean of x_0, guided, and the deviation of what is left open, as it is heard."""
-            answers, open_ = self.network.denoised(
-                guide.twice(x), *(guide.twice(each) for each in at), **conditions
-            )
-            return guide.guided(answers), open_[..., :size]
-
         x = draw.noise((config.window_frames, config.channels))
-        if draw.sampler in SOLVERS:
-
-            def predict(x: Tensor, now: float, before: float) -> Tensor:
-                at = torch.full((size,), now), torch.full((size,), before)
-                return expected(x, *at)[0]
-
-            solver = SOLVERS[SOLVERS.index(draw.sampler)]
-            x = solve(predict, x, solver=solver, steps=draw.steps)
-        else:
-            way = [torch.full((size,), t) for t in times(draw.steps)]
-            for k in range(draw.steps):
-                again, latent = self.step_noise(draw, k + 1).unbind(1)
-                mean_x_0, open_ = expected(x, way[k], way[k + 1])
-                x_0 = self.network.drawn(mean_x_0, open_, latent, has_seed)
-                mean, deviation = posterior(x, x_0, way[k + 1], way[k])
-                x = mean + deviation * again
+        for k, (now, before) in enumerate(pairwise(times(draw.steps)), start=1):
+            at, to = torch.full((size,), now), torch.full((size,), before)
+            answers, open_ = self.network.denoised(*map(guide.twice, (x, at, to)), **conditions)
+            mean_x_0 = guide.guided(answers)
+            if draw.sampler == "ddim":
+                x = stepped(x, mean_x_0, before, now)
+                continue
+            again, latent = self.step_noise(draw, k).unbind(1)
+            x_0 = self.network.drawn(mean_x_0, open_[..., :size], latent, has_seed)
+            mean, deviation = posterior(x, x_0, to, at)
+            x = mean + deviation * again
         vectors = self.normaliser.restore(x)
         return BodyWindow(
             rotmat=rotations(vectors, "axis-angle"),
