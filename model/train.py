@@ -109,7 +109,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _presets() -> list[str]:
-    return list(dict.fromkeys(name for family in families() for name in family.presets))
+    trained = ((family, name) for family in families() for name in family.trained)
+    presets = (preset for family, name in trained for preset in family.presets(name))
+    return list(dict.fromkeys(presets))
 
 
 def _trained() -> list[str]:

@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from frame_regression import MEAN, named_config
+from frame_regression import MEAN, presets
 from frame_regression.network import Regression
 
 from model.storage.cards import to_json
@@ -155,7 +155,7 @@ def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
     for system in ("mean", "drawn"):
         assert (tmp_path / "results" / f"regression-{system}.npz").is_file()
     # Weights that a package brings are found beside the bundled ones.
-    config = named_config("smoke", MEAN)
+    config = presets(MEAN)["smoke"]
     tensors = Regression(68, config.width).state_dict()
     card = {"speakers": {"ann": 1}, "config": json.loads(to_json(config))}
     weights = Path(with_a_family.split(os.pathsep)[1]) / "frame_regression" / "weights"

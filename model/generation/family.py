@@ -121,10 +121,8 @@ class Family:
     name: str
     title: str
     """What a person calls it."""
-    presets: tuple[str, ...]
-    """Names of settings that `config` knows."""
-    config: "Callable[[str, str], TrainConfig]"
-    """Preset and name of what is trained -> settings. Raises ValueError for an unknown preset."""
+    presets: "Callable[[str], Mapping[str, TrainConfig]]"
+    """Name of what is trained -> settings of its training by their names."""
     package: str
     """Its folder as Python imports it: ``package.task.make_task(config, data, setup)`` makes
     what is trained, ``package.system.load(name, folder)`` reads a generator."""
@@ -172,6 +170,18 @@ class Family:
     def trained(self) -> tuple[str, ...]:
         """Everything that has weights of its own."""
         return tuple(name for name in self.names if name not in self.shared_weights)
+
+    def config(self, preset: str, system: str) -> "TrainConfig":
+        """Settings of a training.
+
+        Raises:
+            ValueError: if there are none of that name.
+        """
+        presets = self.presets(system)
+        if preset not in presets:
+            found = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"
+            raise ValueError(f"There is no config {preset!r} of {system}; {found}.")
+        return presets[preset]
 
     def samplers_of(self, system: str) -> tuple[Sampler, ...]:
         """The samplers of a generator; the first is the usual one."""

@@ -1,10 +1,7 @@
 """What every training run is told; a family's config adds its networks and losses."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
-
-Config = TypeVar("Config", bound="TrainConfig")
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -79,14 +76,3 @@ class GeometricWeights:
     """Horizontal steps of feet that stand still in the recording."""
     rooted: bool = False
     """Take positions and their differences with the pelvis in place; the root has its channels."""
-
-
-def chosen(preset: str, presets: Mapping[str, Config]) -> Config:
-    """The settings of that name.
-
-    Raises:
-        ValueError: if there are none; the message lists the valid ones.
-    """
-    if preset not in presets:
-        raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(presets)}.")
-    return presets[preset]

@@ -17,21 +17,12 @@ class RegressionConfig(TrainConfig):
     width: int = 64
 
 
-def named_config(preset: str, system: str) -> RegressionConfig:
-    """The settings called ``preset``.
-
-    Raises:
-        ValueError: if there are none of that name.
-    """
+def presets(system: str) -> dict[str, RegressionConfig]:
+    """Settings by name."""
     config = RegressionConfig(
         system, augmented_copies=0, steps=2000, batch_size=32, learning_rate=2e-3
     )
-    match preset:
-        case "tiny":
-            return config
-        case "smoke":
-            return replace(config, **SMOKE, width=8)
-    raise ValueError(f"There is no config {preset!r}; choose tiny or smoke.")
+    return {"tiny": config, "smoke": replace(config, **SMOKE, width=8)}
 
 
 FAMILY = Family(
@@ -43,8 +34,7 @@ FAMILY = Family(
         DRAWN: "The same with smooth noise, as large as the error that the mean leaves.",
     },
     samplers=(Sampler("mean", 1, title="The mean, without noise"),),
-    presets=("tiny", "smoke"),
-    config=named_config,
+    presets=presets,
     package="frame_regression",
     own_samplers={DRAWN: (Sampler("smoothed", 3, title="Noise, smoothed once a step"),)},
     shared_weights={DRAWN: MEAN},

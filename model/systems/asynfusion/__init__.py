@@ -6,9 +6,8 @@ from model.systems.asynfusion.config import (
     DDIM,
     LCM_ASYNC,
     LCM_SYNC,
-    PRESETS,
     SYSTEMS,
-    named_config,
+    presets,
 )
 
 FAMILY = Family(
@@ -22,8 +21,7 @@ FAMILY = Family(
         LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
         "between, the body reads what the face was at last.",
     },
-    presets=PRESETS,
-    config=named_config,
+    presets=presets,
     package="model.systems.asynfusion",
     place=3,
     own_samplers={

@@ -5,11 +5,10 @@ from typing import Literal, get_args
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, TrainConfig, chosen
+from model.training.config import PAPER, SMOKE, TrainConfig
 
 DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
 SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
-PRESETS = ("demo", "small", "paper", "smoke")
 
 Aim = Literal["noise", "teacher"]
 """What training aims at: the noise (eq. 12), or a teacher's consistency."""
@@ -71,8 +70,8 @@ class AsynFusionConfig(TrainConfig):
             raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(Aim))}.")
 
 
-def named_config(preset: str, system: str) -> AsynFusionConfig:
-    """The settings called ``preset``, see `chosen`; those of `LCM_SYNC` distil `DDIM`."""
+def presets(system: str) -> dict[str, AsynFusionConfig]:
+    """Settings by name; those of `LCM_SYNC` distil `DDIM`."""
     config = AsynFusionConfig(
         system=system,
         batch_size=64,
@@ -88,7 +87,7 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
     large = replace(
         config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0, speech_dim=1024
     )
-    presets = {
+    return {
         "demo": config,
         "small": replace(
             config, network=small, steps=500, batch_size=32, save_every=500, validate_every=500
@@ -96,4 +95,3 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
         "paper": replace(config, network=large, **PAPER),
         "smoke": replace(config, network=replace(small, width=32), **SMOKE),
     }
-    return chosen(preset, presets)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig
-from model.training.config import SMOKE, GeometricWeights, TrainConfig, chosen
+from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 MOTION_VAE = "motion-vae"
 FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
@@ -32,21 +32,20 @@ class AutoencoderTrainConfig(TrainConfig):
     window_frames: int = 60
 
 
-def named_config(preset: str, system: str) -> AutoencoderTrainConfig:
-    """The settings called ``preset`` for the teacher or a judge, see `chosen`."""
+def presets(system: str) -> dict[str, AutoencoderTrainConfig]:
+    """Settings for the teacher or a judge by name."""
     config = AutoencoderTrainConfig(system=system, steps=3000, batch_size=32, learning_rate=1e-3)
     if system in JUDGES:
         config = replace(config, autoencoder=JUDGES[system])
     shape = replace(config.autoencoder, width=16, blocks_per_scale=1)
     smoke = replace(config, autoencoder=shape, **SMOKE)
-    return chosen(preset, {"demo": config, "smoke": smoke})
+    return {"demo": config, "smoke": smoke}
 
 
 FAMILY = Family(
     name="autoencoders",
     title="Autoencoders",
-    presets=("demo", "smoke"),
-    config=named_config,
+    presets=presets,
     package="model.systems.autoencoders",
     place=7,
     helpers=(MOTION_VAE, *JUDGES),

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field, replace
 
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, TrainConfig, chosen
+from model.training.config import PAPER, SMOKE, TrainConfig
 
 EXPRESSION = "expression"
-PRESETS = ("demo", "paper", "smoke")
 
 
 @dataclass(frozen=True)
@@ -33,14 +32,13 @@ class FaceTrainConfig(TrainConfig):
     no annotation."""
 
 
-def named_config(preset: str, system: str) -> FaceTrainConfig:
-    """The settings called ``preset``, see `chosen`."""
+def presets(system: str) -> dict[str, FaceTrainConfig]:
+    """Settings by name."""
     config = FaceTrainConfig(system=system, steps=4000, batch_size=64, learning_rate=1e-3)
     large = replace(config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024)
     small = replace(config.expression, width=32, num_blocks=1, num_heads=2)
-    presets = {
+    return {
         "demo": config,
         "paper": replace(config, expression=large, plan_dropout=1.0, **PAPER),
         "smoke": replace(config, expression=small, plan_dropout=1.0, **SMOKE),
     }
-    return chosen(preset, presets)

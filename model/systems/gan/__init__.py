@@ -3,10 +3,9 @@
 from model.generation.family import Family
 from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.systems.gan.config import (
-    PRESETS,
     SYSTEMS,
     WEIGHTS,
-    named_config,
+    presets,
 )
 
 _FASTEST = min(SYSTEMS, key=lambda name: SYSTEMS[name])
@@ -28,8 +27,7 @@ FAMILY = Family(
         name: f"Drawn in {steps} large denoising steps, trained against a discriminator."
         for name, steps in SYSTEMS.items()
     },
-    presets=PRESETS,
-    config=named_config,
+    presets=presets,
     package="model.systems.gan",
     place=4,
     own_samplers={name: _samplers(steps) for name, steps in SYSTEMS.items()},

@@ -4,13 +4,12 @@ from dataclasses import dataclass, field, replace
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import SMOKE, GeometricWeights, TrainConfig, chosen
+from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Steps of each; 20 is the paper's demo."""
 WEIGHTS = "gan/20"
 """Whose weights all of them move with."""
-PRESETS = ("demo", "small", "smoke")
 STEP_COUNTS = (1, 5, 10, 20, 30, 50)
 """Numbers of steps of the paper's Table 4."""
 
@@ -82,18 +81,17 @@ class GanConfig(TrainConfig):
     """Of both optimizers."""
 
 
-def named_config(preset: str, system: str) -> GanConfig:
-    """The settings called ``preset``: ``demo`` trained the bundled weights, of ``small``
-    several training seeds are affordable, ``smoke`` takes a minute. See `chosen`."""
+def presets(system: str) -> dict[str, GanConfig]:
+    """Settings by name: ``demo`` trained the bundled weights, of ``small`` several training seeds
+    are affordable, ``smoke`` takes a minute."""
     config = GanConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,
     )  # fmt: skip
     small = replace(config.generator, width=64, num_heads=2)
     least = replace(config.generator, width=32, num_blocks=1, num_heads=2)
-    presets = {
+    return {
         "demo": config,
         "small": replace(config, generator=small, steps=1500, save_every=750, validate_every=750),
         "smoke": replace(config, generator=least, **SMOKE),
     }
-    return chosen(preset, presets)

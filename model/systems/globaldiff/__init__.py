@@ -2,7 +2,7 @@
 
 from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
 from model.sampling.samplers import FLOW_SAMPLERS, SAMPLER_TITLES, Sampler
-from model.systems.globaldiff.config import BEST, LADDER, PRESETS, SYSTEMS, named_config
+from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS, presets
 
 STEPS = 10
 _LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/full"
@@ -89,8 +89,7 @@ FAMILY = Family(
         "globaldiff/full": "Skeleton, and the temporal structure constraint.",
     },
     samplers=tuple(Sampler(name, STEPS, title=SAMPLER_TITLES[name]) for name in FLOW_SAMPLERS),
-    presets=PRESETS,
-    config=named_config,
+    presets=presets,
     package="model.systems.globaldiff",
     place=2,
     guidance=dict.fromkeys(SYSTEMS, 2.5),

@@ -5,10 +5,7 @@ from typing import get_args
 
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig, chosen
-
-PRESETS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
-"""What `named_config` knows."""
+from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -105,16 +102,11 @@ PAPER_REGIME_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "moti
 """The same rule in the paper's regime, measured there."""
 
 
-def named_config(name: str, system: str) -> GlobalDiffConfig:
-    """The settings called ``name`` for one system.
-
-    Args:
-        name: ``paper-regime`` is how the bundled ladder was trained, ``demo`` the regime with
-            normalised channels and differences of positions, each also as ``-small``; ``paper`` is
-            the size of the paper and the official code, ``smoke`` trains for a minute.
-
-    See `chosen`.
-    """
+def presets(system: str) -> dict[str, GlobalDiffConfig]:
+    """Settings of one system by name: ``paper-regime`` is how the bundled ladder was trained,
+    ``demo`` the regime with normalised channels and differences of positions, each also as
+    ``-small``; ``paper`` is the size of the paper and the official code, ``smoke`` trains for a
+    minute."""
     config = GlobalDiffConfig(system=system)
     if system == BEST:
         config = _best(config)
@@ -130,15 +122,14 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
     )
     least = replace(config.network, width=48, num_blocks=1, num_heads=2)
-    presets = {"demo": config, "demo-small": _small(config)}
+    found = {"demo": config, "demo-small": _small(config)}
     if system in LADDER:
         regime = _paper_regime(config)
-        presets |= {"paper-regime": regime, "paper-regime-small": _small(regime)}
-    presets |= {
+        found |= {"paper-regime": regime, "paper-regime-small": _small(regime)}
+    return found | {
         "paper": replace(config, network=large, **PAPER),
         "smoke": replace(config, network=least, **SMOKE),
     }
-    return chosen(name, presets)
 
 
 def _paper_regime(config: GlobalDiffConfig) -> GlobalDiffConfig:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
 from model.networks.config import MatchingConfig
-from model.training.config import SMOKE, TrainConfig, chosen
+from model.training.config import SMOKE, TrainConfig
 
 HEARING_JUDGE = "hearing-judge"
 
@@ -23,21 +23,20 @@ class MatchingTrainConfig(TrainConfig):
     """Of the error of the arms' log speed told from speech alone, beside the contrastive loss."""
 
 
-def named_config(preset: str, system: str) -> MatchingTrainConfig:
-    """The settings called ``preset``, see `chosen`."""
+def presets(system: str) -> dict[str, MatchingTrainConfig]:
+    """Settings by name."""
     config = MatchingTrainConfig(
         system=system, steps=300, batch_size=16, learning_rate=1e-3, warmup_steps=30, ema_decay=0.98
     )
     shape = replace(config.matching, speech_width=8, motion_width=8, dilations=(1,))
     smoke = replace(config, matching=shape, piece_frames=60, pieces=2, **SMOKE)
-    return chosen(preset, {"demo": config, "smoke": smoke})
+    return {"demo": config, "smoke": smoke}
 
 
 FAMILY = Family(
     name="matching",
     title="The judge of matched speech",
-    presets=("demo", "smoke"),
-    config=named_config,
+    presets=presets,
     package="model.systems.matching",
     place=8,
     helpers=(HEARING_JUDGE,),

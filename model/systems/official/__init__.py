@@ -18,7 +18,6 @@ from model.systems.official.files import (
     require_official,
     require_speech,
 )
-from model.training.config import TrainConfig
 
 FILTERED = "official/authors"
 UNFILTERED = "official/authors-unfiltered"
@@ -99,15 +98,6 @@ def _speakers_in(folder: Path) -> list[str]:
     return [name for name in dict.fromkeys(names) if name not in SPEAKERS]
 
 
-def named_config(preset: str, system: str) -> TrainConfig:
-    """There are no settings: it is not trained here.
-
-    Raises:
-        ValueError: always, saying so.
-    """
-    raise ValueError(f"{system} is not trained here; train globaldiff/full with the preset paper.")
-
-
 FAMILY = OfficialFamily(
     name="official",
     title="GlobalDiff by its authors",
@@ -117,8 +107,7 @@ FAMILY = OfficialFamily(
         UNFILTERED: "The same checkpoint without the smoothing: what it really makes.",
     },
     samplers=(Sampler("reinterpolate", 5, title=SAMPLER_TITLES["reinterpolate"]),),
-    presets=(),
-    config=named_config,
+    presets=lambda system: {},
     package="model.systems.official",
     place=5,
     whole_speech=(FILTERED, UNFILTERED),

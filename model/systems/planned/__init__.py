@@ -4,7 +4,7 @@ motion network follows the plan it is given. May import GlobalDiff's family and 
 
 from model.generation.family import Family
 from model.sampling.samplers import SAMPLER_TITLES, Sampler
-from model.systems.planned.config import PLANNED, PLANNER, PRESETS, named_config
+from model.systems.planned.config import PLANNED, PLANNER, presets
 
 FAMILY = Family(
     name="planned",
@@ -14,8 +14,7 @@ FAMILY = Family(
         PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
     },
     samplers=tuple(Sampler(name, 6, title=SAMPLER_TITLES[name]) for name in ("euler", "heun")),
-    presets=PRESETS,
-    config=named_config,
+    presets=presets,
     package="model.systems.planned",
     place=1,
     helpers=(PLANNER,),

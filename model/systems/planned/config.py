@@ -4,12 +4,11 @@ from dataclasses import dataclass, field, replace
 
 from model.speech.codes import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
-from model.systems.globaldiff.config import named_config as globaldiff_config
-from model.training.config import SMOKE, THROATS, TrainConfig, chosen
+from model.systems.globaldiff.config import presets as globaldiff_presets
+from model.training.config import SMOKE, THROATS, TrainConfig
 
 PLANNED = "workbench/planned"
 PLANNER = "planner"
-PRESETS = ("demo", "smoke")
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,8 @@ class PlannedConfig(GlobalDiffConfig):
     """Share of windows that are told no plan."""
 
 
-def named_config(preset: str, system: str) -> TrainConfig:
-    """The settings called ``preset``, see `chosen`."""
+def presets(system: str) -> dict[str, TrainConfig]:
+    """Settings by name."""
     if system == PLANNER:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
@@ -73,9 +72,12 @@ def named_config(preset: str, system: str) -> TrainConfig:
             planner=PlannerConfig(codes=CodesConfig.codes),
         )  # fmt: skip
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
-        smoke = replace(planner, planner=shape, **SMOKE)
-        return chosen(preset, {"demo": planner, "smoke": smoke})
-    base = chosen(preset, {name: globaldiff_config(name, BEST) for name in PRESETS})
-    told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
+        return {"demo": planner, "smoke": replace(planner, planner=shape, **SMOKE)}
+    bases = globaldiff_presets(BEST)
+    return {name: _told_plans(bases[name], system) for name in ("demo", "smoke")}
+
+
+def _told_plans(base: GlobalDiffConfig, system: str) -> PlannedConfig:
     shape = PlannedNetworkConfig(**vars(base.network))
+    told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
     return PlannedConfig(system=system, network=shape, **told)

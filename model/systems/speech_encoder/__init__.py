@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
 from model.speech.codes import SPEECH_ENCODER, CodesConfig
-from model.training.config import SMOKE, THROATS, TrainConfig, chosen
+from model.training.config import SMOKE, THROATS, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -15,22 +15,21 @@ class SpeechEncoderConfig(TrainConfig):
     window_frames: int = 300
 
 
-def named_config(preset: str, system: str) -> SpeechEncoderConfig:
-    """The settings called ``preset``, see `chosen`."""
+def presets(system: str) -> dict[str, SpeechEncoderConfig]:
+    """Settings by name."""
     config = SpeechEncoderConfig(
         system=system, steps=4000, batch_size=16, learning_rate=3e-3, ema_decay=0.995,
         save_every=500, validate_every=1000, throats=THROATS,
     )  # fmt: skip
     shape = replace(config.codes, width=16, codes=8, dilations=(1, 2))
     smoke = replace(config, codes=shape, window_frames=60, **SMOKE)
-    return chosen(preset, {"demo": config, "smoke": smoke})
+    return {"demo": config, "smoke": smoke}
 
 
 FAMILY = Family(
     name="speech-encoder",
     title="The speech encoder",
-    presets=("demo", "smoke"),
-    config=named_config,
+    presets=presets,
     package="model.systems.speech_encoder",
     place=9,
     helpers=(SPEECH_ENCODER,),

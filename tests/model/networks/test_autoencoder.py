@@ -8,7 +8,7 @@ import torch
 from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
 from model.networks.config import AutoencoderConfig
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders import JUDGES, MOTION_VAE, named_config
+from model.systems.autoencoders import JUDGES, MOTION_VAE, presets
 from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
@@ -64,7 +64,7 @@ def test_noise_is_scaled_by_the_codes_own_spread():
      ("fed-encoder", 0, 52)],
 )  # fmt: skip
 def test_what_each_network_sees(system, body, face):
-    shape = named_config("smoke", system).autoencoder
+    shape = presets(system)["smoke"].autoencoder
     assert (shape.motion_channels, shape.face_channels) == (body, face)
     motion = 0.3 * torch.randn(1, 16, 165), torch.randn(1, 16, 3), torch.rand(1, 16, 52)
     seen = input_vectors(shape, *motion)
@@ -88,7 +88,7 @@ def test_shapes_that_cannot_be_are_refused(changes):
 
 @pytest.mark.parametrize("system", [MOTION_VAE, *JUDGES])
 def test_bundled_weights_are_of_the_size_that_is_told_and_small(system):
-    config = named_config("demo", system).autoencoder
+    config = presets(system)["demo"].autoencoder
     assert sum(p.numel() for p in MotionAutoencoder(config).parameters()) < 1e6
     if system in (MOTION_VAE, "fgd-encoder"):  # from before there were faces
         assert load_encoder(BUNDLED_WEIGHTS, system).network.config == config

@@ -15,7 +15,7 @@ from model.motion.packing import ROTATION_DIM, decode, to_vectors
 from model.networks.layers import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
-from model.systems.globaldiff.config import named_config
+from model.systems.globaldiff.config import presets
 from model.systems.globaldiff.task import make_task
 from model.train import main
 from model.training import losses, parallel
@@ -135,7 +135,7 @@ def test_attention_written_out_is_torchs_own():
 
 
 def losses_of(data, folder, steps: int, shard) -> list[float]:
-    config = named_config("smoke", "globaldiff/global")
+    config = presets("globaldiff/global")["smoke"]
     config = replace(config, batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6)
     task = make_task(config, data, TaskSetup(folder, shard=shard))
     clips, found = data.of_split("train"), []

@@ -11,7 +11,7 @@ from conventions.joints import FACE as FACE_JOINTS
 from model.data.prepared import prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
-from model.systems.asynfusion.config import DDIM, LCM_SYNC, named_config
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
 from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
@@ -21,7 +21,7 @@ from model.systems.asynfusion.task import (
     one_solver_step,
     pseudo_huber,
 )
-from model.systems.registry import load_system
+from model.systems.registry import family_of, load_system
 from model.training import losses
 from model.training.task import TaskSetup
 from tests.model.systems.asynfusion.made import (
@@ -55,18 +55,18 @@ def trained(tmp_path_factory, data_folder):
 
 def test_branches_stand_at_steps_of_their_own_in_a_share_of_the_samples():
     generator = torch.Generator().manual_seed(0)
-    config = named_config("demo", DDIM)
+    config = presets(DDIM)["demo"]
     face, body = draw_steps(4000, config, generator)
     assert 0.45 < float((face != body).float().mean()) < 0.55
     assert int(body.min()) == 0 and int(body.max()) == 999
     face, body = draw_steps(500, replace(config, apart=0.0), generator)
     assert torch.equal(face, body)
-    assert int(draw_steps(4000, named_config("demo", LCM_SYNC), generator)[1].min()) == 20
+    assert int(draw_steps(4000, presets(LCM_SYNC)["demo"], generator)[1].min()) == 20
 
 
 def test_the_terms_are_equations_12_to_14():
     normaliser = made_streams()[1].normaliser
-    weights = named_config("demo", DDIM).loss
+    weights = presets(DDIM)["demo"].loss
     torch.manual_seed(0)
     x_1, noise, told = torch.randn(3, 2, 5, BODY)
     t = torch.tensor([0.25, 0.5])
@@ -86,7 +86,7 @@ def test_the_terms_are_equations_12_to_14():
 
 
 def test_feet_are_held_where_they_stand_and_the_more_so_the_nearer_to_the_data():
-    weights = replace(named_config("demo", DDIM).loss, feet=2.0, contact=3.0)
+    weights = replace(presets(DDIM)["demo"].loss, feet=2.0, contact=3.0)
     recorded = torch.zeros(2, 5, 55, 3)
     slid = recorded.clone()
     slid[:, :, losses.FEET[0], 0] = 0.001 * torch.arange(5)  # a millimetre a frame
@@ -103,7 +103,7 @@ def test_feet_are_held_where_they_stand_and_the_more_so_the_nearer_to_the_data()
 
 @pytest.mark.parametrize("strength", [1.0, 2.5])
 def test_a_student_agrees_with_itself_after_a_step_of_its_guided_teacher(strength):
-    config = replace(named_config("demo", LCM_SYNC), teacher_guidance=strength)
+    config = replace(presets(LCM_SYNC)["demo"], teacher_guidance=strength)
     teacher, student = tiny_network(), tiny_network(consistent=True)
     normaliser = made_streams()[1].normaliser
     x_t, seed = made_pair(), made_pair(seed=2)
@@ -168,5 +168,7 @@ def test_the_student_begins_as_its_teacher_and_terms_on_feet_are_a_switch(
     assert {*parts} - {"feet", "contact"} == {*parts} & {*log_of(student)[0]} != {*parts}
     with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
         make_task(usual, data, TaskSetup(tmp_path))
-    with pytest.raises(ValueError, match="no config 'huge'; choose one of demo, small"):
-        named_config("huge", DDIM)
+    with pytest.raises(
+        ValueError, match="no config 'huge' of asynfusion/ddim; choose one of demo, small"
+    ):
+        family_of(DDIM).config("huge", DDIM)

@@ -18,11 +18,10 @@ from model.systems.gan.config import (
     WEIGHTS,
     DiscriminatorConfig,
     GanConfig,
-    named_config,
 )
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
-from model.systems.registry import load_system
+from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.parallel import Draws
 from model.training.run_folder import TrainingError
@@ -220,5 +219,7 @@ def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(
 def test_presets_and_shapes_that_cannot_be_are_named():
     with pytest.raises(ValueError, match="width is 60, no multiple of 8 groups"):
         DiscriminatorConfig(width=60)
-    with pytest.raises(ValueError, match="no config 'large'; choose one of demo, small, smoke"):
-        named_config("large", WEIGHTS)
+    with pytest.raises(
+        ValueError, match="no config 'large' of gan/20; choose one of demo, small, smoke"
+    ):
+        family_of(WEIGHTS).config("large", WEIGHTS)

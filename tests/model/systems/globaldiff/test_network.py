@@ -12,10 +12,9 @@ from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
 from model.systems.globaldiff.config import (
     LADDER,
-    PRESETS,
     GlobalDiffConfig,
     NetworkConfig,
-    named_config,
+    presets,
 )
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
@@ -71,12 +70,12 @@ def test_samples_of_a_batch_do_not_mix(network):
 
 
 def test_config_survives_json_and_refuses_unknown_fields():
-    config = named_config("smoke", "globaldiff/local")
+    config = presets("globaldiff/local")["smoke"]
     assert from_dict(GlobalDiffConfig, json.loads(to_json(config))) == config
     with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
         from_dict(NetworkConfig, {"depth": 3})
     with pytest.raises(ValueError, match="choose one of demo, demo-small, paper-regime"):
-        named_config("huge", "globaldiff/local")
+        family_of("globaldiff/local").config("huge", "globaldiff/local")
     with pytest.raises(UnknownNameError, match="globaldiff/local, globaldiff/global"):
         family_of("emage")
     with pytest.raises(ValueError, match="prior is True with global rotations"):
@@ -85,9 +84,9 @@ def test_config_survives_json_and_refuses_unknown_fields():
         replace(TINY_NETWORK, num_heads=3)
 
 
-@pytest.mark.parametrize("regime", [name for name in PRESETS if name != "smoke"])
+@pytest.mark.parametrize("regime", [*presets("globaldiff/local")][:-1])
 def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
-    rungs = [json.loads(to_json(named_config(regime, name))) for name in LADDER]
+    rungs = [json.loads(to_json(presets(name)[regime])) for name in LADDER]
     changes = [
         [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
     ]
@@ -105,7 +104,7 @@ def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
 
 @pytest.mark.parametrize("name", LADDER)
 def test_an_untrained_network_predicts_the_mean_or_a_pose_that_it_starts_at(name):
-    config = named_config("smoke", name).network
+    config = presets(name)["smoke"].network
     network, pose = MotionNetwork(config), torch.randn(333)
     found = network(**inputs(config=config))
     assert (found == 0).all()

@@ -12,7 +12,7 @@ from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import Motion
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
-from model.systems.matching import HEARING_JUDGE, MatchingTrainConfig, named_config
+from model.systems.matching import HEARING_JUDGE, MatchingTrainConfig, presets
 from model.systems.matching.task import make_task
 from model.training.task import DescentTask, TaskSetup
 from tests.helpers import smooth_motion_example
@@ -24,7 +24,7 @@ ARMS = [
 
 
 def tiny_config(**changes) -> MatchingTrainConfig:
-    config = named_config("smoke", HEARING_JUDGE)
+    config = presets(HEARING_JUDGE)["smoke"]
     return replace(config, matching=SHAPE, augment_speech=False, **changes)
 
 
