@@ -220,6 +220,6 @@ def test_presets_and_shapes_that_cannot_be_are_named():
     with pytest.raises(ValueError, match="width is 60, no multiple of 8 groups"):
         DiscriminatorConfig(width=60)
     with pytest.raises(
-        ValueError, match="no config 'large' of gan/20; choose one of demo, small, smoke"
+        ValueError, match="'large' of gan/20; choose one of demo, small, smoke"
     ):
         family_of(WEIGHTS).config("large", WEIGHTS)
