@@ -12,9 +12,12 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import Field, TypeAdapter, ValidationError
 
 from model.storage.files import written_atomically
 
@@ -35,12 +38,23 @@ REACH_M = 1.0
 """No wrist is farther than this from the chest."""
 
 
+ShortText = Annotated[str, Field(max_length=80)]
+
+
 class PlanError(ValueError):
     """A plan that cannot be used; the message is one sentence for a person."""
 
 
+class _Read:
+    """Read from JSON as it stands: no other fields, no texts for numbers."""
+
+    __pydantic_config__: ClassVar[Any] = {
+        "strict": True, "extra": "forbid", "allow_inf_nan": False,
+    }  # fmt: skip
+
+
 @dataclass(frozen=True)
-class HandPhase:
+class HandPhase(_Read):
     """What one hand does from one time to another."""
 
     start_s: float
@@ -48,14 +62,14 @@ class HandPhase:
     phase: Phase
     goal: tuple[float, float, float]
     """Out, up, forward: where the wrist is at the end, in metres; a hold may give way a little."""
-    kind: str = ""
+    kind: ShortText = ""
     """Name of the gesture that it is part of; empty where the hand rests."""
-    word: str = ""
+    word: ShortText = ""
     """The word that a stroke lands on."""
 
 
 @dataclass(frozen=True)
-class Nod:
+class Nod(_Read):
     """The head goes down and up again."""
 
     time_s: float
@@ -64,7 +78,7 @@ class Nod:
 
 
 @dataclass(frozen=True)
-class Look:
+class Look(_Read):
     """Where the eyes and the head are directed."""
 
     start_s: float
@@ -76,7 +90,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Brow:
+class Brow(_Read):
     """The brows rise and fall, or frown."""
 
     time_s: float
@@ -85,7 +99,7 @@ class Brow:
 
 
 @dataclass(frozen=True)
-class Smile:
+class Smile(_Read):
     """A smile of one size."""
 
     start_s: float
@@ -95,14 +109,14 @@ class Smile:
 
 
 @dataclass(frozen=True)
-class Blink:
+class Blink(_Read):
     """The lids shut for a moment."""
 
     time_s: float
 
 
 @dataclass(frozen=True)
-class Stand:
+class Stand(_Read):
     """On which leg the body stands."""
 
     start_s: float
@@ -111,7 +125,7 @@ class Stand:
 
 
 @dataclass(frozen=True)
-class Planted:
+class Planted(_Read):
     """A foot that stays where it is."""
 
     start_s: float
@@ -120,7 +134,7 @@ class Planted:
 
 
 @dataclass(frozen=True)
-class GesturePlan:
+class GesturePlan(_Read):
     """All that is planned for one performance, each list in time."""
 
     duration_s: float
@@ -223,7 +237,6 @@ EVENTS: dict[str, type] = {
     "smiles": Smile, "blinks": Blink, "stands": Stand, "planted": Planted,
 }  # fmt: skip
 """Of what a plan's lists are."""
-Event = TypeVar("Event")
 
 
 def bytes_within(path: Path, most: int | None = None) -> bytes:
@@ -260,71 +273,28 @@ def plan_of_json(data: bytes, file: str) -> GesturePlan:
         told = json.loads(data)
     except (ValueError, RecursionError):
         told = None
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
+    if not isinstance(told, dict) or told.pop("format", None) != FORMAT:
         raise PlanError(f"{file} is no plan of format {FORMAT}, as `plan --out` writes it.")
-    unknown = sorted(set(told) - {"format", "duration_s", *EVENTS})
-    if unknown:
-        raise PlanError(f"{file} has {unknown[0][:40]!r}, which no plan has.")
-    lists = {
-        name: tuple(_event(file, name, event, kind) for event in _list(file, name, told))
-        for name, kind in EVENTS.items()
-    }
+    # No file of text holds half a character, which JSON can spell.
+    text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
     try:
-        return GesturePlan(duration_s=_number(told.get("duration_s")), **lists)
-    except PlanError as error:
-        raise PlanError(f"{file}: {error}") from None
+        return _reader().validate_json(text)
+    except ValidationError as error:
+        raise PlanError(f"{file}: {_sentence(error)}") from None
 
 
-def _list(file: str, name: str, told: dict[str, Any]) -> list[Any]:
-    events = told.get(name, [])
-    if not isinstance(events, list):
-        raise PlanError(f"{file}: {name} is no list.")
-    return events
+@cache
+def _reader() -> TypeAdapter[GesturePlan]:
+    return TypeAdapter(GesturePlan)
 
 
-def _event(file: str, name: str, told: Any, kind: type[Event]) -> Event:
-    fields = {f.name: f for f in dataclasses.fields(kind)}  # pyright: ignore[reportArgumentType]
-    needed = {n for n, f in fields.items() if f.default is dataclasses.MISSING}
-    if not isinstance(told, dict) or not needed <= set(told) <= set(fields):
-        raise PlanError(f"{file}: one of its {name} has not the fields {', '.join(fields)}.")
-    try:
-        return kind(**{field: _value(field, value) for field, value in told.items()})
-    except PlanError as error:
-        raise PlanError(f"{file}: one of its {name} has a {error}") from None
-
-
-_LITERALS: dict[str, tuple[str, ...]] = {"phase": PHASES, "leg": get_args(Leg), "foot": SIDES}
-_WORDS = ("kind", "word")
-
-
-def _value(field: str, told: Any) -> Any:
-    """A field's value of the right type; errors go on with "one of its phases has a"."""
-    if field in _LITERALS:
-        if told not in _LITERALS[field]:
-            valid = ", ".join(_LITERALS[field])
-            raise PlanError(f"{field} {str(told)[:40]!r}; use one of {valid}.")
-        return told
-    if field in _WORDS:
-        if not isinstance(told, str) or len(told) > 80:
-            raise PlanError(f"{field} that is no short text.")
-        return told.encode("utf-8", "replace").decode()  # no file of text holds half a character
-    if field == "goal":
-        place = [_number(value) for value in told] if isinstance(told, list) else []
-        if len(place) != 3 or not all(map(math.isfinite, place)):
-            raise PlanError("goal that is no three numbers.")
-        return tuple(place)
-    number = _number(told)
-    if not math.isfinite(number):
-        raise PlanError(f"{field} that is no number.")
-    return number
-
-
-def _number(value: object) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    try:
-        return float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
-    except OverflowError:  # of a whole number with hundreds of digits
-        return math.inf
+def _sentence(error: ValidationError) -> str:
+    first = error.errors(include_url=False, include_input=False)[0]
+    own = first.get("ctx", {}).get("error")
+    if isinstance(own, PlanError):
+        return str(own)
+    where = " ".join(str(part)[:40] for part in first["loc"])
+    return f"{where!r}: {first['msg'][0].lower()}{first['msg'][1:]}."
 
 
 def _check(name: str, event: Any) -> None:
