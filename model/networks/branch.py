@@ -8,7 +8,6 @@ from torch import Tensor, nn
 
 from model.networks.config import BranchConfig
 from model.networks.layers import MotionBlock, TimeEmbedding, sinusoidal_positions
-from model.networks.speech_codes import listener_of
 from model.sampling.prior import GaussianPrior
 
 SPEAKER_WIDTH = 64
@@ -148,9 +147,7 @@ class ConditionedNetwork(nn.Module):
         super().__init__()
         width = config.width
         self.condition = Condition(config.num_speakers, width)
-        heard = config.speech_dim + config.codes
-        self.speech = SpeechTokens(heard, width, config.speech_context)
-        self.listener = listener_of(config.speech_dim, config.codes)
+        self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
         positions = sinusoidal_positions(config.window_frames, width)
         self.register_buffer("positions", positions, persistent=False)
@@ -159,15 +156,11 @@ class ConditionedNetwork(nn.Module):
         self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
         """Tokens of the speech, or of none where ``has_speech`` is false."""
-        heard = torch.where(has_speech[:, None, None], speech, self.no_speech)
-        if self.listener is not None:
-            heard = torch.cat([heard, shown(self.listener(speech), has_speech)], dim=-1)
-        return self.speech(heard)
+        return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
 
 
 def shown(told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]) -> Float[Tensor, "B T E"]:
-    """The face that a body is shown, or codes of speech; none where it hears nothing, or they
-    would tell."""
+    """The face that a body is shown; none where it hears nothing, or it would tell."""
     return torch.where(has_speech[:, None, None], told, torch.zeros_like(told))
 
 

@@ -13,7 +13,7 @@ class BranchConfig:
 
     RETIRED: ClassVar[Mapping[str, Any]] = {
         "frames_by": "attention", "interaction": "cross-attention", "decoupled": True,
-        "latent": True, "cepstra": 0,
+        "latent": True, "cepstra": 0, "codes": 0,
     }  # fmt: skip
     """See `model.storage.cards.from_dict`."""
     width: int = 192
@@ -24,9 +24,6 @@ class BranchConfig:
     """Frames seen by the depthwise temporal convolution of each block; 0 leaves it out, as in the
     paper. It lets a small network learn smooth motion in few steps."""
     speech_dim: int = 68
-    codes: int = 0
-    """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none.
-    They are of what the network hears, so that no more speech need be waited for."""
     expression_dim: int = 52
     num_speakers: int = 31
     """Size of the speaker table; 0 stands for "no speaker"."""

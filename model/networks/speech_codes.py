@@ -22,7 +22,6 @@ from model.speech.audio import Speech
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
-from model.storage.checkpoint import load_into
 
 CPU = torch.device("cpu")
 
@@ -83,43 +82,6 @@ class SpeechCodes:
         batch = features.view(-1, *features.shape[-2:])
         codes = self.network.codes(self.normaliser.normalise(batch)).float()
         return codes.view(*features.shape[:-1], -1)
-
-
-class Listener(nn.Module):
-    """The encoder as a part of a network that hears with it. Its weights are saved with that
-    network's and never change."""
-
-    mean: Tensor
-    std: Tensor
-
-    def __init__(self, config: CodesConfig) -> None:
-        super().__init__()
-        self.network = CodesNetwork(config)
-        self.register_buffer("mean", torch.zeros(config.speech_dim))
-        self.register_buffer("std", torch.ones(config.speech_dim))
-        self.requires_grad_(False)
-
-    @torch.no_grad()
-    def forward(
-        self, speech: Float[Tensor, "B heard speech_dim"]
-    ) -> Float[Tensor, "B heard codes"]:
-        """Codes of `MelEncoder`'s features, as they are heard without what is around them."""
-        return self.network.codes((speech - self.mean) / self.std)
-
-    def become(self, codes: SpeechCodes) -> None:
-        """Take on a trained encoder.
-
-        Raises:
-            CheckpointError: if it is of another shape.
-        """
-        state = {f"network.{name}": t for name, t in codes.network.state_dict().items()}
-        state |= {"mean": codes.normaliser.mean, "std": codes.normaliser.std}
-        load_into(self, state, "", SPEECH_ENCODER)
-
-
-def listener_of(speech_dim: int, codes: int) -> Listener | None:
-    """An untrained listener that gives so many codes; None for none of them."""
-    return Listener(CodesConfig(speech_dim=speech_dim, codes=codes)) if codes else None
 
 
 def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:

@@ -16,7 +16,6 @@ from torch import Tensor, nn
 from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.packing import Normaliser
-from model.networks.speech_codes import Listener, load_codes
 from model.networks.trained import Trained
 from model.storage.cards import CheckpointError
 from model.training import losses
@@ -81,25 +80,6 @@ class TaskSetup:
         if "normaliser.mean" not in given.tensors:
             raise CheckpointError(f"The weights of {given.name} have no statistics.")
         return given
-
-    def put_weights_into(
-        self, network: nn.Module, given: Trained | None, *, may_lack: bool = False
-    ) -> None:
-        """Let a network hear with the speech encoder among the helpers, if it hears with one, and
-        begin with the weights that are given, which may know of none.
-
-        Args:
-            may_lack: whether they may know of other parts as little.
-
-        Raises:
-            CheckpointError: if the encoder is missing, or weights are of another shape.
-        """
-        listener = getattr(network, "listener", None)
-        if isinstance(listener, Listener):
-            listener.become(load_codes(self.helpers))
-            may_lack = True
-        if given is not None:
-            given.start(network, may_lack=may_lack)
 
 
 @runtime_checkable

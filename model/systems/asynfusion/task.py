@@ -63,10 +63,10 @@ class BranchesTask(DescentTask):
         if taught is not None:
             self.teacher = taught.as_of(make_network(shape, (face, body), consistent=False))
         network = make_network(shape, (face, body), consistent=self.teacher is not None)
-        if given is None and self.teacher is not None:
+        if given:
+            given.start(network)
+        elif self.teacher is not None:
             network.load_state_dict(self.teacher.state_dict())
-        else:
-            setup.put_weights_into(network, given)
         super().__init__(
             setup, config, network, body.normaliser, shape.window_frames, shape.speech_context,
             face_tensors(face) | {"prior.covariance": body.prior.covariance},

@@ -30,7 +30,8 @@ class AutoencoderTask(DescentTask):
         else:
             normaliser = given.normaliser
         network = MotionAutoencoder(config.autoencoder)
-        setup.put_weights_into(network, given)
+        if given:
+            given.start(network)
         super().__init__(setup, config, network, normaliser, config.window_frames)
         self.skeleton = open_body_skeleton()
 

@@ -25,7 +25,8 @@ class FaceTask(DescentTask):
         given = setup.begin(config, data, shape.num_speakers)
         normaliser, prior = fit_face_prior(data, shape, given)
         network = FaceNetwork(shape, prior)
-        setup.put_weights_into(network, given, may_lack=True)
+        if given:
+            given.start(network, may_lack=True)
         super().__init__(
             setup, config, network, normaliser, shape.window_frames, shape.speech_context
         )

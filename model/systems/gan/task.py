@@ -45,7 +45,8 @@ def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTa
     normaliser, prior = fit_motion_prior(data, targets, shape, given)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
-    setup.put_weights_into(generator, given)
+    if given:
+        given.start(generator)
     return GanTask(setup, config, generator, discriminator, normaliser, targets)
 
 

@@ -51,7 +51,7 @@ class MotionTask(DescentTask):
     ) -> None:  # fmt: skip
         """
         Args:
-            may_lack: see `TaskSetup.put_weights_into`.
+            may_lack: see `Trained.start`.
         """
         shape = config.network
         given = setup.begin(config, data, shape.num_speakers)
@@ -71,7 +71,8 @@ class MotionTask(DescentTask):
         network = self.untrained(config, prior)
         if isinstance(network, MotionNetwork):
             network.start_at(mean_vector(normaliser, self.targets))
-        setup.put_weights_into(network, given, may_lack=may_lack)
+        if given:
+            given.start(network, may_lack=may_lack)
         super().__init__(
             setup, config, network, normaliser, shape.window_frames, shape.speech_context
         )

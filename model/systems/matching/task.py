@@ -41,7 +41,8 @@ class MatchingTask(DescentTask):
         else:
             normaliser = given.normaliser
         network = MatchingNetwork(config.matching)
-        setup.put_weights_into(network, given)
+        if given:
+            given.start(network)
         super().__init__(setup, config, network, normaliser, config.pieces * config.piece_frames)
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:

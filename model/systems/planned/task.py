@@ -36,7 +36,8 @@ class PlannerTask(DescentTask):
         given = setup.begin(config, data, shape.num_speakers)
         self.plans = prepare_plans(data, shape.num_speakers)
         network = PlannerNetwork(shape)
-        setup.put_weights_into(network, given, may_lack=True)  # with fewer tiers, or no codes
+        if given:
+            given.start(network, may_lack=True)  # with fewer tiers, or no codes
         device = setup.shard.device
         self.codes = load_codes(setup.helpers, device) if shape.codes else None
         super().__init__(

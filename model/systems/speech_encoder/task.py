@@ -28,7 +28,8 @@ class CodesTask(DescentTask):
         given, shape = setup.begin(config, data), config.codes
         self.spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
         network = CodesNetwork(shape)
-        setup.put_weights_into(network, given)
+        if given:
+            given.start(network)
         normaliser = given.normaliser if given else fit_features(data)
         super().__init__(setup, config, network, normaliser, config.window_frames, shape.context)
 

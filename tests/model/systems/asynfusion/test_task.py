@@ -168,7 +168,5 @@ def test_the_student_begins_as_its_teacher_and_terms_on_feet_are_a_switch(
     assert {*parts} - {"feet", "contact"} == {*parts} & {*log_of(student)[0]} != {*parts}
     with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
         make_task(usual, data, TaskSetup(tmp_path))
-    with pytest.raises(
-        ValueError, match="'huge' of asynfusion/ddim; choose one of demo, small"
-    ):
+    with pytest.raises(ValueError, match="'huge' of asynfusion/ddim; choose one of demo, small"):
         family_of(DDIM).config("huge", DDIM)

@@ -219,7 +219,5 @@ def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(
 def test_presets_and_shapes_that_cannot_be_are_named():
     with pytest.raises(ValueError, match="width is 60, no multiple of 8 groups"):
         DiscriminatorConfig(width=60)
-    with pytest.raises(
-        ValueError, match="'large' of gan/20; choose one of demo, small, smoke"
-    ):
+    with pytest.raises(ValueError, match="'large' of gan/20; choose one of demo, small, smoke"):
         family_of(WEIGHTS).config("large", WEIGHTS)
