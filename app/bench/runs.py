@@ -46,7 +46,7 @@ def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
 
 def time_motion(clip: Path, weights: Path) -> list[Figure]:
     """Features, generation of each system at the default number of steps, and five samples."""
-    from model.generation.cost import generation_ms
+    from model.generation.windows import generation_ms
     from model.speech.audio import load_speech
 
     speech = load_speech(clip)

@@ -147,7 +147,7 @@ def _made_in_turns(
         told: tells of a whole motion.
         is_seen: whether windows are told of as they are made.
     """
-    from model.generation.one_thread import one_thread
+    from model.generation.windows import one_thread
     from model.motion.motion import put_together
 
     making = {

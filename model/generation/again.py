@@ -17,9 +17,14 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from model.generation.base import System, Window
-from model.generation.one_thread import one_thread
 from model.generation.stitching import SpeechWindow, fade_weights, num_windows
-from model.generation.windows import Cancelled, GenerateOptions, PiecewiseMotion, draw_of
+from model.generation.windows import (
+    Cancelled,
+    GenerateOptions,
+    PiecewiseMotion,
+    draw_of,
+    one_thread,
+)
 from model.motion.motion import Motion, put_together
 from model.motion.rotations import interpolate_rotations
 from model.speech.audio import Speech

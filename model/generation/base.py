@@ -16,8 +16,9 @@ from torch import Tensor
 
 from model.generation.stitching import SpeechWindow, cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
-from model.motion.spaces import RootMotion
-from model.sampling.flow import seeded_noise
+from model.motion.packing import Normaliser
+from model.motion.spaces import RootMotion, RotationSpace
+from model.sampling.flow import SpeechGuide, seeded_noise
 from model.sampling.samplers import Sampler, UnknownNameError
 from model.speech.encoder import SpeechEncoder
 from model.speech.transcript import Interval
@@ -61,6 +62,10 @@ class Draw:
     """Of the window, in the condition; None is where windows of whole speech have it."""
     words: tuple[Interval, ...] = ()
     """What is said, where that is known."""
+
+    def guide(self, normaliser: Normaliser, space: RotationSpace) -> SpeechGuide:
+        """How strongly a network of such motion is to hear."""
+        return SpeechGuide(self.guidance, normaliser, space)
 
     def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
         """Standard normal: the same for every system that asks for this shape, and for however

@@ -3,7 +3,9 @@
 `generate_motion` gives it whole, and `motion_pieces` window by window.
 """
 
+import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +15,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, Follower, System, Window
-from model.generation.one_thread import one_thread
 from model.generation.stitching import SpeechWindow, num_windows
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
@@ -23,6 +24,21 @@ from model.speech.audio import Speech
 from model.speech.transcript import Interval
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch works in one thread inside the block, and with as many as before after it.
+
+    Windows are small: a second thread saves a fifth on an idle machine, and where anything else
+    works both wait for each other and take three times as long. Numbers stay the same.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Cancelled(Exception):
@@ -99,6 +115,14 @@ def generate_motion(
             if on_progress is not None:
                 on_progress(piece.share)
     return [put_together(found[sample]) for sample in range(options.samples)]
+
+
+def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
+    """Milliseconds for each frame of each sample, speech features included."""
+    options = GenerateOptions(next(iter(system.speakers)), steps=steps, samples=samples)
+    started = time.perf_counter()
+    generate_motion(system, speech, options)
+    return 1e3 * (time.perf_counter() - started) / (speech.num_frames * samples)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
-"""Flow matching that predicts the clean end: the path, its time weights, the samplers, and guidance
-by speech.
+"""Flow matching that predicts the clean end: the path, its time weights, the samplers, and how
+strongly speech is heard.
 
 Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t) x_0 + t x_1``
 (GlobalDiff, "Flow Matching Objective"). A model that predicts x_1 gives the velocity

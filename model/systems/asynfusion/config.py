@@ -62,8 +62,8 @@ class AsynFusionConfig(TrainConfig):
     """Of the teacher from noise to motion: a student learns to agree with itself one of them
     earlier. 1,000 / 50 is the skipping step of Luo et al. (2023)."""
     teacher_guidance: float = 2.5
-    """How many times what speech changes in the teacher's gesture is taken (Luo et al. 2023 distil
-    guidance, too): so the student hears at the strength at which its teacher is asked."""
+    """How many times what speech changes in the teacher's gesture is taken (as in Luo et
+    al. 2023): so the student hears at the strength at which its teacher is asked."""
 
     def __post_init__(self) -> None:
         if self.aim not in get_args(Aim):

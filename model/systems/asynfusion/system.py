@@ -13,7 +13,7 @@ from model.generation.stitching import SpeechWindow
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, seeded_noise
+from model.sampling.flow import seeded_noise
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
 from model.systems.asynfusion.network import (
@@ -55,7 +55,7 @@ class AsynFusionSystem(System):
         else:
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.around(config.speech_context, config.window_frames)
-        guide = SpeechGuide(draw.guidance, self.streams[GESTURE].normaliser, "axis-angle")
+        guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
         heard = self.network.hear(guide.twice(around[None]), guide.hears(1))
         found = sample(
             GuidedNetwork(self.network, guide),

@@ -13,7 +13,7 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import shown
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, seeded_noise
+from model.sampling.flow import seeded_noise
 from model.systems.face.face import BodyWindow, FacedSystem, faced
 from model.systems.gan import FAMILY
 from model.systems.gan.config import GeneratorConfig
@@ -40,7 +40,7 @@ class GanSystem(FacedSystem):
         the earlier time from the posterior; DDIM follows the mean of x_0 instead."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
-        guide = SpeechGuide(draw.guidance, self.normaliser, "axis-angle")
+        guide = draw.guide(self.normaliser, "axis-angle")
         copies, hears = guide.copies(size), guide.hears(size)
         has_seed = torch.full((size,), seed is not None)
         tokens = self.network.hear(guide.twice(speech[None]), guide.hears(1))

@@ -48,7 +48,7 @@ class MotionNetwork(ConditionedNetwork):
             speech: features of the window and of ``speech_context`` frames before and after it.
             seed: the clean first ``S`` frames; ignored where ``has_seed`` is false.
             speaker: index into the speaker table; 0 is "no speaker".
-            has_speech: false hides speech and expression (for guidance).
+            has_speech: false hides speech and expression.
         """
         condition = self.condition(t, speaker)
         speech_tokens = self.hear(speech, has_speech)

@@ -95,7 +95,7 @@ class GlobalDiffSystem(FacedSystem):
 
     def guide(self, draw: Draw) -> SpeechGuide:
         """How strongly the network is to hear."""
-        return SpeechGuide(draw.guidance, self.normaliser, self.config.rotation_space)
+        return draw.guide(self.normaliser, self.config.rotation_space)
 
     def heard(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]

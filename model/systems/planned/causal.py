@@ -52,15 +52,15 @@ class CausalPlanner:
     """The planner of one speaker; its memory does not grow."""
 
     def __init__(
-        self, planner: Planner, speaker: int, noise_key: Sequence[int], guidance: float
+        self, planner: Planner, speaker: int, noise_key: Sequence[int], strength: float
     ) -> None:
         self.manner = Manner()
         """May be changed at any time; what has been planned for good stays."""
         self._planner, self._speaker, self._key = planner, speaker, list(noise_key)
-        self._guidance = guidance
+        self._strength = strength
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
-            self._drawers = planner.drawers(nothing, speaker, noise_key, guidance)
+            self._drawers = planner.drawers(nothing, speaker, noise_key, strength)
         self._final = 1
         """First frame that may still be drawn anew; at frame 0 nothing begins."""
         self._kinds: dict[tuple[str, int], str] = {}
@@ -117,7 +117,7 @@ class CausalPlanner:
         """All frames from those that are final on."""
         begin, context = self._final, self._planner.config.context
         heard = self._planner.hear(
-            speech(begin - 2 * context, stop + context), self._speaker, self._guidance
+            speech(begin - 2 * context, stop + context), self._speaker, self._strength
         )
         leans = partial(_leans, self.manner)
         for name, drawer in self._drawers.items():

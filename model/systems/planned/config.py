@@ -42,7 +42,7 @@ class PlannerTrainConfig(TrainConfig):
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     speakerless: float = 0.5
     """Share of the windows without speech that know no speaker either: what speech and speaker
-    together change is what guidance enlarges."""
+    together change is what a strength enlarges."""
 
 
 @dataclass(frozen=True)

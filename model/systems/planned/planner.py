@@ -25,8 +25,8 @@ from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
 
 HOLD_BACK = 1.0
-"""By how much, in log odds, an event is less likely for each one that guidance has brought beyond
-what the planner expects unguided: guidance shall decide when things happen, not how often."""
+"""By how much, in log odds, an event is less likely for each one that its strength has brought
+beyond what is expected as trained: speech shall decide when things happen, not how often."""
 _BLOCK = 512
 """Frames that chances are drawn for at once."""
 
@@ -45,16 +45,16 @@ class Drawer:
         self,
         head: TierHead,
         heard: Float[np.ndarray, "copies T hidden"],
-        guidance: float,
+        strength: float,
         begun: Begun,
         rng: np.random.Generator,
     ) -> None:
         self.chain = [begun]
-        self._head, self._guidance = head, guidance
+        self._head, self._strength = head, strength
         self._heard, self._first = heard, 0
         self._events = _Events(head)
         self._excess = 0.0
-        """Events that were to be expected so far, less those without guidance."""
+        """Events that were to be expected so far, less those as trained."""
         self._excess_then = 0.0
         self._forced: Begun | None = None
         """What is to begin next, whatever is said until then."""
@@ -77,7 +77,7 @@ class Drawer:
             told.append(seen_of(BY_NAME[head.tier.beside], other, frame))
         heard = self._heard[:, frame - self._first]
         state, logs = self._events(heard, np.concatenate(told))
-        log = logs[-1] + self._guidance * (logs[0] - logs[-1])
+        log = logs[-1] + self._strength * (logs[0] - logs[-1])
         log[1:] -= HOLD_BACK * self._excess
         shares = _shares(log)
         self._excess += float(shares[1:].sum() - np.exp(logs[0, 1:]).sum())
@@ -221,17 +221,17 @@ class Planner:
         speaker: int,
         words: Sequence[Spoken],
         noise_key: Sequence[int],
-        guidance: float,
+        strength: float,
     ) -> GesturePlan:
         """A plan for the whole of some speech.
 
         Args:
             words: what is said, where that is known.
             noise_key: decides the draw; equal keys give plans that share their noise.
-            guidance: how many times what speech and speaker change is taken; 1 as trained.
+            strength: how many times what speech and speaker change is taken; 1 as trained.
         """
         num_frames = len(features)
-        drawers = self.drawers(features, speaker, noise_key, guidance)
+        drawers = self.drawers(features, speaker, noise_key, strength)
         for frame in range(1, num_frames):
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
@@ -246,12 +246,12 @@ class Planner:
         features: Float[Tensor, "T speech_dim"],
         speaker: int,
         noise_key: Sequence[int],
-        guidance: float,
+        strength: float,
     ) -> dict[str, Drawer]:
         """What draws the tiers of some speech, each where plans begin."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        heard = self.hear(features[rows], speaker, guidance)
+        heard = self.hear(features[rows], speaker, strength)
         goals = self.first_goals[speaker].tolist()
         begins = {
             "left": Begun(0, 0, tuple(goals[0])),
@@ -264,15 +264,15 @@ class Planner:
             assert isinstance(head, TierHead)
             rng = np.random.default_rng([*noise_key, number])
             begun = begins.get(tier.name, Begun(0, 0, (0.0,) * len(tier.units)))
-            drawers[tier.name] = Drawer(head, heard[tier.name], guidance, begun, rng)
+            drawers[tier.name] = Drawer(head, heard[tier.name], strength, begun, rng)
         return drawers
 
     def hear(
-        self, features: Float[Tensor, "T_and_context speech_dim"], speaker: int, guidance: float
+        self, features: Float[Tensor, "T_and_context speech_dim"], speaker: int, strength: float
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """What each tier hears of frames, given those and the context around them; the second copy,
-        which hears nothing, is there where guidance needs it."""
-        copies = 1 if guidance == 1 else 2
+        which hears nothing, is there where a strength needs it."""
+        copies = 1 if strength == 1 else 2
         heard = self.network.hear(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
             torch.tensor([speaker, 0])[:copies],

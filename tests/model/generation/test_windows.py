@@ -8,12 +8,12 @@ import torch
 
 from conventions.joints import JOINT_INDEX
 from model.generation import cost
-from model.generation.one_thread import one_thread
 from model.generation.windows import (
     Cancelled,
     GenerateOptions,
     generate_motion,
     motion_pieces,
+    one_thread,
 )
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
