@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from conventions.joints import JOINT_INDEX
-from model.generation import cost
+from model.generation import windows
 from model.generation.windows import (
     Cancelled,
     GenerateOptions,
@@ -133,8 +133,8 @@ def test_guidance_is_a_straight_line_through_deaf_and_heard(system):
 
 def test_generation_is_told_for_each_frame_of_each_sample(small, monkeypatch):
     clock = iter([0.0, 1.2])
-    monkeypatch.setattr(cost, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    found = cost.generation_ms(small, of_frames(30), steps=1, samples=4)
+    monkeypatch.setattr(windows, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    found = windows.generation_ms(small, of_frames(30), steps=1, samples=4)
     assert found == pytest.approx(10.0)  # 1.2 s for 4 x 30 frames
 
 
