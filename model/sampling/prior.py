@@ -64,13 +64,29 @@ class GaussianPrior(nn.Module):
         }.items():
             self.register_buffer(name, value.float().contiguous(), persistent=False)
 
-    def along(self, x: Float[Tensor, "B T C"], which: int) -> Float[Tensor, "C T B"]:
+    def along(
+        self, x: Float[Tensor, "B T C"], which: int | Bool[Tensor, " B"]
+    ) -> Float[Tensor, "C T B"]:
         """Coordinates along the eigenvectors, without (0) or with (1) a seed."""
-        return self.vectors[which].mT @ x.permute(2, 1, 0)
+        return self._turned(self.vectors.mT, x.permute(2, 1, 0), which)
 
-    def back(self, along: Float[Tensor, "C T B"], which: int) -> Float[Tensor, "B T C"]:
+    def back(
+        self, along: Float[Tensor, "C T B"], which: int | Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T C"]:
         """The inverse of `along`."""
-        return (self.vectors[which] @ along).permute(2, 1, 0)
+        return self._turned(self.vectors, along, which).permute(2, 1, 0)
+
+    def _turned(
+        self,
+        both: Float[Tensor, "2 C T T"],
+        x: Float[Tensor, "C T B"],
+        which: int | Bool[Tensor, " B"],
+    ) -> Float[Tensor, "C T B"]:
+        one = which if isinstance(which, int) else self.one_for_all(which)
+        if one is not None:
+            return both[one] @ x
+        free, held = both @ x
+        return torch.where(torch.as_tensor(which), held, free)
 
     def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
         """Mean of x_1 given its seed alone."""

@@ -122,7 +122,7 @@ class Generator(ConditionedNetwork):
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
             own = self.prior_deviation(tau, has_seed)
-            mean = known + self.back(own * self.along(unit, has_seed), has_seed)
+            mean = known + self.prior.back(own * self.prior.along(unit, has_seed), has_seed)
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
             return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
@@ -135,7 +135,7 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """x_0 from what `forward` says of it and standard normal numbers."""
-        return mean + self.back(deviation * latent.permute(2, 1, 0), has_seed)
+        return mean + self.prior.back(deviation * latent.permute(2, 1, 0), has_seed)
 
     def posterior(
         self,
@@ -149,29 +149,8 @@ class Generator(ConditionedNetwork):
         expected = self.prior.expected(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
-        moved = self.along(x - tau[:, None, None] * expected, has_seed)
-        return expected + self.back(share * moved, has_seed)
-
-    def along(
-        self, x: Float[Tensor, "B T C"], has_seed: Bool[Tensor, " B"]
-    ) -> Float[Tensor, "C T B"]:
-        """Coordinates along the prior's eigenvectors, with or without a seed."""
-        return self._turned(self.prior.vectors.mT, x.permute(2, 1, 0), has_seed)
-
-    def back(
-        self, along: Float[Tensor, "C T B"], has_seed: Bool[Tensor, " B"]
-    ) -> Float[Tensor, "B T C"]:
-        """The inverse of `along`."""
-        return self._turned(self.prior.vectors, along, has_seed).permute(2, 1, 0)
-
-    def _turned(
-        self, both: Float[Tensor, "2 C T T"], x: Float[Tensor, "C T B"], has_seed: Tensor
-    ) -> Float[Tensor, "C T B"]:
-        which = self.prior.one_for_all(has_seed)
-        if which is not None:
-            return both[which] @ x
-        free, held = both @ x
-        return torch.where(has_seed, held, free)
+        moved = self.prior.along(x - tau[:, None, None] * expected, has_seed)
+        return expected + self.prior.back(share * moved, has_seed)
 
     def _variance(self, has_seed: Bool[Tensor, " B"]) -> Float[Tensor, "C T B"]:
         free, held = self.prior.variance[..., None]

@@ -290,7 +290,7 @@ class GanTask(DescentTask):
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         has_seed = drawn.told["has_seed"]
         own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
-        error = self.network.along(drawn.x_0 - mean, has_seed) / own
+        error = self.network.prior.along(drawn.x_0 - mean, has_seed) / own
         means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means
 
