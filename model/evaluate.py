@@ -50,7 +50,7 @@ from model.generation.base import System
 from model.measures import beats
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
-from model.sampling.samplers import UnknownNameError
+from model.sampling.samplers import USUAL, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
@@ -115,7 +115,7 @@ def _motion(args: argparse.Namespace) -> None:
         args.data.absolute(),
         test_clips(args.data, cast().systems)[: args.clips],
         args.seeds,
-        guidance=args.guidance,
+        asked=Sampling(guidance=args.guidance),
         speakers=calm_and_lively,
         pool=JobPool(args.processes, args.scheduler),
         kept=args.out / "clips",
@@ -175,7 +175,7 @@ def evaluate(
     clips: Sequence[str],
     seeds: int,
     *,
-    guidance: float | None = None,
+    asked: Sampling = USUAL,
     speakers: tuple[str, str] = CALM_AND_LIVELY,
     pool: JobPool = ALONE,
     kept: Path | None = None,
@@ -205,7 +205,7 @@ def evaluate(
     few = FewClips.choose(folder, names, there.systems, speakers)
     whose = [speaker_of(name)[1] for name in names]
     judge = judge_of(folder, whose)
-    one = OneClip(folder, cast, seeds, guidance, few, judge, np.mean(speeds, axis=0))
+    one = OneClip(folder, cast, seeds, asked, few, judge, np.mean(speeds, axis=0))
     stamp = _stamp(one, names, there)
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
         files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
@@ -226,7 +226,7 @@ def evaluate(
     return {
         "clips": names,
         "noise_seeds": seeds,
-        "guidance": _strengths(there.systems, guidance),
+        "guidance": _strengths(there.systems, asked),
         **as_table(rows, whose),
         "left_out": [
             *frechet.left_out(there.judges, motions.values()),
@@ -260,11 +260,9 @@ def _two(speakers: str) -> tuple[str, str]:
     return calm, lively
 
 
-def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, float]:
+def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float]:
     """With which each hears its speech; those that cannot be asked hear it as trained."""
-    return {
-        each.name: each.strength(None if each.guidance is None else guidance) for each in systems
-    }
+    return {each.name: each.strength(each.able(asked).guidance) for each in systems}
 
 
 def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
@@ -278,7 +276,7 @@ def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
         "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
         "matching": cast.matching and cast.matching.sha256,
         "seeds": one.seeds,
-        "guidance": _strengths(cast.systems, one.guidance),
+        "guidance": _strengths(cast.systems, one.asked),
         "few": asdict(one.few),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }

@@ -37,6 +37,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
+from model.sampling.samplers import Sampling
 from model.speech.audio import Speech
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
@@ -278,7 +279,7 @@ class OneClip:
     folder: Path
     cast: Callable[[], Cast]
     seeds: int
-    guidance: float | None
+    asked: Sampling
     few: FewClips
     speaker_judge: SpeakerJudge | None
     mean_speed: np.ndarray
@@ -298,16 +299,16 @@ class OneClip:
         )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
-            guidance = None if system.guidance is None else self.guidance
+            asked = system.able(self.asked)
             options = GenerateOptions(
                 speaker=speaker_of(name)[1],
                 seed=clip_seed(0, name),
                 samples=self.seeds,
-                guidance=guidance,
+                **vars(asked),
             )
             motions = generate_motion(system, speech, options)
             elsewhere = generate_motion(system, foreign, options)
-            more = self.few.measures(system, name, speech, guidance)
+            more = self.few.measures(system, name, speech, asked)
             more |= self._told(motions, name)
             rows[system.name] = context.row(motions, elsewhere, more)
         save_rows(out, rows)

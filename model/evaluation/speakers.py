@@ -40,6 +40,7 @@ from model.measures.hearing import (
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
+from model.sampling.samplers import Sampling
 from model.speech.audio import Speech, SpeechError
 from model.storage.npz import MotionError
 
@@ -207,7 +208,7 @@ class FewClips:
         return _wrist_speeds([calm], [lively])
 
     def measures(
-        self, system: System, name: str, speech: Speech, guidance: float | None
+        self, system: System, name: str, speech: Speech, asked: Sampling
     ) -> dict[str, float]:
         """Of a system, on clip ``name``; nothing on a clip that is not among the few."""
         if name not in self.names:
@@ -220,7 +221,7 @@ class FewClips:
                 system,
                 heard,
                 GenerateOptions(
-                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, guidance=guidance
+                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(asked)
                 ),
             )
             for speaker in speakers

@@ -19,7 +19,7 @@ from model.motion.motion import ExpressionBasis, Motion
 from model.motion.packing import Normaliser
 from model.motion.spaces import RootMotion, RotationSpace
 from model.sampling.flow import SpeechGuide, seeded_noise
-from model.sampling.samplers import Sampler, UnknownNameError
+from model.sampling.samplers import Sampler, Sampling, UnknownNameError
 from model.speech.encoder import SpeechEncoder
 from model.speech.transcript import Interval
 from model.storage.cards import Card
@@ -230,6 +230,26 @@ class System(ABC):
         if guidance != 1 and self.guidance is None:
             raise ValueError(f"{self.name} takes no guidance; leave it out, or at 1.")
         return guidance
+
+    def settled(self, asked: Sampling) -> Sampling:
+        """How it draws if it is asked so, with nothing left open but steps of a face that has none
+        of its own.
+
+        Raises:
+            UnknownNameError: if it has no such sampler.
+            ValueError: if it takes none of what is asked.
+        """
+        sampler = self.sampler(asked.sampler)
+        if asked.face_steps is not None and sampler.face_steps is None:
+            raise ValueError(f"{self.name} takes no steps for the face alone; leave them out.")
+        steps, face_steps = sampler.counts(asked.steps, asked.face_steps)
+        strength = self.strength(asked.guidance)
+        return Sampling(sampler=sampler.name, steps=steps, face_steps=face_steps, guidance=strength)
+
+    def able(self, asked: Sampling) -> Sampling:
+        """What of it can be asked of this system; one that hears as it was trained is not asked
+        for another strength."""
+        return asked if self.guidance is not None else replace(asked, guidance=None)
 
     @abstractmethod
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:

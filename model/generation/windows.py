@@ -20,6 +20,7 @@ from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
+from model.sampling.samplers import Sampling
 from model.speech.audio import Speech
 from model.speech.transcript import Interval
 
@@ -46,21 +47,12 @@ class Cancelled(Exception):
 
 
 @dataclass(frozen=True)
-class GenerateOptions:
+class GenerateOptions(Sampling):
     """What a user may choose; equal options give systems of one shape the same noise."""
 
     speaker: str
     seed: int = 0
     samples: int = 1
-    steps: int | None = None
-    """None is what the system's sampler usually takes."""
-    face_steps: int | None = None
-    """Of systems that draw the face by steps of its own; None is the sampler's usual share."""
-    sampler: str | None = None
-    """One of the system's own; None is its first."""
-    guidance: float | None = None
-    """Strength of the speech (`model.sampling.flow`): 1 is the network as trained, 0 is deaf;
-    None is the system's usual one. Any other than 1 asks the network for a batch of two."""
     first_sample: int = 0
     """Number of the first sample, so that one of many can be made alone."""
     conditions: tuple[Any, ...] = ()
@@ -72,12 +64,7 @@ class GenerateOptions:
     def __post_init__(self) -> None:
         if self.samples < 1:
             raise ValueError(f"samples is {self.samples}; at least 1 is needed.")
-        for name in ("steps", "face_steps"):
-            count = getattr(self, name)
-            if count is not None and count < 1:
-                raise ValueError(f"{name} is {count}; at least 1 is needed.")
-        if self.guidance is not None and not 0 <= self.guidance <= 10:
-            raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
+        super().__post_init__()
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
         if len(self.conditions) not in (0, 1, self.samples):
@@ -291,21 +278,14 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
     Raises:
         UnknownNameError, ValueError: see `generate_motion`.
     """
-    sampler = system.sampler(options.sampler)
     if options.conditions and system.condition_type is None:
         raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
-    if options.face_steps is not None and sampler.face_steps is None:
-        raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
-    steps, face_steps = sampler.counts(options.steps, options.face_steps)
     return Draw(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,
         samples=options.samples,
         index=0,
-        sampler=sampler.name,
-        steps=steps,
-        face_steps=face_steps,
-        guidance=system.strength(options.guidance),
+        **vars(system.settled(options)),
         first_sample=options.first_sample,
         condition=options.conditions[0] if options.conditions else None,
         words=options.words,

@@ -38,3 +38,28 @@ class Sampler:
         if self.face_steps is None:
             return taken, None
         return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """How motion is drawn, as a user may ask; what is None is as a system usually has it."""
+
+    sampler: str | None = None
+    """One of the system's own."""
+    steps: int | None = None
+    face_steps: int | None = None
+    """Of systems that draw the face by steps of its own."""
+    guidance: float | None = None
+    """Strength of the speech (`model.sampling.flow`): 1 is the network as trained, 0 is deaf. Any
+    other than 1 asks the network for a batch of two."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "face_steps"):
+            count = getattr(self, name)
+            if count is not None and count < 1:
+                raise ValueError(f"{name} is {count}; at least 1 is needed.")
+        if self.guidance is not None and not 0 <= self.guidance <= 10:
+            raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
+
+
+USUAL = Sampling()
