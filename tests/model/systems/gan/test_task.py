@@ -10,7 +10,7 @@ import torch
 
 from model.data.prepared import Batch, PreparedData, prepare
 from model.speech.features import MelEncoder
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.checkpoint import load_weights
 from model.systems.gan import task as module
 from model.systems.gan.config import (
@@ -24,12 +24,10 @@ from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.parallel import Draws
-from model.training.run_folder import TrainingError
-from model.training.task import Start, Task, TaskSetup
+from model.training.task import Task, TaskSetup
 from tests.model.training.made import (
     FP32,
     assert_equal_states,
-    killed_at,
     log_of,
     quick,
     run,
@@ -162,29 +160,6 @@ def test_training_leaves_weights_that_load_and_a_log_of_both_sides(trained, weig
     card = system.card
     assert card["config"]["loss"]["terms"]["velocity"] == 15.0 and card["validation"]["total"] > 0
     assert not any("discriminator" in name for name in load_weights(tmp_path, WEIGHTS)[0])
-
-
-def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, data_folder):
-    out = trained.with_name("killed")
-    with killed_at(1):
-        run(quick(WEIGHTS), data_folder, out)
-    run(quick(WEIGHTS), data_folder, out, resume=True)
-    state = state_of(out)
-    assert_equal_states(state, state_of(trained))
-    assert state["watch"]["accuracy_real"] != 0.5 and {"optimizer", "judging"} <= state.keys()
-    other = quick(WEIGHTS, betas=(0.0, 0.9), loss=replace(quick(WEIGHTS).loss, geometric=1.0))
-    with pytest.raises(TrainingError, match=r"\(betas, loss.geometric\)"):
-        run(other, data_folder, out, resume=True)
-
-
-def test_a_training_begins_with_given_weights_and_their_statistics(trained, data):
-    start = Start(trained / "weights", WEIGHTS)
-    setup = TaskSetup(BUNDLED_WEIGHTS, start)
-    given, begun = load_weights(start.folder, WEIGHTS)[0], make_task(quick(WEIGHTS), data, setup)
-    assert_equal_states(begun.export(), given)
-    wide = quick(WEIGHTS, generator=replace(quick(WEIGHTS).generator, width=64))
-    with pytest.raises(CheckpointError, match="do not fit their card"):
-        make_task(wide, data, setup)
 
 
 def test_errors_on_a_batch_fall(task, batch):
