@@ -356,7 +356,6 @@ def _measure_beats(
     speeds_of: BeatSpeeds,
     onsets_s: Float[np.ndarray, " onsets"],
 ) -> BeatMeasures:
-    """See `BeatMeasures`."""
     num_onsets = len(counted(onsets_s, len(tracks.joints) / FPS))
     score = mean = highest = rate = math.nan
     if len(tracks.joints) > 1:

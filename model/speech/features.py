@@ -68,7 +68,6 @@ class MelEncoder:
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """See `SpeechEncoder.encode`."""
         return self.relative_to(None, waveform, num_frames)
 
     def relative_to(

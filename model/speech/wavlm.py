@@ -79,7 +79,6 @@ class WavLMEncoder:
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """See `SpeechEncoder.encode`."""
         padded = self._prepared(waveform, num_frames)
         hidden = self._hidden_states(padded)
         # The middle of the samples that each hidden state sees, and of each motion frame.

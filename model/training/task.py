@@ -208,7 +208,6 @@ class DescentTask(ABC):
         return self.shard.wrap(self.network)
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
-        """See `Task`."""
         self.network.train()
         loss = self.step_loss(self.parallel, batch, generator, self.shard)
         self.optimizer.zero_grad(set_to_none=True)
@@ -232,7 +231,6 @@ class DescentTask(ABC):
 
     @torch.no_grad()
     def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
-        """See `Task`."""
         network = self.average.module.eval()
         return self.step_loss(network, batch, generator, self.shard).parts
 
@@ -246,11 +244,9 @@ class DescentTask(ABC):
         return {name: tensor.cpu() for name, tensor in found.items()}
 
     def state(self) -> dict[str, Any]:
-        """See `Task`."""
         return {name: getattr(self, name).state_dict() for name in self.kept}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """See `Task`."""
         for name in self.kept:
             getattr(self, name).load_state_dict(state[name])
 

@@ -46,7 +46,6 @@ class AsynFusionSystem(System):
 
     @torch.inference_mode()
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> DualWindow:
-        """See `System.window`."""
         assert before is None or isinstance(before, DualWindow)
         config, size = self.config, draw.samples
         channels = config.expression_dim, config.gesture_dim

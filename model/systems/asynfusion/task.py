@@ -78,7 +78,6 @@ class BranchesTask(DescentTask):
                 self.teacher.compile(dynamic=False)
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shard = self.config, draws.shard
         with torch.no_grad():
             vectors, recorded = self.targets.of(batch.rows(shard.mine), rotations=False)

@@ -36,7 +36,6 @@ class AutoencoderTask(DescentTask):
         self.skeleton = open_body_skeleton()
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shape, shard = self.config, self.config.autoencoder, draws.shard
         space, body = shape.rotation_space, slice(shape.motion_channels)
         face = slice(shape.motion_channels, None)

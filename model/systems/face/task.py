@@ -33,7 +33,6 @@ class FaceTask(DescentTask):
         self.plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shape, shard = self.config, self.config.expression, draws.shard
         with torch.no_grad():
             units = shard.of(batch.expression)

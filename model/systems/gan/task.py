@@ -38,7 +38,6 @@ MEMORY = 0.98
 
 
 def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTask":
-    """See `Family.make_task`."""
     shape = config.generator
     given = setup.begin(config, data, shape.num_speakers)
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())

@@ -87,7 +87,6 @@ class MotionTask(DescentTask):
         return {}
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, weights, shard = self.config, self.config.loss, draws.shard
         with torch.no_grad():
             needs_rotations = weights.joint > 0 or weights.motion > 0

@@ -46,7 +46,6 @@ class MatchingTask(DescentTask):
         super().__init__(setup, config, network, normaliser, config.pieces * config.piece_frames)
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shard = self.config, draws.shard
 
         def pieces(x: Float[Tensor, "B T C"]) -> Float[Tensor, "N P C"]:

@@ -73,7 +73,6 @@ class OfficialSystem(System):
 
     @torch.inference_mode()
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> OfficialWindow:
-        """See `System.window`."""
         assert before is None or isinstance(before, OfficialWindow)
         size = draw.samples
         heard = of_window(speech.around(0, WINDOW_FRAMES))[None]

@@ -58,20 +58,17 @@ class PlannedSystem(GlobalDiffSystem):
     def condition(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> GesturePlan:
-        """See `System.condition`."""
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
         key = [draw.seed, draw.first_sample]
         return self.planner.plan(features, draw.speaker, draw.words, key, draw.guidance)
 
     def condition_stream(self, draw: Draw) -> CausalPlanner:
-        """See `System.condition_stream`."""
         key = [draw.seed, draw.first_sample]
         return CausalPlanner(self.planner, draw.speaker, key, draw.guidance)
 
     def follower(
         self, condition: GesturePlan | None, kept: Mapping[str, Tensor] | None = None
     ) -> Limbs:
-        """See `System.follower`."""
         return Limbs(condition, kept or {})
 
     def hear(
@@ -84,7 +81,6 @@ class PlannedSystem(GlobalDiffSystem):
         return torch.cat([super().hear(waveform, num_frames, draw), tracks, kinds], dim=1)
 
     def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
-        """See `GlobalDiffSystem.noise`."""
         assert draw.condition is not None
         noise = super().noise(draw)
         whole = draw.index * self.windowing.advance
@@ -129,7 +125,6 @@ class PlannedSystem(GlobalDiffSystem):
         return super().known_speaker(draw, hears) * hears
 
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
-        """See `FacedSystem.face_plan`."""
         return heard[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
 
 

@@ -20,7 +20,6 @@ from model.training.task import DescentTask, StepLoss, TaskSetup
 def make_task(
     config: PlannerTrainConfig | PlannedConfig, data: PreparedData, setup: TaskSetup
 ) -> DescentTask:
-    """See `Family.make_task`."""
     if isinstance(config, PlannerTrainConfig):
         return PlannerTask(config, data, setup)
     return PlannedTask(config, data, setup)
@@ -47,7 +46,6 @@ class PlannerTask(DescentTask):
         )  # fmt: skip
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shard = self.config, draws.shard
         with torch.no_grad():
             events = self.plans.events(batch.rows(shard.mine)).to(shard.device)
@@ -90,11 +88,9 @@ class PlannedTask(MotionTask):
         self.statistics = {"kinds.names": self.plans.table.tensors()["kinds.names"]}
 
     def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
-        """See `MotionTask.untrained`."""
         return PlannedNetwork(config.network, prior)
 
     def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
-        """See `MotionTask.told`."""
         parts = self.plans.of(batch, self.config.network.speech_context)
         tracks, kinds = (draws.shard.of(part) for part in parts)
         return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}

@@ -34,7 +34,6 @@ class CodesTask(DescentTask):
         super().__init__(setup, config, network, normaliser, config.window_frames, shape.context)
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """See `DescentTask.loss`."""
         config, shard = self.config, draws.shard
         with torch.no_grad():
             features = shard.of(heard(config, network, batch, draws.generator))
