@@ -3,7 +3,7 @@ on disk; and intervals over all of them, the evaluation's table."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -256,7 +256,7 @@ class Cast:
     """Who is measured, and who judges."""
 
     systems: tuple[System, ...]
-    judges: Mapping[str, FrozenEncoder] = MappingProxyType({})
+    judges: Mapping[str, FrozenEncoder] = field(default_factory=dict)
     """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
     matching: MatchingJudge | None = None
     """Who tells matched from mismatched speech; None leaves that out."""
