@@ -284,7 +284,7 @@ def plan_of_json(data: bytes, file: str) -> GesturePlan:
 
 
 @cache
-def _reader() -> TypeAdapter[GesturePlan]:
+def _reader() -> TypeAdapter:
     return TypeAdapter(GesturePlan)
 
 
