@@ -167,8 +167,11 @@ class System(ABC):
     """In which the rotations of its windows are told, and joined."""
     root_motion: RootMotion
     expression_basis: ExpressionBasis = "arkit52"
-    guidance: float | None = None
-    """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
+
+    @property
+    def guidance(self) -> float | None:
+        """The usual strength of the speech; None where it cannot be chosen."""
+        return self.samplers[0].guidance
 
     def speaker_index(self, speaker: str) -> int:
         """Index of a speaker by name.

@@ -130,16 +130,12 @@ class Family:
     """Its generators, in the order in which they are shown."""
     about: Mapping[str, str] = field(default_factory=dict)
     """One sentence for a person on each generator."""
-    samplers: tuple[Sampler, ...] = ()
-    """Of the systems that are not in `own_samplers`; the first is the usual one."""
+    samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
+    """Of each generator; the first is the usual one."""
     place: int = 100
     """Where its systems are shown among the families': the least first."""
     helpers: tuple[str, ...] = ()
     """Networks that are trained like systems and serve them."""
-    own_samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
-    """By generator, where they are not the family's."""
-    guidance: Mapping[str, float] = field(default_factory=dict)
-    """By generator, the usual strength of the speech; those that are not in it take none."""
     whole_speech: tuple[str, ...] = ()
     """Generators that need all of the speech before they begin, and so cannot be had live."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
@@ -185,11 +181,7 @@ class Family:
 
     def samplers_of(self, system: str) -> tuple[Sampler, ...]:
         """The samplers of a generator; the first is the usual one."""
-        return self.own_samplers.get(system, self.samplers)
-
-    def guidance_of(self, system: str) -> float | None:
-        """The usual strength of the speech of a generator; None where it cannot be chosen."""
-        return self.guidance.get(system)
+        return self.samplers.get(system, ())
 
     def weights_of(self, system: str) -> str:
         """Under whose name the weights of a generator are saved."""
@@ -252,7 +244,6 @@ class Family:
             "speakers": card.speakers,
             "encoder": make_encoder(card.encoder),
             "samplers": self.samplers_of(name),
-            "guidance": self.guidance_of(name),
         }
 
     def make_task(self, config: "TrainConfig", data: "PreparedData", setup: "TaskSetup") -> "Task":

@@ -30,6 +30,8 @@ class Sampler:
     """Of the face, where that is drawn by steps of its own."""
     title: str = ""
     """What a person calls it; empty for its name."""
+    guidance: float | None = None
+    """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
 
     def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
         """Steps of the body and of the face, as asked for or as usual; a face of which nothing is

@@ -107,8 +107,9 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
 
 def _usual_steps(system: str) -> str:
     family = family_of(system)
-    whose = system if system in family.own_samplers else family.name
-    return f"{whose} {family.samplers_of(system)[0].steps}"
+    steps = {name: family.samplers_of(name)[0].steps for name in family.systems}
+    whose = family.name if len(set(steps.values())) == 1 else system
+    return f"{whose} {steps[system]}"
 
 
 def find_examples(folder: Path) -> tuple[Example, ...]:

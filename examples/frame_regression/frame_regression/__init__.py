@@ -33,10 +33,12 @@ FAMILY = Family(
         MEAN: "The pose that is expected with each sound: the mean of many gestures.",
         DRAWN: "The same with smooth noise, as large as the error that the mean leaves.",
     },
-    samplers=(Sampler("mean", 1, title="The mean, without noise"),),
+    samplers={
+        MEAN: (Sampler("mean", 1, title="The mean, without noise"),),
+        DRAWN: (Sampler("smoothed", 3, title="Noise, smoothed once a step"),),
+    },
     presets=presets,
     package="frame_regression",
-    own_samplers={DRAWN: (Sampler("smoothed", 3, title="Noise, smoothed once a step"),)},
     shared_weights={DRAWN: MEAN},
     weights=Path(__file__).parent / "weights",
 )

@@ -24,12 +24,11 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.asynfusion",
     place=3,
-    own_samplers={
-        DDIM: (Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"]),),
-        LCM_SYNC: (Sampler("lcm", 8, 8, "LCM"),),
-        LCM_ASYNC: (Sampler("lcm", 8, 4, "LCM"),),
+    samplers={
+        DDIM: (Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"], guidance=2.5),),
+        LCM_SYNC: (Sampler("lcm", 8, 8, "LCM", guidance=2.5),),
+        LCM_ASYNC: (Sampler("lcm", 8, 4, "LCM", guidance=2.5),),
     },
-    guidance=dict.fromkeys(SYSTEMS, 2.5),
     shared_weights={LCM_ASYNC: LCM_SYNC},
     usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),
     face_steps_help="AsynFusion draws face and body apart; 0 is what it usually takes.",

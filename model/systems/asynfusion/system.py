@@ -1,6 +1,6 @@
 """A trained AsynFusion: speech and the window before to a window of face and body."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -102,7 +102,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     consistent = trained.card.setting("aim") == "teacher"
     fields = FAMILY.fields_of(name, trained.card)
     if not trained.card.setting("speech_dropout"):  # it has never been deaf
-        fields["guidance"] = None
+        fields["samplers"] = tuple(replace(one, guidance=None) for one in fields["samplers"])
     return AsynFusionSystem(
         **fields,
         sha256s={trained.name: trained.sha256},

@@ -13,10 +13,11 @@ _FASTEST = min(SYSTEMS, key=lambda name: SYSTEMS[name])
 
 def _samplers(steps: int) -> tuple[Sampler, ...]:
     """As they were taught, x_0 is drawn and a step from its posterior; DDIM follows the mean."""
-    return (
-        Sampler("posterior", steps, title="Drawn from the posterior (few-step generators)"),
-        Sampler("ddim", steps, title=SAMPLER_TITLES["ddim"]),
-    )
+    titles = {
+        "posterior": "Drawn from the posterior (few-step generators)",
+        "ddim": SAMPLER_TITLES["ddim"],
+    }
+    return tuple(Sampler(n, steps, title=title, guidance=3.0) for n, title in titles.items())
 
 
 FAMILY = Family(
@@ -30,8 +31,7 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.gan",
     place=4,
-    own_samplers={name: _samplers(steps) for name, steps in SYSTEMS.items()},
-    guidance=dict.fromkeys(SYSTEMS, 3.0),
+    samplers={name: _samplers(steps) for name, steps in SYSTEMS.items()},
     usual=dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

@@ -4,7 +4,9 @@ from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladd
 from model.sampling.samplers import FLOW_SAMPLERS, SAMPLER_TITLES, Sampler
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS, presets
 
-STEPS = 10
+_SAMPLERS = tuple(
+    Sampler(name, 10, title=SAMPLER_TITLES[name], guidance=2.5) for name in FLOW_SAMPLERS
+)
 _LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/full"
 
 _TITLE = "Five systems, each adding one thing to the one before"
@@ -88,11 +90,10 @@ FAMILY = Family(
         "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
         "globaldiff/full": "Skeleton, and the temporal structure constraint.",
     },
-    samplers=tuple(Sampler(name, STEPS, title=SAMPLER_TITLES[name]) for name in FLOW_SAMPLERS),
+    samplers=dict.fromkeys(SYSTEMS, _SAMPLERS),
     presets=presets,
     package="model.systems.globaldiff",
     place=2,
-    guidance=dict.fromkeys(SYSTEMS, 2.5),
     usual={
         "run": (_LOCAL, _GLOBAL, BEST),
         "steps": (_FULL, BEST),

@@ -106,7 +106,10 @@ FAMILY = OfficialFamily(
         FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
         UNFILTERED: "The same checkpoint without the smoothing: what it really makes.",
     },
-    samplers=(Sampler("reinterpolate", 5, title=SAMPLER_TITLES["reinterpolate"]),),
+    samplers=dict.fromkeys(
+        (FILTERED, UNFILTERED),
+        (Sampler("reinterpolate", 5, title=SAMPLER_TITLES["reinterpolate"]),),
+    ),
     presets=lambda system: {},
     package="model.systems.official",
     place=5,

@@ -13,12 +13,15 @@ FAMILY = Family(
     about={
         PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
     },
-    samplers=tuple(Sampler(name, 6, title=SAMPLER_TITLES[name]) for name in ("euler", "heun")),
+    samplers={
+        PLANNED: tuple(
+            Sampler(name, 6, title=SAMPLER_TITLES[name], guidance=2.5) for name in ("euler", "heun")
+        )
+    },
     presets=presets,
     package="model.systems.planned",
     place=1,
     helpers=(PLANNER,),
-    guidance={PLANNED: 2.5},
     usual=dict.fromkeys(("run", "hearing", "hearing-tab"), (PLANNED,)),
     plans=(PLANNED,),
 )

@@ -57,7 +57,7 @@ def test_families_declare_only_systems_of_their_own():
     for family in families():
         declared = {name for names in family.usual.values() for name in names} | {*family.plans}
         declared |= set() if family.ladder is None else set(family.ladder.systems)
-        declared |= {*family.about, *family.guidance, *family.own_samplers, *family.whole_speech}
+        declared |= {*family.about, *family.samplers, *family.whole_speech}
         assert declared <= {*family.systems}
         assert {*family.about} == {*family.systems}
     assert planning_systems() and all(usual_systems(use) for use in get_args(Use))
@@ -117,7 +117,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     [
         ({"systems": ("regression/mean", "../x")}, "the name '../x' must be small letters"),
         ({"about": {}}, "nothing is said about regression/mean"),
-        ({"samplers": ()}, "regression/mean has no sampler"),
+        ({"samplers": {}}, "regression/mean has no sampler"),
     ],
 )
 def test_what_cannot_be_shown_or_asked_is_left_out(changed, why):

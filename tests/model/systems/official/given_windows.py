@@ -12,7 +12,7 @@ from model.generation.base import Draw, Windowing
 from model.generation.stitching import SpeechWindow
 from model.motion.motion import Motion
 from model.storage.cards import Card
-from model.systems.official import FAMILY
+from model.systems.official import FAMILY, FILTERED
 from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.speech import OfficialEncoder, by_frame
 from model.systems.official.system import OfficialSystem, OfficialWindow, seed_of
@@ -92,7 +92,7 @@ def _system(networks: Networks, seed: Tensor, is_filtered: bool) -> OfficialSyst
         speakers={},
         encoder=OfficialEncoder(lambda windows: made("heard", (len(windows), 60, 1024))),
         windowing=Windowing(60, 8, 0),
-        samplers=FAMILY.samplers,
+        samplers=FAMILY.samplers_of(FILTERED),
         frame="world",
         root_motion="place",
         expression_basis="flame100",
