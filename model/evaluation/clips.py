@@ -405,7 +405,7 @@ def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> 
     where there are no two of either."""
     if speakers is None:
         drawn = [row.arrays["positions"] for row in rows]
-        pairs = [mean_pairwise_l1(positions) for positions in drawn if len(positions) > 1]
+        pairs = [mean_pairwise_l1([*positions]) for positions in drawn if len(positions) > 1]
         values = [float(d[np.triu_indices(len(d), 1)].mean()) for d in pairs]
     else:
         distances = mean_pairwise_l1([row.arrays["positions"][0] for row in rows])
