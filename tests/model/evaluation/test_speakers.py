@@ -160,7 +160,7 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
     few = FewClips.choose(data_folder, CLIPS, [system], PAIR, count=1)
     name, speech = CLIPS[0], read_files(data_folder, CLIPS[0])[1]
-    found = few.measures(system, name, speech, None)
+    found = few.measures(system, name, speech, USUAL)
     made = {}
     for speaker in PAIR:
         options = GenerateOptions(speaker, seed=clip_seed(0, name), samples=2)
@@ -176,4 +176,4 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
         for motion in own
     ]
     assert found["arms_in_silence"] == pytest.approx(np.mean(silent), rel=1e-6)
-    assert few.measures(system, CLIPS[1], speech, None) == {}, "not among the few"
+    assert few.measures(system, CLIPS[1], speech, USUAL) == {}, "not among the few"
