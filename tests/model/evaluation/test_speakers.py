@@ -24,6 +24,7 @@ from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures.hearing import arm_rotations_alike, arm_speed, speed_in_silence
 from model.motion.motion import Motion, first_frames, save_motion
+from model.sampling.samplers import USUAL
 from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech, make_data_folder
