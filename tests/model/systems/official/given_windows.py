@@ -49,11 +49,11 @@ class GivenWindows:
         )
 
     def run(
-        self, networks: Networks, is_filtered: bool, dtype: torch.dtype = torch.float32
+        self, networks: Networks, is_filtered: bool
     ) -> tuple[list[OfficialWindow], OfficialWindow]:
         """Both windows as they were made, and joined."""
-        system = _system(networks, self.start.to(dtype), is_filtered)
-        frames = by_frame(self.features.to(dtype))
+        system = _system(networks, self.start, is_filtered)
+        frames = by_frame(self.features)
         draw = _GivenDraw(
             speaker=self.speaker,
             seed=0,
@@ -62,7 +62,7 @@ class GivenWindows:
             sampler="reinterpolate",
             steps=5,
             guidance=1.0,
-            given=self.noise.to(dtype),
+            given=self.noise,
         )
         first = system.window(SpeechWindow(frames[:60]), None, draw)
         second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))
