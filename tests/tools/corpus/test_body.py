@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from conventions.rates import FPS
 from model.motion.limb import HingedLimb
-from tools.corpus.body.arm import two_bone_ik
+from tools.corpus.body.arms import Swing, two_bone_ik
 from tools.corpus.body.contact import Hips, push_apart, push_off_trunk
-from tools.corpus.body.hand_life import Swing
 from tools.corpus.body.signals import bump, minimum_jerk, smooth_noise, sway_line
 
 

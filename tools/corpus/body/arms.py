@@ -1,41 +1,40 @@
 """From a plan's keys to collar, shoulder, elbow, wrist and finger rotations.
 
 Moves are minimum-jerk and superposed, so that one may begin before the last has ended. The arm is
-solved in the chest's frame by analytic two-bone inverse kinematics.
+solved in the chest's frame by analytic two-bone inverse kinematics, from a wrist position to
+collar, upper arm and forearm. Drift, a follow of the other hand, tremor, restless fingers and drag
+keep hands alive.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX
-from model.motion.limb import unit
-from tools.corpus.body.arm import (
-    Arm,
-    arm_of,
-    forearm_and_wrist,
-    pronation_for,
-    solve_arm,
-    with_less_twist,
-    within_reach,
-)
+from conventions.rates import FPS
+from model.motion.limb import about_axis, hinge_frame, unit
 from tools.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
-from tools.corpus.body.hand_life import add_life, trailing
 from tools.corpus.body.signals import (
+    DEVIATION,
     ELBOW_OUT,
     FINGERS,
     NUM_CHANNELS,
     POSITION,
+    PRONATION,
     WRIST_FLEX,
     bump,
     frame_times,
     low_pass,
     minimum_jerk,
+    smooth_line,
     smooth_noise,
 )
-from tools.corpus.gesture.gestures import finger_rotations
+from tools.corpus.gesture.gestures import ABDUCTION, FLEX, SHAPE_SIZE, THUMB, finger_rotations
 from tools.corpus.gesture.plan import CycleSpan, HandKey, HandPlan
-from tools.corpus.people.rig import SIDES, Rig, transposed
+from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
 from tools.corpus.people.speaker import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
@@ -53,6 +52,301 @@ _HAND_DELAY_S = np.concatenate(
 )
 # per second, of a minimum-jerk move; wrist and fingers take longer rather than snap
 _TOP_SPEED = np.concatenate([np.full(3, np.inf), [360.0, 280.0, 150.0, 5.0], np.full(19, 400.0)])
+UPPER_ARM_LAG_S = 0.08
+
+
+def two_bone_ik(
+    root: Float[np.ndarray, "T 3"],
+    target: Float[np.ndarray, "T 3"],
+    upper: Float[np.ndarray, " 3"],
+    lower: Float[np.ndarray, " 3"],
+    hinge: Float[np.ndarray, " 3"],
+    pole: Float[np.ndarray, "T 3"],
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3"]]:
+    """Rotations of both bones that bring the lower bone's end to the target.
+
+    A target near or past full stretch is approached softly, so that the middle joint never snaps.
+
+    Args:
+        root: where the upper bone begins.
+        target: where the lower bone shall end.
+        upper: the upper bone at rest.
+        lower: the lower bone at rest.
+        hinge: the middle joint's axis at rest.
+        pole: the direction in which the middle joint lies off the line from root to target.
+
+    Returns:
+        The upper bone's rotation, the lower bone's rotation, the lower bone's unit direction.
+    """
+    a, b = np.linalg.norm(upper), np.linalg.norm(lower)
+    reach = target - root
+    distance = np.linalg.norm(reach, axis=-1, keepdims=True)
+    limit = 0.985 * (a + b)
+    soft = limit - 0.06 * (a + b)
+    bent = soft + (limit - soft) * (1 - np.exp(-(distance - soft) / (limit - soft)))
+    distance = np.maximum(np.where(distance > soft, bent, distance), abs(a - b) + 0.05)
+    towards = unit(reach)
+    along = (a * a - b * b + distance**2) / (2 * distance)
+    height = np.sqrt(np.maximum(a * a - along**2, 1e-8))
+    aside = unit(pole - (pole * towards).sum(-1, keepdims=True) * towards)
+    middle = towards * along + aside * height
+    upper_direction = unit(middle)
+    lower_direction = unit(towards * distance - middle)
+    upper_rot, lower_rot = bone_rotations(upper_direction, lower_direction, upper, lower, hinge)
+    return upper_rot, lower_rot, lower_direction
+
+
+def bone_rotations(
+    upper_direction: Float[np.ndarray, "T 3"],
+    lower_direction: Float[np.ndarray, "T 3"],
+    upper: Float[np.ndarray, " 3"],
+    lower: Float[np.ndarray, " 3"],
+    hinge: Float[np.ndarray, " 3"],
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
+    """Rotations that turn two bones there and the hinge between them across both."""
+    axis = unit(np.cross(upper_direction, lower_direction))
+    upper_rest = hinge_frame(upper[None], hinge[None])[0]
+    lower_rest = hinge_frame(lower[None], hinge[None])[0]
+    upper_rot = hinge_frame(upper_direction, axis) @ upper_rest.T
+    return upper_rot, hinge_frame(lower_direction, axis) @ lower_rest.T
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One arm's bones in the chest's frame at rest."""
+
+    side: str
+    collar: Float[np.ndarray, " 3"]
+    shoulder: Float[np.ndarray, " 3"]
+    upper: Float[np.ndarray, " 3"]
+    fore: Float[np.ndarray, " 3"]
+
+    @property
+    def sign(self) -> float:
+        return SIDE_SIGN[self.side]
+
+    @property
+    def hinge(self) -> Float[np.ndarray, " 3"]:
+        return np.array([0.0, -self.sign, 0.0])
+
+
+def arm_of(rig: Rig, side: str) -> Arm:
+    """The arm's bones; the collar's root is measured from the chest joint."""
+    return Arm(
+        side,
+        rig.rest_joints[JOINT_INDEX[f"{side}_collar"]] - rig.rest_joints[JOINT_INDEX["spine3"]],
+        rig.offsets[JOINT_INDEX[f"{side}_shoulder"]],
+        rig.offsets[JOINT_INDEX[f"{side}_elbow"]],
+        rig.offsets[JOINT_INDEX[f"{side}_wrist"]],
+    )
+
+
+def solve_arm(
+    arm: Arm,
+    position: Float[np.ndarray, "T 3"],
+    elbow_out: Float[np.ndarray, " T"],
+    shrug: Float[np.ndarray, " T"] | float = 0.0,
+    shake_deg: Float[np.ndarray, "T 3"] | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Collar, upper arm and forearm rotations in the chest's frame, and the forearm's direction.
+
+    The upper arm is slower than the wrist asks for: strokes are led by the forearm, which points
+    at the wrist's position from wherever the elbow has got to.
+    """
+    sign = arm.sign
+    height, ahead = position[:, 1], position[:, 2]
+    out = sign * position[:, 0]
+    raised = np.clip((height + 0.36) / 0.36, 0, 2.2)
+    lift = -19 + 11 * raised + 4 * np.maximum(raised - 1, 0) ** 1.3 + 12 * shrug
+    protract = 9 + 14 * np.clip((ahead - 0.22) / 0.2, -1, 1)
+    protract -= 4 * np.clip((out - 0.2) / 0.2, 0, 1.5)
+    roll = 2 + 9 * np.clip(height + 0.15, -0.2, 0.3) / 0.3
+    angles = np.stack([protract, lift, roll], axis=1) + shake_deg
+    collar = euler_matrices("YZX", angles * [-sign, sign, 1.0])
+    root = arm.collar + collar @ arm.shoulder
+    high = np.clip(height + 0.05, 0, 0.4) / 0.3
+    crossing = 0.3 * np.clip((0.10 - out) / 0.1, 0, 1)
+    aside = sign * (0.22 + elbow_out + 0.05 * high + crossing)
+    pole = np.stack([aside, -np.ones(len(position)), -0.42 + 0.25 * high], axis=1)
+    upper, _, _ = two_bone_ik(root, position, arm.upper, arm.fore, arm.hinge, pole)
+    towards_elbow = unit(low_pass(upper @ unit(arm.upper), UPPER_ARM_LAG_S))
+    elbow = root + np.linalg.norm(arm.upper) * towards_elbow
+    direction = unit(position - elbow)
+    upper, fore = bone_rotations(towards_elbow, direction, arm.upper, arm.fore, arm.hinge)
+    return collar, upper, fore, direction
+
+
+def pronation_for(
+    arm: Arm,
+    fore: Float[np.ndarray, "T 3 3"],
+    direction: Float[np.ndarray, "T 3"],
+    palm: Float[np.ndarray, "T 3"],
+) -> Float[np.ndarray, " T"]:
+    """Degrees about the forearm that turn the palm there; the longer way round is never taken."""
+    start = fore @ np.array([0.0, -1.0, 0.0])
+    start = unit(start - (start * direction).sum(-1, keepdims=True) * direction)
+    goal = unit(palm - (palm * direction).sum(-1, keepdims=True) * direction)
+    sine = (np.cross(start, goal) * direction).sum(-1)
+    angle = np.degrees(np.arctan2(sine, (start * goal).sum(-1))) * arm.sign
+    return np.clip(np.where(angle > 150, angle - 360, angle), -95, 85)
+
+
+def forearm_and_wrist(
+    arm: Arm, hand: Float[np.ndarray, "T C"], fore: Float[np.ndarray, "T 3 3"]
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
+    """The forearm turned by its share of the pronation, and the wrist's rotation against it."""
+    along = unit(arm.fore)
+    pronation = np.radians(hand[:, PRONATION]) * arm.sign
+    flex = np.radians(np.clip(hand[:, WRIST_FLEX], -60, 55))
+    deviation = np.radians(np.clip(hand[:, DEVIATION], -20, 22))
+    wrist = about_axis(along, 0.52 * pronation)
+    wrist = wrist @ about_axis(np.array([0.0, 0.0, -arm.sign]), flex)
+    wrist = wrist @ about_axis(np.array([0.0, -arm.sign, 0.0]), deviation)
+    return fore @ about_axis(along, 0.48 * pronation), wrist
+
+
+def with_less_twist(
+    arm: Arm, upper: Float[np.ndarray, "T 3 3"], share: float
+) -> Float[np.ndarray, "T 3 3"]:
+    """Keep ``share`` of the upper arm's twist against the hanging arm, as in fitted SMPL-X data."""
+    direction = upper @ unit(arm.upper)
+    hanging = hinge_frame(np.array([[0.15 * arm.sign, -1.0, -0.05]]), np.array([[-1.0, 0.0, 0.0]]))
+    at_rest = hinge_frame(arm.upper[None], arm.hinge[None])
+    reference = hanging[0] @ at_rest[0].T
+    from_direction = reference @ unit(arm.upper)
+    axis = np.cross(from_direction, direction)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.arctan2(sine, (direction @ from_direction)[:, None])
+    swing = Rotation.from_rotvec(axis / np.maximum(sine, 1e-9) * angle).as_matrix() @ reference
+    twist = Rotation.from_matrix(upper @ transposed(swing)).as_rotvec()
+    along = (twist * direction).sum(axis=1, keepdims=True)
+    return Rotation.from_rotvec(direction * along * share).as_matrix() @ swing
+
+
+def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+    """Not too far to the side, not too high, not too near to the shoulder."""
+    hand = hand.copy()
+    out = _soft_ceiling(hand[:, 0] * arm.sign, 0.33, 0.07)
+    hand[:, 0] = arm.sign * np.maximum(out, -0.05)
+    hand[:, 1] = _soft_ceiling(hand[:, 1], 0.20, 0.07)
+    # A raised hand keeps off the shoulder: the elbow would fold up and the arm spin.
+    raised = minimum_jerk((hand[:, 1] + 0.05) / 0.15)
+    nearest = 0.19 * raised - 1.0 * (1 - raised)
+    hand[:, 2] = -_soft_ceiling(-hand[:, 2], -nearest - 0.04, 0.04)
+    return hand
+
+
+def _soft_ceiling(value: np.ndarray, limit: np.ndarray | float, margin: float) -> np.ndarray:
+    """The value, bent over smoothly above ``limit`` and never past ``limit + margin``."""
+    over = np.maximum(value - limit, 0.0)
+    return np.where(value > limit, limit + margin * np.tanh(over / margin), value)
+
+
+def add_life(
+    arms: dict[str, Arm],
+    curves: dict[str, Float[np.ndarray, "T C"]],
+    share: Float[np.ndarray, " T"],
+    speaker: Speaker,
+    rng: np.random.Generator,
+) -> None:
+    """Drift that both hands share, drift of each, a follow of the other hand, and tremor.
+
+    ``share`` of it is left in each frame.
+    """
+    num_frames = len(curves["left"])
+    vigour = vigour_of(speaker)
+    common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
+    common += smooth_noise(rng, num_frames, 0.0055 * speaker.amplitude, 0.16, 3)
+    velocity = {side: np.gradient(curves[side][:, POSITION], axis=0) for side in SIDES}
+    for side, other in zip(SIDES, reversed(SIDES), strict=True):
+        hand = curves[side]
+        followed = np.cumsum(velocity[other] * [-0.1, 0.1, 0.1], axis=0)
+        followed = gaussian_filter1d(followed - gaussian_filter1d(followed, 25, axis=0), 2, axis=0)
+        life = np.zeros_like(hand)
+        life[:, POSITION] += common * [arms[side].sign, 1, 1] + followed
+        life[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
+        life[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
+        life[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
+        life[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.13)
+        life[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
+        life[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.115)
+        life[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
+        life[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.3, 0.035, 3)
+        life[:, FINGERS] += _finger_life(hand, speaker, rng)
+        hand += share[:, None] * life
+
+
+def vigour_of(speaker: Speaker) -> float:
+    """About 1; how much of a speaker's liveliness shows in wrists and fingers."""
+    return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 2.5
+
+
+def _finger_life(
+    hand: Float[np.ndarray, "T C"], speaker: Speaker, rng: np.random.Generator
+) -> Float[np.ndarray, "T 19"]:
+    """Fingers that never stand still, together and one by one, livelier while the hand moves."""
+    num_frames = len(hand)
+    speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
+    energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None]
+    energy *= speaker.finger_life * vigour_of(speaker) ** 0.25
+    life = np.zeros((num_frames, SHAPE_SIZE))
+    each_finger = smooth_noise(rng, num_frames, 6.0, 0.13, 4)
+    flex = np.repeat(each_finger, 3, axis=1) * np.tile([1.0, 1.2, 0.6], 4)
+    flex += smooth_noise(rng, num_frames, 4.0, 0.09, 12)
+    flex += smooth_noise(rng, num_frames, 5.0, 0.3, 1)
+    life[:, FLEX] = flex * energy
+    life[:, ABDUCTION] = smooth_noise(rng, num_frames, 2.4, 0.16, 4) * energy
+    life[:, THUMB] = smooth_noise(rng, num_frames, 5.0, 0.2, 3) * energy
+    life[:, :] += smooth_noise(rng, num_frames, 0.35, 0.035, SHAPE_SIZE)
+    return life
+
+
+def trailing(
+    arm: Arm,
+    hand: Float[np.ndarray, "T C"],
+    fore: Float[np.ndarray, "T 3 3"],
+    direction: Float[np.ndarray, "T 3"],
+) -> Float[np.ndarray, "T C"]:
+    """The curves with wrist and fingers that trail behind the hand and swing on when it stops."""
+    hand = hand.copy()
+    palm = fore @ np.array([0.0, -1.0, 0.0])
+    pronation = np.radians(hand[:, PRONATION]) * arm.sign
+    palm = Rotation.from_rotvec(direction * pronation[:, None]).apply(palm)
+    velocity = np.gradient(hand[:, POSITION], axis=0) * FPS
+    across = gaussian_filter1d((velocity * palm).sum(axis=1), 1.2)
+    acceleration = np.gradient(velocity, axis=0) * FPS
+    pull = _softly((acceleration * palm).sum(axis=1), 6.0)  # muscles stiffen when it gets rough
+    hand[:, WRIST_FLEX] += WRIST_SWING.angle_deg(pull) - 9 * across
+    drag = FINGER_SWING.angle_deg(pull) - _softly(6 * across, 10.0)
+    hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None] * np.tile([1.0, 0.8, 0.5], 4)
+    return hand
+
+
+def _softly(value: Float[np.ndarray, " T"], limit: float) -> Float[np.ndarray, " T"]:
+    return limit * np.tanh(value / limit)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A limp part at the end of a moving one: a damped pendulum on a spring."""
+
+    hz: float
+    damping: float
+    """Share of the critical damping."""
+    lever_m: float
+
+    def angle_deg(self, acceleration: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+        """Degrees by which the part lags behind its root, whose acceleration is in m/s^2."""
+        time_s = np.arange(round(1.2 * FPS)) / FPS
+        natural = 2 * np.pi * self.hz
+        damped = natural * np.sqrt(1 - self.damping**2)
+        answer = np.exp(-self.damping * natural * time_s) * np.sin(damped * time_s) / damped
+        lag = np.convolve(acceleration, answer)[: len(acceleration)] / FPS
+        return -np.degrees(lag / self.lever_m)
+
+
+WRIST_SWING = Swing(hz=3.5, damping=0.5, lever_m=0.065)
+FINGER_SWING = Swing(hz=4.5, damping=0.5, lever_m=0.05)
 
 
 def follow_plan(
