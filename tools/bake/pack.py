@@ -6,8 +6,6 @@ weights in 1/65535, offsets in 1/32767 of the largest of each, correctives as ha
 
 from __future__ import annotations
 
-import io
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +15,6 @@ from conventions.joints import JOINT_INDEX
 from renderer.body.body_file import OPEN_BODY_FORMAT
 from renderer.files.exports import written_whole
 from tools.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
-
-_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def body_arrays(body: BakedBody) -> dict[str, np.ndarray]:
@@ -73,10 +69,6 @@ def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
 
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """A compressed npz whose bytes depend on the arrays only, not on the clock."""
-    with written_whole(path) as file, zipfile.ZipFile(file, "w") as archive:
-        for name, array in arrays.items():
-            content = io.BytesIO()
-            np.lib.format.write_array(content, array, allow_pickle=False)
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_DATE)
-            archive.writestr(entry, content.getvalue(), zipfile.ZIP_DEFLATED, 9)
+    """Compressed, whole or not at all."""
+    with written_whole(path) as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]

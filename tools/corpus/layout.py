@@ -7,7 +7,6 @@ the motion was made from.
 """
 
 import io
-import zipfile
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -53,17 +52,19 @@ def write_clip(root: Path, clip_id: str, clip: CorpusClip) -> None:
     paths = clip_paths(root, clip_id)
     write_bytes(paths.sound, wav_bytes(clip.utterance.waveform))
     write_bytes(paths.textgrid, textgrid(clip).encode())
-    arrays = {
-        "poses": clip.poses,
-        "trans": clip.trans,
-        "expressions": clip.expressions,
-        "betas": np.zeros(300, dtype=np.float32),
-        "gender": np.array("neutral"),
-        "model": np.array("smplx2020"),
-        "mocap_frame_rate": np.array(FPS, dtype=np.int32),
-        "expression_basis": np.array(EXPRESSION_BASIS),
-    }
-    write_bytes(paths.motion, npz_bytes(arrays))
+    motion = io.BytesIO()
+    np.savez(
+        motion,
+        poses=clip.poses,
+        trans=clip.trans,
+        expressions=clip.expressions,
+        betas=np.zeros(300, dtype=np.float32),
+        gender="neutral",
+        model="smplx2020",
+        mocap_frame_rate=np.array(FPS, dtype=np.int32),
+        expression_basis=EXPRESSION_BASIS,
+    )
+    write_bytes(paths.motion, motion.getvalue())
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -78,17 +79,6 @@ def write_bytes(path: Path, content: bytes) -> None:
         raise write_error(path.parent, error) from error
     with written_atomically(path) as part:
         part.write_bytes(content)
-
-
-def npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:
-    """An uncompressed npz without time stamps."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, array in arrays.items():
-            content = io.BytesIO()
-            np.lib.format.write_array(content, np.asarray(array, order="C"), allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue())
-    return buffer.getvalue()
 
 
 def split_table(rows: list[tuple[str, str]]) -> str:

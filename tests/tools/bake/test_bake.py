@@ -18,7 +18,6 @@ from tools.bake.builds import FIGURES, Posed, on_skeleton
 from tools.bake.coarser import NUM_FACES, Surface, coarser, importance
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import SourceError, find_source
-from tools.bake.pack import write_npz
 from tools.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
 
 
@@ -158,15 +157,6 @@ def test_fixed_vertices_reorder_without_changing_the_mesh():
     for number, vertex in wanted.items():
         np.testing.assert_array_equal(ordered.carried[number], flat.carried[vertex])
     np.testing.assert_array_equal(ordered.positions[ordered.faces], flat.positions[flat.faces])
-
-
-def test_npz_bytes_depend_on_the_arrays_only(tmp_path):
-    arrays = {"a": np.arange(5), "names": np.array(["x", "yy"])}
-    for name in ("one.npz", "two.npz"):
-        write_npz(tmp_path / name, arrays)
-    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
-    with np.load(tmp_path / "one.npz", allow_pickle=False) as written:
-        np.testing.assert_array_equal(written["a"], arrays["a"])
 
 
 def test_missing_source_says_how_to_get_it(tmp_path, monkeypatch):
