@@ -1,8 +1,6 @@
 """The words and tables of ``docs/corpus.md``."""
 
-from collections import Counter
 from collections.abc import Callable
-from itertools import combinations
 
 import numpy as np
 
@@ -13,7 +11,6 @@ from tools.corpus.report.realism import (
     alignment_scores,
     judge_realism,
     ridge_weights,
-    separability,
 )
 
 SHIFT_S = 7.0
@@ -40,9 +37,7 @@ def report_page(speakers: Speakers, real: list[MeasuredClip], seed: int | None) 
             _realism(speakers, real, "Can it be told from real motion?", _body),
             _realism(speakers, real, "Can its head and jaw be told from real ones?", _head_and_jaw),
             _OF_JAWS,
-            _separability(speakers),
             _alignment(speakers),
-            _repeats(speakers),
             _TAIL,
         ]
     )
@@ -103,17 +98,15 @@ def _realism(
     title = f"## {question}\n\n"
     if len(real) < 2 or len(_every(speakers)) < 2:
         return f"{title}Too few clips to say.\n"
-    corpus = {name: [figures(clip) for clip in clips] for name, clips in speakers.items()}
+    corpus = [figures(clip) for clip in _every(speakers)]
     realism = judge_realism([figures(clip) for clip in real], corpus)
-    ranked = sorted(realism.by_speaker, key=lambda name: realism.by_speaker[name])
     first, second = (clip.clip_id for clip in real[:2])
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
         f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
         f" {len(realism.features)} figures; real from real with {realism.floor:.2f}. The aim, at"
         f" most {AIM:g} or that + {AIM_OVER_FLOOR:g}, is {'reached' if is_reached else 'missed'}."
-        f" By speaker: {ranked[0]} {realism.by_speaker[ranked[0]]:.2f} (least) to"
-        f" {ranked[-1]} {realism.by_speaker[ranked[-1]]:.2f}.\n\n"
+        "\n\n"
         + _table(
             ["figure", first, second, "corpus", "by itself", "real against real", "share"],
             [_feature_row(feature) for feature in realism.features[:TOLD]],
@@ -125,31 +118,6 @@ def _feature_row(feature: FeatureGap) -> list[str]:
     medians = [_short(value) for value in (*feature.real, feature.corpus)]
     areas = [f"{area:.2f}" for area in (feature.auc, feature.real_auc)]
     return [feature.name, *medians, *areas, f"{feature.share:.0%}"]
-
-
-def _separability(speakers: Speakers) -> str:
-    """Every pair of speakers, trained on every other clip and tested on the rest."""
-    title = "## Are the speakers apart?\n\n"
-    halves = {
-        name: [np.concatenate([c.speaker_windows for c in clips[k::2]]) for k in (0, 1)]
-        for name, clips in speakers.items()
-        if len(clips) >= 2
-    }
-    if len(halves) < 2:
-        return f"{title}Too few clips to say.\n"
-    scores = {
-        (a, b): separability(halves[a][0], halves[b][0], halves[a][1], halves[b][1])
-        for a, b in combinations(halves, 2)
-    }
-    values = np.array(list(scores.values()))
-    nearest = min(scores, key=lambda pair: scores[pair])
-    return (
-        f"{title}A linear discriminant on means of hand places, speeds and finger curl in windows"
-        " of 4 s, trained on half of two speakers' clips, tells the other half apart with an area"
-        f" under the curve of {np.median(values):.2f} in the median of {len(values)} pairs;"
-        f" {np.mean(values >= 0.8):.0%} of them reach .80."
-        f" Nearest to each other are {nearest[0]} and {nearest[1]}, {scores[nearest]:.2f}.\n"
-    )
 
 
 def _alignment(speakers: Speakers) -> str:
@@ -169,22 +137,6 @@ def _alignment(speakers: Speakers) -> str:
         f" {right.mean():.3f} on the other {len(gain)}, at {shifted.mean():.3f} with speech shifted"
         f" by {SHIFT_S:g} s: a difference of {gain.mean():.3f} [{gain.mean() - half_width:.3f},"
         f" {gain.mean() + half_width:.3f}] (95 %).\n"
-    )
-
-
-def _repeats(speakers: Speakers) -> str:
-    """How often the same words are said again."""
-    title = "## Does it say the same again?\n\n"
-    spoken = Counter(phrase for clip in _every(speakers) for phrase in clip.phrases)
-    total = spoken.total()
-    if total == 0:
-        return f"{title}Too few clips to say.\n"
-    repeats = total - len(spoken)
-    phrase, times = max(spoken.items(), key=lambda item: (item[1], item[0]))
-    often = f' Most often, {times} times: "{phrase}".' if times > 1 else ""
-    return (
-        f"{title}Of {total} runs of five and more words between pauses, {repeats}"
-        f" ({repeats / total:.1%}) had been said before in these clips.{often}\n"
     )
 
 

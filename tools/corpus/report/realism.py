@@ -1,10 +1,9 @@
-"""Can a window of the corpus be told from a window of real motion, speakers from each other by
-motion, and right speech from shifted speech?
+"""Can a window of the corpus be told from a window of real motion, and right speech from shifted
+speech?
 
 Figures of windows of two seconds are compared one by one and all together, by a logistic
 regression judged on clips that it has not seen. How well two real clips of one person can be told
-apart by the same figures is the floor: a corpus cannot hide better than real motion does. The other
-questions are answered on clips that the classifier or regression has not seen, too.
+apart by the same figures is the floor: a corpus cannot hide better than real motion does.
 """
 
 from collections.abc import Sequence
@@ -15,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
-from scipy.optimize import minimize
 from scipy.signal import stft
-from scipy.special import expit
-from scipy.stats import rankdata
+from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import roc_auc_score
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
@@ -37,28 +35,6 @@ BANDS = 12
 LAGS = range(-24, 25, 3)  # frames, 0.8 s either way
 RIDGE = 0.1
 SOUND_LIMITS = SpeechLimits(max_s=3600)
-
-
-def area_under_curve(low: Float[np.ndarray, " A"], high: Float[np.ndarray, " B"]) -> float:
-    """Probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
-    ranks = rankdata(np.concatenate([low, high]))[len(low) :]
-    return float((ranks.sum() - len(high) * (len(high) + 1) / 2) / (len(low) * len(high)))
-
-
-def separability(
-    a_train: Float[np.ndarray, "A F"],
-    b_train: Float[np.ndarray, "B F"],
-    a_test: Float[np.ndarray, "C F"],
-    b_test: Float[np.ndarray, "D F"],
-) -> float:
-    """Area under the curve of a linear discriminant between two people, on other windows."""
-    both = np.concatenate([a_train, b_train])
-    mean, scale = both.mean(0), both.std(0) + 1e-9
-    a, b = (a_train - mean) / scale, (b_train - mean) / scale
-    within = 0.5 * (np.cov(a.T) + np.cov(b.T)) + 0.1 * np.eye(a.shape[1])
-    direction = np.linalg.solve(within, b.mean(0) - a.mean(0))
-    scores = [((x - mean) / scale) @ direction for x in (a_test, b_test)]
-    return area_under_curve(*scores)
 
 
 def sound_features(path: Path, num_frames: int) -> Float[np.ndarray, "T F"]:
@@ -130,8 +106,6 @@ class Realism:
     """Area under the curve of all figures together: mean over real clips left out of training."""
     floor: float
     """The same between two real clips, trained on three quarters of each and tested on the rest."""
-    by_speaker: dict[str, float]
-    """The joint area of each speaker's windows alone."""
     features: tuple["FeatureGap", ...]
     """The figures, most telling first."""
 
@@ -261,26 +235,6 @@ def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
     return float(np.log(share)), float((frequency * power).sum() / power.sum())
 
 
-def logistic_regression(a: Windows, b: Windows) -> Float[np.ndarray, " F"]:
-    """Weights whose scores are high for ``b``; both sides count alike whatever their size.
-
-    Minimises the mean log loss of either side, averaged, plus ``PENALTY / 2`` times the squared
-    weights.
-    """
-    x = np.concatenate([a, b])
-    sign = np.repeat([-1.0, 1.0], [len(a), len(b)])
-    importance = 0.5 / np.repeat([len(a), len(b)], [len(a), len(b)])
-
-    def loss(parameters: Float[np.ndarray, " P"]) -> tuple[float, Float[np.ndarray, " P"]]:
-        weights, offset = parameters[:-1], parameters[-1]
-        margin = sign * (x @ weights + offset)
-        slope = -importance * sign * expit(-margin)
-        value = importance @ np.logaddexp(0, -margin) + PENALTY / 2 * weights @ weights
-        return value, np.append(x.T @ slope + PENALTY * weights, slope.sum())
-
-    return minimize(loss, np.zeros(x.shape[1] + 1), jac=True, method="L-BFGS-B", tol=1e-10).x[:-1]
-
-
 @dataclass(frozen=True)
 class Judge:
     """A trained regression: standardises, weighs, sums."""
@@ -291,44 +245,55 @@ class Judge:
 
     @classmethod
     def train(cls, a: Windows, b: Windows) -> "Judge":
-        """High for windows like ``b``, low for windows like ``a``."""
+        """High for windows like ``b``, low for windows like ``a``, which count alike whatever their
+        number; ``PENALTY / 2`` times the squared weights is added to the mean log loss."""
         both = np.concatenate([a, b])
         mean, scale = both.mean(0), both.std(0) + 1e-9
-        return cls(mean, scale, logistic_regression((a - mean) / scale, (b - mean) / scale))
+        regression = LogisticRegression(
+            C=1 / (PENALTY * len(both)), class_weight="balanced", tol=1e-10, max_iter=10_000
+        )
+        regression.fit((both - mean) / scale, _sides(a, b))
+        return cls(mean, scale, regression.coef_[0])
 
     def area_under_curve(self, a: Windows, b: Windows) -> float:
-        return area_under_curve(self.contributions(a).sum(1), self.contributions(b).sum(1))
+        return _area(self.contributions(a).sum(1), self.contributions(b).sum(1))
 
     def contributions(self, windows: Windows) -> Windows:
         """What each figure adds to each window's score."""
         return (windows - self.mean) / self.scale * self.weights
 
 
-def judge_realism(real: list[Figures], corpus: dict[str, list[Figures]]) -> Realism:
-    """Compare the clips of the corpus's speakers with the first two real clips.
+def _sides(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.repeat([0, 1], [len(a), len(b)])
+
+
+def _area(low: Float[np.ndarray, " A"], high: Float[np.ndarray, " B"]) -> float:
+    """Probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
+    return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
+
+
+def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
+    """Compare the clips of the corpus with the first two real clips.
 
     Trained on one real clip and every other clip of the corpus and tested on the rest, both ways.
 
     Raises:
         ValueError: if there are fewer than two real clips or two clips of the corpus.
     """
-    owners = [name for name, clips in corpus.items() for _ in clips]
-    if len(real) < 2 or len(owners) < 2:
+    if len(real) < 2 or len(corpus) < 2:
         raise ValueError(
             f"Two real clips and two of the corpus are needed; there are {len(real)} and"
-            f" {len(owners)}."
+            f" {len(corpus)}."
         )
     first, second = (_table(figures) for figures in real[:2])
-    tables = [_table(figures) for clips in corpus.values() for figures in clips]
+    tables = [_table(figures) for figures in corpus]
     halves = np.concatenate(tables[0::2]), np.concatenate(tables[1::2])
     judges = Judge.train(first, halves[0]), Judge.train(second, halves[1])
     # Each judge is tested on the real clip and the half that it has not seen.
-    tests = (judges[0], second, 1), (judges[1], first, 0)
-    joint = [judge.area_under_curve(windows, halves[half]) for judge, windows, half in tests]
-    areas: dict[str, list[float]] = {name: [] for name in corpus}
-    for judge, windows, half in tests:
-        for owner, table in zip(owners[half::2], tables[half::2], strict=True):
-            areas[owner].append(judge.area_under_curve(windows, table))
+    joint = [
+        judges[0].area_under_curve(second, halves[1]),
+        judges[1].area_under_curve(first, halves[0]),
+    ]
     both, every = np.concatenate([first, second]), np.concatenate(halves)
     gaps = [
         judge.contributions(every).mean(0) - judge.contributions(both).mean(0) for judge in judges
@@ -349,7 +314,6 @@ def judge_realism(real: list[Figures], corpus: dict[str, list[Figures]]) -> Real
     return Realism(
         joint=float(np.mean(joint)),
         floor=_floor(first, second),
-        by_speaker={name: float(np.mean(values)) for name, values in areas.items()},
         features=tuple(features),
     )
 
@@ -378,5 +342,5 @@ def _without_quarter(windows: Windows, quarter: int) -> tuple[Windows, Windows]:
 
 
 def _either_way(a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]) -> float:
-    area = area_under_curve(a, b)
+    area = _area(a, b)
     return max(area, 1 - area)

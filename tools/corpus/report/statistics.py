@@ -80,34 +80,6 @@ def clip_statistics(clip: PosedClip) -> dict[str, float]:
     }
 
 
-def window_features(clip: PosedClip, window_s: float = 4.0) -> Float[np.ndarray, "W F"]:
-    """Means over windows that overlap by half: how a person moves, without what is said."""
-    num_frames = len(clip.positions) - 1
-    left, right = in_chest(clip, LEFT_WRIST)[:-1], in_chest(clip, RIGHT_WRIST)[:-1]
-    fingers = Rotation.from_matrix(clip.local_rot[:-1, LONG_FINGERS].reshape(-1, 3, 3))
-    curl = np.degrees(fingers.magnitude()).reshape(num_frames, -1)
-    half = curl.shape[1] // 2
-    joints = [
-        JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("elbow", "wrist")
-    ]
-    series = np.column_stack(
-        [
-            left,
-            right,
-            *(derivative(clip.positions[:, wrist], 1) for wrist in (LEFT_WRIST, RIGHT_WRIST)),
-            curl[:, :half].mean(1),
-            curl[:, half:].mean(1),
-            turning_deg_s(clip.local_rot[:, LONG_FINGERS]).mean(1),
-            turning_deg_s(clip.local_rot[:, joints]),
-            turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"], JOINT_INDEX["head"]]]),
-            derivative(clip.positions[:, 0], 1),
-        ]
-    )
-    length = int(window_s * FPS)
-    starts = range(0, num_frames - length + 1, length // 2)
-    return np.array([series[start : start + length].mean(0) for start in starts])
-
-
 def derivative(positions: Float[np.ndarray, "T D"], order: int) -> Float[np.ndarray, " S"]:
     """Length of the time derivative of this order, by finite differences."""
     return np.linalg.norm(np.diff(positions, order, axis=0), axis=-1) * FPS**order
