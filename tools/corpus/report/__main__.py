@@ -1,8 +1,7 @@
 """``python -m tools.corpus.report --data DIR [--real DIR] [--out FILE]``: the corpus in figures.
 
 Writes a Markdown page with the statistics of the speakers beside those of real clips, how well the
-corpus is told from real motion, speakers from each other and speech from other speech, and pictures
-of gestures and speakers beside it.
+corpus is told from real motion and speech from other speech, and a picture of gestures beside it.
 """
 
 import argparse
@@ -14,7 +13,7 @@ from conventions.names import printable
 from model.storage.files import written_atomically
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.report.drawing import draw_filmstrips, draw_gestures
+from tools.corpus.report.drawing import draw_gestures
 from tools.corpus.report.measuring import (
     ClipFile,
     MeasuredClip,
@@ -45,10 +44,7 @@ def write_report(data: Path, real: Path | None, out: Path, clips_per_speaker: in
         speakers.setdefault(clip.speaker, []).append(clip)
     manifest = data / MANIFEST
     seed = int(read_manifest(manifest)["seed"]) if manifest.is_file() else None
-    pictures = out.parent / "figures"
-    draw_gestures(rig, pictures / "corpus_gestures.png")
-    strips = {name: clips[0].strip for name, clips in speakers.items()}
-    draw_filmstrips(rig, strips, pictures / "corpus_speakers.png")
+    draw_gestures(rig, out.parent / "figures" / "corpus_gestures.png")
     with written_atomically(out) as path:
         path.write_text(report_page(speakers, real_clips, seed), encoding="utf-8")
 

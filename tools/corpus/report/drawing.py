@@ -1,4 +1,4 @@
-"""Stick figures with hands: every gesture of the library, and a filmstrip of each speaker."""
+"""Stick figures with hands: every gesture of the library."""
 
 from pathlib import Path
 from typing import Any
@@ -23,34 +23,23 @@ HIDDEN = frozenset(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"
 
 def draw_gestures(rig: Rig, path: Path) -> None:
     """One panel a gesture at the end of its stroke, and one a rest pose."""
+    from matplotlib.figure import Figure
+
     poses = {name: (gesture.stroke, gesture.hands) for name, gesture in GESTURES.items()}
     poses |= {f"rest: {name}": (pose, "two") for name, pose in REST.items()}
     columns = 7
     rows = -(-len(poses) // columns)
-    figure, axes = _panels(rows, columns, 1.55, 1.75)
-    for axis, (name, (pose, hands)) in zip(axes, poses.items(), strict=False):
-        _draw(axis, rig, *_posed(rig, pose, both=hands in ("two", "free")), upper_body=True)
+    figure = Figure(figsize=(1.55 * columns, 1.75 * rows))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_aspect("equal")
+        axis.axis("off")
+    figure.subplots_adjust(0, 0, 1, 0.985, 0.02, 0.06)
+    for axis, (name, (pose, hands)) in zip(axes.flat, poses.items(), strict=False):
+        _draw(axis, rig, *_posed(rig, pose, both=hands in ("two", "free")))
         axis.set_title(name.replace("_", " "), fontsize=7, pad=1)
-    _save(figure, path)
-
-
-def draw_filmstrips(
-    rig: Rig,
-    clips: dict[str, tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]],
-    path: Path,
-) -> None:
-    """A row of eight frames, half a second apart, from the middle of a clip of each speaker."""
-    columns = 8
-    figure, axes = _panels(len(clips), columns, 1.2, 1.9)
-    for row, (name, (global_rot, positions)) in enumerate(clips.items()):
-        first = len(positions) // 2
-        for column in range(columns):
-            frame = min(first + 15 * column, len(positions) - 1)
-            axis = axes[row * columns + column]
-            _draw(axis, rig, global_rot[frame], positions[frame], upper_body=False)
-            if column == 0:
-                axis.set_title(name, fontsize=8, pad=1, loc="left")
-    _save(figure, path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=80, metadata={"Software": None})
 
 
 def _posed(
@@ -82,7 +71,6 @@ def _draw(
     rig: Rig,
     global_rot: Float[np.ndarray, "55 3 3"],
     positions: Float[np.ndarray, "55 3"],
-    upper_body: bool,
 ) -> None:
     """Bones as lines, the head as a circle, the hands in a colour of their side."""
     turn = np.radians(TURN_DEG)
@@ -91,7 +79,7 @@ def _draw(
     flat = centred @ view.T
     legs = {JOINT_INDEX[f"{side}_{part}"] for side in SIDES for part in ("knee", "ankle", "foot")}
     for joint in range(1, NUM_JOINTS):
-        if joint in HIDDEN or (upper_body and joint in legs):
+        if joint in HIDDEN | legs:
             continue
         side = next((s for s in SIDES if joint in _arm_joints(s)), None)
         colour = BODY_COLOUR if side is None else SIDE_COLOURS[side]
@@ -112,9 +100,8 @@ def _draw(
 
     axis.add_patch(Circle(tuple(head @ view.T), 0.1, fill=False, color=BODY_COLOUR, lw=1.2))
     pelvis = flat[0, 1]
-    low, high = (pelvis - 0.25, pelvis + 0.8) if upper_body else (pelvis - 1.0, pelvis + 0.85)
     axis.set_xlim(-0.5, 0.5)
-    axis.set_ylim(low, high)
+    axis.set_ylim(pelvis - 0.25, pelvis + 0.8)
 
 
 def _arm_joints(side: str) -> set[int]:
@@ -125,20 +112,3 @@ def _arm_joints(side: str) -> set[int]:
         *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)),
     )
     return {JOINT_INDEX[f"{side}_{part}"] for part in parts}
-
-
-def _panels(rows: int, columns: int, width_in: float, height_in: float) -> tuple[Any, list[Any]]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(columns * width_in, rows * height_in))
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set_aspect("equal")
-        axis.axis("off")
-    figure.subplots_adjust(0, 0, 1, 0.985, 0.02, 0.06)
-    return figure, list(axes.flat)
-
-
-def _save(figure: Any, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=80, metadata={"Software": None})

@@ -23,13 +23,12 @@ from tools.corpus.report.realism import (
     realism_windows,
     sound_features,
 )
-from tools.corpus.report.statistics import PosedClip, clip_statistics, read_posed_clip
+from tools.corpus.report.statistics import clip_statistics, read_posed_clip
 
 log = logging.getLogger(__name__)
 
 MIN_FRAMES = 6 * FPS  # four windows of `realism`
 EDGE = slice(30, -30)  # a second at both ends is left out of correlations
-STRIP_FRAMES = 8 * FPS  # kept for pictures, from the middle
 
 
 class ReportError(ValueError):
@@ -63,8 +62,6 @@ class MeasuredClip:
     listening_s: float
     hand_speed: Float[np.ndarray, " T"]
     sound: Float[np.ndarray, "T B"]
-    strip: tuple[Float[np.ndarray, "S 55 3 3"], Float[np.ndarray, "S 55 3"]]
-    """World rotations and positions of the middle of the clip."""
 
 
 def list_clips(root: Path) -> list[ClipFile]:
@@ -131,7 +128,6 @@ def measure_clip(clip: ClipFile, rig: Rig) -> MeasuredClip:
         listening_s=sum((end - start for start, end in silences), 0.0),
         hand_speed=hand_speed(posed)[EDGE],
         sound=sound_features(clip.paths.sound, num_frames)[EDGE].astype(np.float32),
-        strip=_middle(posed),
     )
 
 
@@ -147,11 +143,3 @@ def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
         raise ReportError(f"{path.name} cannot be read.") from error
     rows = next((tier.rows for tier in tiers if tier.name == "listening"), ())
     return tuple((row.start_s, row.end_s) for row in rows if row.label)
-
-
-def _middle(
-    clip: PosedClip,
-) -> tuple[Float[np.ndarray, "S 55 3 3"], Float[np.ndarray, "S 55 3"]]:
-    start = max(0, (len(clip.positions) - STRIP_FRAMES) // 2)
-    part = slice(start, start + STRIP_FRAMES)
-    return clip.global_rot[part].copy(), clip.positions[part].copy()

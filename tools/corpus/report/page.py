@@ -163,15 +163,11 @@ _OF_JAWS = """Recordings open the mouth by face units as well as by the jaw, the
 above all: figures of the jaw tell two ways of writing a mouth down as much as two of moving it.
 """
 
-_TAIL = """## Pictures
+_TAIL = """## Gestures
 
 Every gesture at the end of its stroke; orange is the right hand, blue the left.
 
 ![gestures](figures/corpus_gestures.png)
-
-Eight frames, half a second apart, of a clip of each speaker.
-
-![speakers](figures/corpus_speakers.png)
 
 ## Known faults
 
