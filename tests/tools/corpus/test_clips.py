@@ -45,10 +45,6 @@ def clip(request: pytest.FixtureRequest, clips: dict[str, CorpusClip]) -> Corpus
     return clips[request.param]
 
 
-HANDS = {"left": [20, *range(25, 40)], "right": [21, *range(40, 55)]}
-# joint, lowest and highest point of a box well inside the open body, metres in the joint's frame
-
-
 def test_strokes_end_on_stressed_vowels(clip):
     beats = np.array([w.beat_s for w in clip.utterance.words])
     strokes = [
