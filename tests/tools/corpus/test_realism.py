@@ -9,11 +9,11 @@ from conventions.rates import FPS
 from tools.corpus.people.rig import forward_kinematics, matrices, open_body_rig
 from tools.corpus.report.realism import (
     Figures,
+    PosedClip,
     head_windows,
     judge_realism,
     realism_windows,
 )
-from tools.corpus.report.statistics import PosedClip
 
 STILL = np.zeros((300, 55, 3))
 

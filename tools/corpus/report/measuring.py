@@ -20,10 +20,10 @@ from tools.corpus.report.realism import (
     Figures,
     hand_speed,
     head_windows,
+    read_posed_clip,
     realism_windows,
     sound_features,
 )
-from tools.corpus.report.statistics import clip_statistics, read_posed_clip
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +53,6 @@ class MeasuredClip:
 
     clip_id: str
     speaker: str
-    statistics: dict[str, float]
     realism: Figures
     """Of the body, while it speaks."""
     head_realism: Figures
@@ -121,7 +120,6 @@ def measure_clip(clip: ClipFile, rig: Rig) -> MeasuredClip:
     return MeasuredClip(
         clip_id=clip.clip_id,
         speaker=clip.speaker,
-        statistics=clip_statistics(posed),
         realism=realism_windows(posed, silences),
         head_realism=head_windows(posed, silences),
         duration_s=num_frames / FPS,

@@ -15,26 +15,65 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import stft
+from scipy.spatial.transform import Rotation
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
+from model.motion.motion import load_motion
 from model.speech.audio import SpeechLimits, load_speech
-from tools.corpus.people.rig import axis_angles
-from tools.corpus.report.statistics import (
-    LEFT_WRIST,
-    RIGHT_WRIST,
-    PosedClip,
-    derivative,
-    in_chest,
-    turning_deg_s,
-)
+from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 
+LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
+RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
 BANDS = 12
 LAGS = range(-24, 25, 3)  # frames, 0.8 s either way
 RIDGE = 0.1
 SOUND_LIMITS = SpeechLimits(max_s=3600)
+
+
+@dataclass(frozen=True)
+class PosedClip:
+    """A clip on the corpus's own skeleton, whatever body it was recorded on."""
+
+    local_rot: Float[np.ndarray, "T 55 3 3"]
+    global_rot: Float[np.ndarray, "T 55 3 3"]
+    positions: Float[np.ndarray, "T 55 3"]
+    right_tip: Float[np.ndarray, "T 3"]
+
+
+def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
+    """Read a motion file in BEAT2's layout.
+
+    Raises:
+        MotionError: if it cannot be used.
+    """
+    motion = load_motion(path)
+    local_rot = matrices(motion.poses.astype(np.float64).reshape(-1, 55, 3))
+    global_rot, positions = forward_kinematics(rig, local_rot, motion.trans.astype(np.float64))
+    offset = rig.tip_offsets[rig.tip_joints.index(RIGHT_MIDDLE_TIP_JOINT)]
+    tip = positions[:, RIGHT_MIDDLE_TIP_JOINT] + global_rot[:, RIGHT_MIDDLE_TIP_JOINT] @ offset
+    return PosedClip(local_rot, global_rot, positions, tip)
+
+
+def derivative(positions: Float[np.ndarray, "T D"], order: int) -> Float[np.ndarray, " S"]:
+    """Length of the time derivative of this order, by finite differences."""
+    return np.linalg.norm(np.diff(positions, order, axis=0), axis=-1) * FPS**order
+
+
+def turning_deg_s(rotmat: Float[np.ndarray, "T J 3 3"]) -> Float[np.ndarray, "S J"]:
+    """Angular speed of each joint between frames."""
+    step = np.swapaxes(rotmat[:-1], -1, -2) @ rotmat[1:]
+    angle = Rotation.from_matrix(step.reshape(-1, 3, 3)).magnitude()
+    return np.degrees(angle).reshape(step.shape[:2]) * FPS
+
+
+def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
+    """A joint's place as seen from the chest: metres to its left, up and forward."""
+    chest = JOINT_INDEX["spine3"]
+    offset = clip.positions[:, joint] - clip.positions[:, chest]
+    return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
 
 
 def sound_features(path: Path, num_frames: int) -> Float[np.ndarray, "T F"]:
