@@ -362,15 +362,16 @@ def _table(figures: Figures) -> Windows:
 
 
 def _floor(first: Windows, second: Windows) -> float:
-    """Real against real, quarter by quarter in time."""
+    """Real against real, quarter by quarter in time; NaN where no quarter has windows in both."""
     areas = []
     for quarter in range(4):
         (first_rest, first_part), (second_rest, second_part) = (
             _without_quarter(windows, quarter) for windows in (first, second)
         )
-        judge = Judge.train(first_rest, second_rest)
-        areas.append(judge.area_under_curve(first_part, second_part))
-    return float(np.mean(areas))
+        if all(len(part) for part in (first_rest, first_part, second_rest, second_part)):
+            judge = Judge.train(first_rest, second_rest)
+            areas.append(judge.area_under_curve(first_part, second_part))
+    return float(np.mean(areas)) if areas else float("nan")
 
 
 def _without_quarter(windows: Windows, quarter: int) -> tuple[Windows, Windows]:
