@@ -69,6 +69,7 @@ def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path)
         launch(config, is_warmed_up=False)
 
 
+@pytest.mark.slow  # networks of their real size
 def test_doctor_reads_each_of_them(checkpoints, tmp_path):
     from app.commands.doctor import _family_files
 

@@ -175,6 +175,7 @@ def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
         assert heading in as_markdown(judged) and f"recorded,{measure}_floor," in as_csv(judged)
 
 
+@pytest.mark.slow  # a whole evaluation each
 def test_faces_in_other_units_are_left_out_of_what_sees_faces(data, system, judges, tmp_path):
     data = shutil.copytree(data, tmp_path / "flame")
     for path in (data / "smplxflame_30").iterdir():
@@ -215,6 +216,7 @@ def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(
     assert "spread_at_will_m" not in twice["motion"]["recorded"]  # two clips of two speakers
 
 
+@pytest.mark.slow  # a whole evaluation each
 def test_each_clip_has_noise_of_its_own_which_is_the_same_for_all_systems(data, system, tmp_path):
     data, first = shutil.copytree(data, tmp_path / "twice"), CLIPS[0]
     twin = first.removesuffix("0_0") + "9_9"  # the same speech again

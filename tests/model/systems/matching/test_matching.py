@@ -155,6 +155,7 @@ def windows(data, split, task, size):
     return data.window_batch(data.of_split(split), task.window_frames, size, rng)
 
 
+@pytest.mark.slow  # a training
 def test_a_judge_learns_which_speech_belongs_and_only_where_it_shows(learned):
     task, data = learned
     batch = windows(data, "val", task, 16)
