@@ -67,10 +67,10 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     frames = list(chain.from_iterable(chunks))
     normals_of = VertexNormals(body.faces, body.num_vertices)
     timed("normals", lambda: [normals_of(each) for each in frames])
-    prepare = FramePreparer(body.faces, body.num_vertices, stage, settings.studio)
+    prepare = FramePreparer(body.faces, body.num_vertices, stage)
     timed("ground shadow", lambda: [prepare.ground.texture(each) for each in frames])
     posed = [prepare(each) for each in frames]
-    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners(), settings.studio)
+    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
         canvas = renderer.canvas(subject, SIZE_PX, SIZE_PX)
         canvas.draw(posed[0], stage.camera)  # compiles what draws

@@ -11,7 +11,7 @@ from trimesh.visual import TextureVisuals
 
 from renderer.draw.offscreen import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.studio import ROUGHNESS, Light, PosedFrame, Subject
+from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
 
 SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
@@ -244,7 +244,6 @@ class BodyScene:
     """A pyrender scene of one body on the floor, moved in place from frame to frame."""
 
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
-        studio = subject.studio
         colors = subject.colors_of(len(first.vertices))
         is_open = near_openings(subject.faces, first.vertices)
         self._body = [
@@ -255,8 +254,8 @@ class BodyScene:
         if is_open.any():
             self._body[-1].show_insides()
         self._ground = TexturedQuad(subject.ground_corners, first.ground)
-        background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
-        self.scene = _Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
+        background = (0.0,) * 4 if subject.is_transparent else (*STUDIO.background, 1.0)
+        self.scene = _Scene(bg_color=list(background), ambient_light=[STUDIO.ambient] * 3)
         for part in self._body:
             self.scene.add(part.mesh)
         if not subject.is_transparent:
@@ -266,7 +265,7 @@ class BodyScene:
             pose=camera.pose(),
         )
         for name in ("key", "fill", "rim"):
-            light: Light = getattr(studio, name)
+            light: Light = getattr(STUDIO, name)
             facing = Camera(eye=light.towards, target=(0.0, 0.0, 0.0))
             self.scene.add(
                 pyrender.DirectionalLight(color=light.color, intensity=light.intensity),

@@ -108,13 +108,13 @@ def try_backend(name: Backend) -> BackendReport:
     from renderer.body.body import load_body
     from renderer.scene.camera import frame_points
     from renderer.scene.stage import Shot, Stage
-    from renderer.scene.studio import FramePreparer, Studio, Subject
+    from renderer.scene.studio import FramePreparer, Subject
 
     body = load_body()
     vertices, faces = body.template, body.faces
     camera = frame_points(vertices)
     stage = Stage((Shot("front", camera),), floor_m=-1.0)
-    prepare = FramePreparer(faces, len(vertices), stage, Studio())
+    prepare = FramePreparer(faces, len(vertices), stage)
     subject = Subject(faces, None, prepare.ground.corners())
     frame = prepare(vertices)
     try:

@@ -91,8 +91,6 @@ def frame_points(
     *,
     aspect: float = 1.0,
     radius_m: Float[np.ndarray, " N"] | float = 0.0,
-    margin: float = MARGIN,
-    yfov_rad: float = YFOV_RAD,
 ) -> Camera:
     """The nearest camera of a view that has every point inside its picture.
 
@@ -103,7 +101,6 @@ def frame_points(
         points: in metres; the same array for all systems of a comparison gives equal cameras.
         aspect: width of the picture by its height.
         radius_m: keeps a ball of this radius around each point inside.
-        margin: share of the half picture kept free at each side, 0 to 1.
 
     Raises:
         ValueError: if there is no point, or a coordinate is not finite.
@@ -115,14 +112,14 @@ def frame_points(
     axes = view_axes(view)
     right, up, backward = (points.astype(np.float64) @ axes.T).T
     radius = np.broadcast_to(radius_m, len(points))
-    tan_y = (1.0 - margin) * np.tan(0.5 * yfov_rad)
+    tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
     tan_x = tan_y * aspect
     x, z_for_x = _apex(right, backward, tan_x, radius)
     y, z_for_y = _apex(up, backward, tan_y, radius)
     # Nothing may come nearer than the near plane, however small it is.
     z = max(z_for_x, z_for_y, float((backward + radius).max()) + 2.0 * Z_NEAR_M)
     eye = np.array([x, y, z]) @ axes
-    return Camera(eye=_triple(eye), target=_triple(eye - axes[2]), yfov_rad=yfov_rad)
+    return Camera(eye=_triple(eye), target=_triple(eye - axes[2]))
 
 
 def outermost(

@@ -1,6 +1,6 @@
 """The studio a body is shown in: lights, background, the fading floor with its shadow, the body."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
@@ -23,33 +23,50 @@ POOL_POWER, FADE = 1.2, 2.5
 """How fast the pool of light falls off, and the floor's shadows with it."""
 
 
+ROUGHNESS = 0.7
+"""Of skin and cloth alike: how far a highlight spreads."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A distant light. ``towards`` points from the body to the light; colour is linear."""
+
+    towards: tuple[float, float, float]
+    color: tuple[float, float, float]
+    intensity: float
+
+
+@dataclass(frozen=True)
+class Studio:
+    """The light: three lamps, their ambient part, and the colour behind everything."""
+
+    key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
+    fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
+    rim: Light = Light((-1.6, 1.4, -2.8), (1.0, 0.98, 1.0), 3.2)
+    ambient: float = 0.17
+    background: tuple[float, float, float] = (0.894, 0.902, 0.918)
+    shadow_from: tuple[float, float, float] = (0.42, 1.0, 0.22)
+    """Where the ground shadow's light stands: steeper than the key, so that it stays short."""
+
+
+STUDIO = Studio()
+
+
 class ShadowGround:
-    """Texture of a square floor around ``centre``: a pool of light, darkened where light is lost.
+    """Texture of a square floor under the bodies: a pool of light, darkened where light is lost.
 
     The shadow is a splat of the vertices along the light's direction, blurred; no ray is cast.
     """
 
-    def __init__(
-        self,
-        centre_xz: tuple[float, float],
-        floor_m: float,
-        light_from: tuple[float, float, float],
-        background: tuple[float, float, float],
-        half_size_m: float = HALF_SIZE_M,
-    ) -> None:
-        """
-        Args:
-            light_from: direction towards the light; y must be positive.
-            background: display colour in 0..1 that the floor fades into.
-        """
-        if light_from[1] <= 0.0:
-            raise ValueError(f"The light must come from above; its direction is {light_from}.")
-        self.centre_xz, self.floor_m, self.half_size_m = centre_xz, floor_m, half_size_m
-        self._slope = (light_from[0] / light_from[1], light_from[2] / light_from[1])
+    def __init__(self, stage: Stage) -> None:
+        self.centre_xz, self.floor_m = stage.centre_xz, stage.floor_m
+        self.half_size_m = HALF_SIZE_M + stage.extent_m / 2.0
+        x, y, z = STUDIO.shadow_from
+        self._slope = (x / y, z / y)
         axis = (np.arange(RESOLUTION) + 0.5) / RESOLUTION * 2.0 - 1.0
         radius = np.hypot(axis[:, None], axis[None, :])
         pool = np.clip(1.0 - radius, 0.0, 1.0) ** POOL_POWER
-        backdrop = np.asarray(background, np.float32) * 255.0
+        backdrop = np.asarray(STUDIO.background, np.float32) * 255.0
         glow = np.minimum(backdrop + GLOW, LIGHTEST)
         self._lit = (backdrop + pool[..., None] * (glow - backdrop)).astype(np.float32)
         self._fade = np.clip((1.0 - radius) * FADE, 0.0, 1.0).astype(np.float32)
@@ -92,32 +109,6 @@ def _splat(texel: Int[np.ndarray, " N"], blur: float) -> Float32[np.ndarray, "R 
     return ndimage.gaussian_filter(covered.reshape(RESOLUTION, RESOLUTION), blur, truncate=2.5)
 
 
-ROUGHNESS = 0.7
-"""Of skin and cloth alike: how far a highlight spreads."""
-
-
-@dataclass(frozen=True)
-class Light:
-    """A distant light. ``towards`` points from the body to the light; colour is linear."""
-
-    towards: tuple[float, float, float]
-    color: tuple[float, float, float]
-    intensity: float
-
-
-@dataclass(frozen=True)
-class Studio:
-    """The light: three lamps, their ambient part, and the colour behind everything."""
-
-    key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
-    fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
-    rim: Light = Light((-1.6, 1.4, -2.8), (1.0, 0.98, 1.0), 3.2)
-    ambient: float = 0.17
-    background: tuple[float, float, float] = (0.894, 0.902, 0.918)
-    shadow_from: tuple[float, float, float] = (0.42, 1.0, 0.22)
-    """Where the ground shadow's light stands: steeper than the key, so that it stays short."""
-
-
 @dataclass(frozen=True)
 class PosedFrame:
     """All that changes from one picture to the next, computed without OpenGL."""
@@ -144,7 +135,6 @@ class Subject:
     """Linear RGB, 0 to 1; None is clay."""
     ground_corners: Float[np.ndarray, "4 3"]
     """As ``ShadowGround.corners``."""
-    studio: Studio = field(default_factory=Studio)
     is_transparent: bool = False
     """The body alone, with how much of each pixel it covers as a fourth channel."""
 
@@ -158,21 +148,9 @@ class Subject:
 class FramePreparer:
     """Turns vertices into ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
-    def __init__(
-        self,
-        faces: Int[np.ndarray, "F 3"],
-        num_vertices: int,
-        stage: Stage,
-        studio: Studio,
-    ) -> None:
+    def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
         self.normals = VertexNormals(faces, num_vertices)
-        self.ground = ShadowGround(
-            centre_xz=stage.centre_xz,
-            floor_m=stage.floor_m,
-            light_from=studio.shadow_from,
-            background=studio.background,
-            half_size_m=HALF_SIZE_M + stage.extent_m / 2.0,
-        )
+        self.ground = ShadowGround(stage)
 
     def __call__(
         self,

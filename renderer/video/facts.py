@@ -6,7 +6,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
 from renderer.draw.offscreen import lighting_source
 from renderer.scene import camera, stage, studio
 from renderer.scene.stage import CLOSE_UP_VIEWS, drawn_joints
-from renderer.scene.studio import ROUGHNESS, Studio
+from renderer.scene.studio import ROUGHNESS, STUDIO
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
 
@@ -15,7 +15,7 @@ def drawing_facts() -> dict:
     views = {view: camera.view_axes(view).tolist() for view in camera.VIEWS}
     return {
         "lighting": lighting_source(),
-        "studio": asdict(Studio()),
+        "studio": asdict(STUDIO),
         "roughness": ROUGHNESS,
         "camera": {"yfov": camera.YFOV_RAD, "near": camera.Z_NEAR_M, "margin": camera.MARGIN},
         "views": views,

@@ -6,7 +6,7 @@ the next is touched, so memory does not grow with the length of a clip.
 
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -26,7 +26,7 @@ from renderer.scene.stage import (
     lay_out,
     set_stage,
 )
-from renderer.scene.studio import FramePreparer, Studio, Subject
+from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.encoder import DEFAULT_CRF, check_size
 from renderer.video.marks import MarkPainter, Marks, heat_colors
 
@@ -55,7 +55,6 @@ class RenderSettings:
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
     """What draws; None takes the first that works here."""
-    studio: Studio = field(default_factory=Studio)
     layout: tuple[Panel, ...] | None = None
     """Where the body, which comes first and is as large as ``width`` and ``height`` say, and the
     close-ups stand; None as ``close_ups`` are laid out."""
@@ -213,10 +212,8 @@ def draw_vertices(
     if first is None:
         return
     shown = shown or [Shown(settings.panels[0], stage.camera)]
-    prepare = FramePreparer(faces, len(first), stage, settings.studio)
-    subject = Subject(
-        *(faces, colors, prepare.ground.corners(), settings.studio, settings.is_transparent)
-    )
+    prepare = FramePreparer(faces, len(first), stage)
+    subject = Subject(faces, colors, prepare.ground.corners(), settings.is_transparent)
     colors_of_frame = None if moving_colors is None else iter(moving_colors)
     backend = settings.backend or choose_backend()
     with OffscreenRenderer(backend, is_smooth=settings.antialias) as renderer:

@@ -13,7 +13,7 @@ from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Shot, Stage
-from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
+from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.render import RenderSettings, draw_vertices
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.drawn import render_stills
@@ -156,7 +156,7 @@ def test_a_second_backend_needs_a_process_of_its_own():
 
 def make_subject() -> tuple[Subject, PosedFrame]:
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
-    prepare = FramePreparer(faces, len(vertices), STAGE, Studio())
+    prepare = FramePreparer(faces, len(vertices), STAGE)
     return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
 
 

@@ -13,6 +13,7 @@ from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
 from renderer.scene.camera import (
     FARTHEST_M,
+    MARGIN,
     STEEPEST_RAD,
     ZOOMS,
     Camera,
@@ -63,24 +64,25 @@ def test_each_view_looks_from_its_side_and_a_little_down(view, towards_eye):
 @given(POINTS, st.sampled_from(VIEWS), st.integers(400, 3000), st.floats(0.0, 0.4))
 def test_every_ball_lies_inside_the_picture(points, view, width, radius):
     height = 1000
-    camera = frame_points(points, view, aspect=width / height, radius_m=radius, margin=0.0)
+    camera = frame_points(points, view, aspect=width / height, radius_m=radius)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     surface = (points[:, None] + 0.999 * radius * directions).reshape(-1, 3)
     pixels = camera.project(surface, width, height)
-    assert (pixels > -1e-3).all() and (pixels < (width + 1e-3, height + 1e-3)).all()
+    free = 0.5 * MARGIN * np.array([width, height])
+    assert (pixels > free - 1e-3).all() and (pixels < (width, height) - free + 1e-3).all()
 
 
 def test_the_camera_comes_as_near_as_it_may():
     rng = np.random.default_rng(1)
     points = rng.normal(size=(50, 3))
     for view in VIEWS:
-        pixels = frame_points(points, view, aspect=1.5, margin=0.1).project(points, 1500, 1000)
+        pixels = frame_points(points, view, aspect=1.5).project(points, 1500, 1000)
         used = np.ptp(pixels, axis=0) / (1500, 1000)
         # One axis decides the distance: it uses the picture up to the margin on both sides.
-        assert used.max() == pytest.approx(0.9, abs=1e-6)
-        np.testing.assert_array_less(used, 0.9 + 1e-6)
+        assert used.max() == pytest.approx(1 - MARGIN, abs=1e-6)
+        np.testing.assert_array_less(used, 1 - MARGIN + 1e-6)
 
 
 @pytest.mark.parametrize("view", VIEWS)
