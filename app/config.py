@@ -54,8 +54,6 @@ class AppConfig:
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
     opened: Path | None = None
     """A folder of results, or its zip, that the page shows first."""
-    kept: Path = field(default_factory=lambda: _user_cache() / "co-speech-motion")
-    """What is made once for all visitors and serves the next start too."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
@@ -114,7 +112,3 @@ def _is_network(value: str) -> bool:
 
 def _user() -> str:
     return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
-
-
-def _user_cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())

@@ -3,17 +3,24 @@ dataclass, by their types, and says of them what their docstrings say."""
 
 from __future__ import annotations
 
-import argparse
+import functools
+import io
 import os
-from collections.abc import Callable, Mapping
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field, fields, make_dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
+import tyro
 from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
+from conventions.names import printable
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -67,6 +74,26 @@ def one_of(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
     return written(read, "|".join(map(str, choices)))
 
 
+def some_of(
+    choices: tuple[str, ...], refusal: str, metavar: str, none: str = ""
+) -> PrimitiveConstructorSpec:
+    """Marks a tuple of which a person may name these alone, each once.
+
+    Args:
+        refusal: says that there is no such ``name``, and the ``names`` that there are.
+        none: the word for none of them; without it one must be named.
+    """
+
+    def read(told: str) -> tuple[str, ...]:
+        names = () if told and told == none else names_of(told)
+        for name in names:
+            if name not in choices:
+                raise RunError(refusal.format(name=name, names=", ".join(choices)))
+        return tuple(dict.fromkeys(names))
+
+    return written(read, metavar, none, ",".join)
+
+
 def a_count(told: str) -> int:
     """Raises `RunError` if it is none."""
     if not told.isdecimal() or int(told) < 1:
@@ -118,16 +145,6 @@ def family_files() -> type:
     return make_dataclass("FamilyFiles", named, frozen=True)
 
 
-def add_family_files(parser: argparse.ArgumentParser) -> None:
-    """Flags that name them, a group for each family that has some."""
-    for family in families():
-        if not family.files:
-            continue
-        group = parser.add_argument_group(family.files_title)
-        for file in family.files:
-            group.add_argument(file.flag, type=Path, metavar=file.metavar, help=file.help)
-
-
 def use_family_files(named: Mapping[str, Any]) -> None:
     """Let this process and its children know what was named; see at once that it is all there.
 
@@ -144,3 +161,51 @@ def use_family_files(named: Mapping[str, Any]) -> None:
 
 def _name_of(flag: str) -> str:
     return flag.removeprefix("--").replace("-", "_")
+
+
+_SHAPE = (
+    tyro.conf.OmitArgPrefixes,
+    tyro.conf.FlagCreatePairsOff,
+    tyro.conf.HelptextFromCommentsOff,
+)
+_NO_NUMBER = (
+    (re.compile(r"invalid literal for int\(\) with base 10: (.*)"), r"\1 is no whole number"),
+    (re.compile(r"could not convert string to float: (.*)"), r"\1 is no number"),
+)
+
+
+def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
+    """A function with the arguments that the words of a command line give it.
+
+    Raises:
+        SystemExit: 2 after a sentence, where they give none; 0 after help.
+    """
+
+    @functools.wraps(does)
+    def held(*given: object, **named: object) -> Callable[[], Any]:
+        return functools.partial(does, *given, **named)
+
+    told = io.StringIO()
+    try:
+        with redirect_stderr(told):
+            return tyro.cli(held, prog=program, args=list(argv), config=_SHAPE)  # type: ignore[return-value]
+    except SystemExit as left:
+        if left.code:
+            sentence = f"{program}: {_sentence(told.getvalue(), program)} See --help."
+            sys.stderr.write(f"{printable(sentence)}\n")
+        raise
+
+
+def _sentence(box: str, program: str) -> str:
+    """What tyro says in a box, as a line of text."""
+    title, *lines = [line.strip("│ ") for line in box.splitlines()]
+    lines = lines if title.startswith("╭") else lines[1:]  # in ASCII the title is underlined
+    said = " ".join(takewhile(lambda line: not line.startswith(("─", "-----")), lines))
+    said = re.sub(rf"^Missing from {re.escape(program)}[^:]*:", "Missing:", said)
+    said = said.removeprefix("Error parsing ").replace("Unrecognized options: ", "There is no ")
+    if "Perhaps you meant:" in lines:
+        near = lines[lines.index("Perhaps you meant:") + 1].split()[0]
+        said = f"{said}; perhaps {near} is meant"
+    for found, better in _NO_NUMBER:
+        said = found.sub(better, said)
+    return said if said.endswith((".", ")")) else f"{said}."

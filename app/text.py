@@ -83,7 +83,6 @@ LOOK_ANSWER = (
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
 LOOK_OWN = "Make your own"
-LOOK_COMING = "A first example is being made; it plays here in a few seconds."
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),

@@ -5,18 +5,11 @@ Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong argum
 
 from __future__ import annotations
 
-import functools
-import io
 import logging
-import re
 import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stderr
-from itertools import takewhile
 from typing import NoReturn
-
-import tyro
 
 from app import text
 from app.commands import boards, runs, studies
@@ -24,6 +17,7 @@ from app.commands.convert import convert
 from app.commands.doctor import doctor
 from app.commands.said import LogLines, say
 from app.errors import CancelledRun, sentence_of
+from app.flags import read_flags
 from model.systems.registry import left_out
 
 PROGRAM = "python -m app"
@@ -46,15 +40,6 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "study analyse": studies.analyse,
     "study simulate": studies.simulate,
 }
-_SHAPE = (
-    tyro.conf.OmitArgPrefixes,
-    tyro.conf.FlagCreatePairsOff,
-    tyro.conf.HelptextFromCommentsOff,
-)
-_NO_NUMBER = (
-    (re.compile(r"invalid literal for int\(\) with base 10: (.*)"), r"\1 is no whole number"),
-    (re.compile(r"could not convert string to float: (.*)"), r"\1 is no number"),
-)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -92,21 +77,7 @@ def parse(argv: Sequence[str]) -> Callable[[], None]:
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)
     if name is None:
         _overview(argv)
-    does = COMMANDS[name]
-
-    @functools.wraps(does)
-    def held(*given: object, **named: object) -> Callable[[], None]:
-        return functools.partial(does, *given, **named)
-
-    program, told = f"{PROGRAM} {name}", io.StringIO()
-    try:
-        with redirect_stderr(told):
-            words = list(argv[len(name.split()) :])
-            return tyro.cli(held, prog=program, args=words, config=_SHAPE)  # type: ignore[return-value]
-    except SystemExit as left:
-        if left.code:
-            say(f"{program}: {_sentence(told.getvalue())} See --help.")
-        raise
+    return read_flags(COMMANDS[name], f"{PROGRAM} {name}", argv[len(name.split()) :])
 
 
 def _overview(argv: Sequence[str]) -> NoReturn:
@@ -129,21 +100,6 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists what a command takes.\n\n"
     sys.stdout.write(head + "\n".join(" ".join(line.split("\n")) for line in lines) + "\n")
     raise SystemExit(0)
-
-
-def _sentence(box: str) -> str:
-    """What tyro says in a box, as a line of text."""
-    title, *lines = [line.strip("│ ") for line in box.splitlines()]
-    lines = lines if title.startswith("╭") else lines[1:]  # in ASCII the title is underlined
-    said = " ".join(takewhile(lambda line: not line.startswith(("─", "-----")), lines))
-    said = re.sub(rf"^Missing from {PROGRAM}[^:]*:", "Missing:", said)
-    said = said.removeprefix("Error parsing ").replace("Unrecognized options: ", "There is no ")
-    if "Perhaps you meant:" in lines:
-        near = lines[lines.index("Perhaps you meant:") + 1].split()[0]
-        said = f"{said}; perhaps {near} is meant"
-    for found, better in _NO_NUMBER:
-        said = found.sub(better, said)
-    return said if said.endswith((".", ")")) else f"{said}."
 
 
 def _interrupt(number: int, frame: object) -> None:

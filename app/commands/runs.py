@@ -3,11 +3,11 @@ render."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import Positional, arg
 
@@ -15,18 +15,20 @@ from app.commands.said import ProgressBar, ProgressBars, name_file, say
 from app.config import default_body
 from app.errors import RunError
 from app.flags import Count, File, Names, family_files, part_of, use_family_files, whole, written
-from app.run.experiments.hearing import HearingAsk, TwoSpeakers, measure_hearing
+from app.run.experiments.hearing import HearingAsk, measure_hearing
 from app.run.experiments.mechanism import MechanismAsk, show_mechanism
-from app.run.experiments.step_curve import COUNTS, Counts, StepsAsk, measure_step_curve
+from app.run.experiments.step_curve import StepsAsk, measure_step_curve
+from app.run.output.run_folder import read_run
 from app.run.planning import find_plan, is_motion, make_plan
 from app.run.requests.display import Display
-from app.run.requests.request import Ask
-from app.run.videos.export import RenderRequest, render_motion
+from app.run.requests.request import SAMPLING, Ask, OnEvent, ShouldCancel
+from app.run.videos.export import RenderAsk, render_motion
 from conventions.views import CLOSE_UPS
 from model.formats.reading import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
+Asked = TypeVar("Asked", bound=Ask)
 _FIGURE = ("joint", "start_frame", "figure")
 _WORDS = ("channel", "transcript", "words")
 _SYSTEMS = ("weights", "speaker")
@@ -47,18 +49,19 @@ def _videos(name: str, about: str, is_usual: bool = False) -> tuple[Any, bool]:
 if TYPE_CHECKING:
     Generate = Ask
     Diagnose = Ask
-    Steps = Ask
-    Hearing = Ask
-    Mechanism = Ask
+    Steps = StepsAsk
+    Hearing = HearingAsk
+    Mechanism = MechanismAsk
     Plan = Ask
+    Render = RenderAsk
     Files = Any
 else:
     Files = family_files()
     _BODY = (File, default_body())
     Generate = part_of(
         Ask,
-        *("out", "systems", *_SYSTEMS, "seed", "samples", "steps", "face_steps", "sampler"),
-        *("guidance", "post_filter", "plan", "style", "reference", "told", *_WORDS),
+        *("out", "systems", "weights", *SAMPLING),
+        *("post_filter", "plan", "style", "reference", "told", *_WORDS),
         *("max_speech_s", *_FIGURE, "look", "views", "close_ups", "framing", "size", "display"),
         "has_figures",
         speech=_speech(
@@ -83,26 +86,37 @@ else:
         ),
     )
     Steps = part_of(
-        Ask,
-        *("out", *_SYSTEMS, "seed"),
+        StepsAsk,
+        *("out", *_SYSTEMS, "seed", "counts"),
         systems=(Annotated[Names, arg(help="At most six.")],),
         speech=_speech("Of which ten seconds are used."),
     )
     Hearing = part_of(
-        Ask,
-        *("out", *_SYSTEMS, "guidance"),
+        HearingAsk,
+        *("out", *_SYSTEMS, "guidance", "seeds", "speakers"),
+        speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
         systems=(Names, usual_systems("hearing")),
         has_video=_videos(
             "videos", "The bodies of the first two speeches and seeds, under either's sound."
         ),
     )
     Mechanism = part_of(
-        Ask, "out", "seed", "joint", "speech", "told", "size", motions=_motion("One."), body=_BODY
+        MechanismAsk,
+        *("out", "seed", "joint", "speech", "told", "size", "noise_rad"),
+        motions=_motion("One."),
+        body=_BODY,
     )
     Plan = part_of(
         Ask,
         *("out", *_SYSTEMS, "seed", "guidance", *_WORDS, "style", "told"),
         speech=_speech("Any sound file; or a motion, whose plan is found."),
+    )
+    Render = part_of(
+        RenderAsk,
+        *("out", "speech", "told", "look", "views", "close_ups", "framing", "display", "joint"),
+        *("size", "plan", "is_draft", "num_stills", "sheet_every", "frame", "background"),
+        motions=_motion("One, in BEAT2's form, or any that is read."),
+        body=_BODY,
     )
 
 
@@ -247,71 +261,45 @@ def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
         )
 
 
-def steps(ask: Steps, files: Files, counts: Counts = COUNTS) -> None:
+def _experiment(
+    task: Callable[[Asked, OnEvent, ShouldCancel], None], ask: Asked, files: Files = None
+) -> None:
+    """Do it, and say what its folder says."""
+    if files is not None:
+        use_family_files(vars(files))
+    with ProgressBars() as bars:
+        task(ask, bars.take, lambda: False)
+    record = read_run(ask.out)
+    _finish([ask.out / name for name in record.results], record.notes)
+
+
+def steps(ask: Steps, files: Files) -> None:
     """Quality against time: what steps of a sampler buy on this machine.
 
     Generate the same motion with few and with many steps, and plot jerk, and the distance to the
     result of most steps, over milliseconds a frame.
-
-    Args:
-        counts: numbers of steps.
     """
-    use_family_files(vars(files))
-    asked = StepsAsk(ask=whole(Ask, ask), counts=counts)
-    with ProgressBar("measure") as bar:
-        curve = measure_step_curve(asked, bar.take)
-    for point in curve.points:
-        say(
-            f"{point.system}, {point.steps} steps: {point.ms_per_frame:.2f} ms a frame, jerk "
-            f"{point.tip_jerk_m_s3:.0f} m/s3, {point.distance_cm:.1f} cm from most steps"
-        )
-    _finish(curve.files, ())
+    _experiment(measure_step_curve, whole(StepsAsk, ask), files)
 
 
-def hearing(
-    given: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],
-    ask: Hearing,
-    files: Files,
-    seeds: int = 2,
-    speakers: TwoSpeakers = None,
-) -> None:
+def hearing(ask: Hearing, files: Files) -> None:
     """Does it hear? What speech decides of the motion, and what chance.
 
     Generate each speech with each noise seed and compare: motions that share the speech, the noise,
     or neither. Or compare a folder of anyone's motion, whose files are called
     SYSTEM__SPEECH__SEED.npz.
-
-    Args:
-        given: two sound files or more, or one folder of motions.
-        seeds: of the noise, from 0 on.
-        speakers: two whose manner is compared on the first speech, such as hana,june.
     """
-    use_family_files(vars(files))
-    is_folder = len(given) == 1 and given[0].is_dir()
-    asked = whole(Ask, ask, **({"motions": given, "systems": ()} if is_folder else {}))
-    speeches = () if is_folder else given
-    request = HearingAsk(ask=asked, speeches=speeches, seeds=seeds, speakers=speakers)
-    with ProgressBar("compare") as bar:
-        found = measure_hearing(request, bar.take)
-    _finish(found.files, found.sentences())
+    _experiment(measure_hearing, whole(HearingAsk, ask), files)
 
 
-def mechanism(
-    ask: Mechanism, noise: Annotated[float, arg(metavar="RAD")] = MechanismAsk.noise_rad
-) -> None:
+def mechanism(ask: Mechanism) -> None:
     """The paper's argument on a body: equal noise on local and on global rotations.
 
     Put the same random turns on the local and on the global rotations of a motion, draw both bodies
     beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
     network takes part.
-
-    Args:
-        noise: deviation about each axis, .005 to .1 rad.
     """
-    asked = MechanismAsk(ask=whole(Ask, ask, has_video=True), noise_rad=noise)
-    with ProgressBar(f"draw {ask.out.name}") as bar:
-        _, sentences = show_mechanism(asked, bar.take)
-    _finish([ask.out], sentences)
+    _experiment(show_mechanism, whole(MechanismAsk, ask, has_video=True))
 
 
 def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
@@ -343,17 +331,15 @@ def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> Non
     _finish([asked.out], make_plan(asked, is_empty=is_empty).notes)
 
 
-def render(asked: RenderRequest) -> None:
+def render(ask: Render) -> None:
     """A motion file to a video, pictures, or a file for 3D software.
 
     The ending of --out chooses what is made. A .png is a contact sheet of eight poses, or what
     --stills and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is
     for the SMPL-X add-on of Blender.
     """
-    if asked.body is None:
-        asked = replace(asked, body=default_body())
-    with ProgressBar(f"draw {asked.out.name}") as bar:
-        files, notes = render_motion(asked, bar.take)
+    with ProgressBars() as bars:
+        files, notes = render_motion(whole(RenderAsk, ask), bars.take)
     _finish(files, notes)
 
 

@@ -58,11 +58,6 @@ class ProgressBar:
         self._bar.n = round(100 * min(1.0, fraction))
         self._bar.refresh()
 
-    def take(self, event: Event) -> None:
-        """Show the progress of a task of one stage."""
-        if isinstance(event, Progress):
-            self.show(event.fraction)
-
     def close(self) -> None:
         self._bar.close()
 

@@ -43,7 +43,7 @@ class Performers:
             match verb:
                 case "open":
                     ask, token = told
-                    system = self.prepare(ask.system, ask.speaker)
+                    system = self.prepare(ask.systems[0], ask.speaker)
                     session = LiveSession(system, ask, partial(self._tell, number))
                     self.open[number] = session
                     self._tell(number, {"token": token, **session.ready()})

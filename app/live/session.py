@@ -9,7 +9,7 @@ import statistics
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from app.live.minute import LastMinute, Minute
 from app.live.sound import read_sound
 from app.live.told_plan import manner_of, told_plan
 from app.run.pieces import frames_message
+from app.run.requests.request import Ask, Take
 from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
@@ -57,42 +58,20 @@ SLOW_SYSTEM = (
 )
 
 
-@dataclass(frozen=True)
-class LiveAsk:
-    """What a visitor has chosen."""
+def live_ask(told: Any) -> Ask:
+    """From the first message of a browser.
 
-    system: str
-    speaker: str
-    seed: int = 0
-
-    @staticmethod
-    def of(told: Any) -> LiveAsk:
-        """From the first message of a browser.
-
-        Raises:
-            RunError: if that asks for nothing that can be.
-        """
-        if not isinstance(told, dict):
-            raise RunError("The page asked for no live session; load it again.")
-        system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
-        if not isinstance(system, str) or not isinstance(speaker, str):
-            raise RunError("Choose a system and a speaker style first.")
-        if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
-            raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
-        return LiveAsk(system, speaker, seed)
-
-
-@dataclass(frozen=True)
-class Kept:
-    """The last minute of a session as files, and what a record should say of it."""
-
-    wav: Path
-    npz: Path
-    plan: Path | None
-    """That the motion performs; None of a system that performs none."""
-    facts: dict[str, Any]
-    why_less: str = ""
-    """Than was spoken; empty where all of it is kept, but for what a body follows later by."""
+    Raises:
+        RunError: if that asks for nothing that can be.
+    """
+    if not isinstance(told, dict):
+        raise RunError("The page asked for no live session; load it again.")
+    system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
+    if not isinstance(system, str) or not isinstance(speaker, str):
+        raise RunError("Choose a system and a speaker style first.")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
+        raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
+    return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
 
 
 class LiveSession:
@@ -101,7 +80,7 @@ class LiveSession:
     def __init__(
         self,
         system: System,
-        ask: LiveAsk,
+        ask: Ask,
         tell: Tell,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -118,7 +97,7 @@ class LiveSession:
         from model.speech.causal import CausalMel
 
         check_live(system)
-        self.ask, self.pace = ask, Pace()
+        self.ask, self.pace, self.name = ask, Pace(), system.name
         self.minute = LastMinute()
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
@@ -126,7 +105,7 @@ class LiveSession:
         self.plans = system.condition_type is GesturePlan
         """Whether it plans, and its sliders can be moved."""
         steps = PLANNING_STEPS if self.plans else None
-        options = GenerateOptions(ask.speaker, seed=ask.seed, steps=steps)
+        options = GenerateOptions(ask.speaker or "", seed=ask.seed, steps=steps)
         self._live = LiveMotion(system, options, self.pace)
         self._manner: Manner | None = None
         """What the sliders say since the last window."""
@@ -161,7 +140,7 @@ class LiveSession:
             RunError: if it is no such thing, or the system performs no plans.
         """
         if not self.plans:
-            raise RunError(f"{self.ask.system} performs no plans, so its sliders do nothing.")
+            raise RunError(f"{self.name} performs no plans, so its sliders do nothing.")
         self._manner = manner_of(told)
 
     @property
@@ -215,8 +194,8 @@ class LiveSession:
         """What a window takes of one processor; NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def keep(self, folder: Path) -> Kept:
-        """Lay the last minute into a folder.
+    def keep(self, folder: Path) -> Ask:
+        """Lay the last minute into a folder, to have a run made of it.
 
         Raises:
             RunError: if there is too little.
@@ -239,7 +218,8 @@ class LiveSession:
             "window_cpu_ms": round(self.window_ms, 1),
         }
         why = why_less(minute, self._samples / SAMPLE_RATE)
-        return Kept(wav, npz, plan if minute.plan else None, facts, why)
+        take = Take(npz, facts, why, plan if minute.plan else None)
+        return replace(self.ask, speech=wav, out=folder / "results", take=take)
 
     def _check_cost(self) -> None:
         if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it
@@ -247,7 +227,7 @@ class LiveSession:
         cost = min([*self._costs][1:])
         if cost > MAX_WINDOW_MS:
             frame_ms, limit = cost / self._frames_of_window, MAX_WINDOW_MS / 60
-            raise RunError(SLOW_SYSTEM.format(system=self.ask.system, ms=frame_ms, limit=limit))
+            raise RunError(SLOW_SYSTEM.format(system=self.name, ms=frame_ms, limit=limit))
 
 
 def why_less(minute: Minute, spoken_s: float) -> str:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.errors import RunError, without_folders
-from app.live.session import KEEP_S, NOT_THERE, Kept, LiveAsk
+from app.live.session import KEEP_S, NOT_THERE
 from app.live.sound import Microphone
+from app.run.requests.request import Ask
 from processes.child import Child, Gone
 
 MAX_SESSIONS = 10
@@ -40,7 +41,7 @@ class Place:
     """One visitor's."""
 
     number: int
-    ask: LiveAsk
+    ask: Ask
     cookie: str
     """Of the browser; empty for one that keeps none."""
     address: str
@@ -74,7 +75,7 @@ class LiveSessions:
                 self._child = Child("app.live.child", str(self._weights), is_log_handed_on=True)
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
-    def open(self, ask: LiveAsk, cookie: str, tell: Tell, address: str = "") -> Place:
+    def open(self, ask: Ask, cookie: str, tell: Tell, address: str = "") -> Place:
         """A place for one browser; an earlier one of the same browser ends.
 
         Args:
@@ -124,8 +125,9 @@ class LiveSessions:
         if tell is not None:
             tell(sentence)
 
-    def keep(self, token: str, cookie: str, folder: Path) -> tuple[LiveAsk, Kept]:
-        """The last minute of a session, open or ended lately, of this browser, laid into a folder.
+    def keep(self, token: str, cookie: str, folder: Path) -> Ask:
+        """A run of the last minute of a session, open or ended lately, of this browser; what that
+        needs is laid into a folder.
 
         Raises:
             RunError: if there is none.
@@ -136,7 +138,7 @@ class LiveSessions:
         for place in there:
             is_it = secrets.compare_digest(place.token.encode(), token.encode())
             if is_it and place.cookie == cookie:
-                return place.ask, self._kept(place, folder)
+                return self._kept(place, folder)
         raise RunError(NOT_THERE)
 
     def end(self) -> None:
@@ -144,7 +146,7 @@ class LiveSessions:
         if self._child is not None:
             self._child.end()
 
-    def _kept(self, place: Place, folder: Path) -> Kept:
+    def _kept(self, place: Place, folder: Path) -> Ask:
         answers: queue.SimpleQueue[object] = queue.SimpleQueue()
         with self._lock:
             number = next(self._numbers)
@@ -152,7 +154,7 @@ class LiveSessions:
         answer = answers.get()
         with self._lock:
             self._ears.pop(number, None)
-        if isinstance(answer, Kept):
+        if isinstance(answer, Ask):
             return answer
         raise RunError(str(answer))
 

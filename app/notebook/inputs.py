@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -30,8 +29,8 @@ def read_speech(speech: SpeechLike) -> Speech:
     """
     if isinstance(speech, Speech):
         return speech
-    with speech_file(speech) as path:
-        return load_speech(path)
+    with TemporaryDirectory() as folder:
+        return load_speech(speech_in(Path(folder), speech))
 
 
 def read_motion(motion: MotionLike, assume: str = "") -> Motion:
@@ -68,18 +67,14 @@ def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, M
     return {name: read_motion(motion) for name, motion in motions.items()}
 
 
-@contextmanager
-def speech_file(speech: SpeechLike) -> Iterator[Path]:
-    """The sound as a file, which is there as long as the context."""
+def speech_in(folder: Path, speech: SpeechLike) -> Path:
+    """The sound as a file, which is made in the folder where it is none."""
+    path = folder / "speech.wav"
     if isinstance(speech, str | Path):
-        yield Path(speech)
-        return
+        return Path(speech)
     if isinstance(speech, Speech):
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "speech.wav"
-            write_wav(path, speech.waveform)
-            yield path
-        return
+        write_wav(path, speech.waveform)
+        return path
     from scipy.io import wavfile
 
     samples, rate = np.asarray(speech[0]), speech[1]
@@ -90,28 +85,21 @@ def speech_file(speech: SpeechLike) -> Iterator[Path]:
         )
     if samples.dtype not in (np.int16, np.int32, np.uint8):
         samples = samples.astype(np.float32)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "speech.wav"
-        wavfile.write(path, int(rate), samples)
-        yield path
+    wavfile.write(path, int(rate), samples)
+    return path
 
 
-@contextmanager
-def motion_file(motion: MotionLike) -> Iterator[Path]:
-    """The motion as a file of BEAT2's form, which is there as long as the context."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "motion.npz"
-        save_motion(read_motion(motion), path)
-        yield path
+def motion_in(folder: Path, motion: MotionLike) -> Path:
+    """The motion as a file of BEAT2's form in the folder."""
+    path = folder / "motion.npz"
+    save_motion(read_motion(motion), path)
+    return path
 
 
-@contextmanager
-def plan_file(plan: PlanLike | None) -> Iterator[Path | None]:
-    """The plan as a file, which is there as long as the context."""
+def plan_in(folder: Path, plan: PlanLike) -> Path:
+    """The plan as a file, which is made in the folder where it is none."""
+    path = folder / "plan.json"
     if not isinstance(plan, GesturePlan):
-        yield None if plan is None else Path(plan)
-        return
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "plan.json"
-        plan.write(path)
-        yield path
+        return Path(plan)
+    plan.write(path)
+    return path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,11 +14,11 @@ from app.notebook.inputs import (
     MotionLike,
     PlanLike,
     SpeechLike,
-    motion_file,
-    plan_file,
+    motion_in,
+    plan_in,
     read_motion,
     read_speech,
-    speech_file,
+    speech_in,
 )
 from app.notebook.progress import Bar
 from app.notebook.showing import HEIGHT_PX, Player, show
@@ -33,6 +32,9 @@ from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript
 from model.systems.registry import usual_planner
+
+RUN = "run"
+"""Folder of a run, beside what was handed over."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +51,15 @@ class Performance:
     diagnostics: Diagnostics
     notes: tuple[str, ...]
     """What a person should know, such as what was done to the speech."""
+    _folder: TemporaryDirectory[str]
+    """Holds the run's."""
 
     def __getitem__(self, name: str) -> Motion:
         return self.motions[name]
 
     def show(self, height: int = HEIGHT_PX) -> Player:
         """All bodies in lock-step with the sound, in a cell or as a file."""
-        return show(
-            self.motions, self.speech, plans=self.plans, said=self.said,
-            findings=self.diagnostics.findings, height=height,
-        )  # fmt: skip
+        return show(Path(self._folder.name) / RUN, height=height)
 
     def compare(self) -> Comparison:
         """The measures beside each other."""
@@ -89,34 +90,33 @@ def generate(
     """
     systems = usual_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
-    with ExitStack() as held:
-        bar = held.enter_context(Bar("speech", progress))
-        out = Path(held.enter_context(TemporaryDirectory()))
-        sound = held.enter_context(speech_file(speech))
-        recorded = None if reference is None else held.enter_context(motion_file(reference))
-        ask = Ask(
-            speech=sound,
-            out=out,
-            systems=named,
-            plan=held.enter_context(plan_file(plan)),
-            reference=recorded,
-            has_figures=False,
-            **_fields(asked),
-        )
+    held = TemporaryDirectory()
+    folder = Path(held.name)
+    ask = Ask(
+        speech=speech_in(folder, speech),
+        out=folder / RUN,
+        systems=named,
+        plan=None if plan is None else plan_in(folder, plan),
+        reference=None if reference is None else motion_in(folder, reference),
+        has_figures=False,
+        **_fields(asked),
+    )
+    with Bar("speech", progress) as bar:
         result = do(ask, bar.take)
-        stems = {name: out / file_stem(name) for name in result.names if name != REFERENCE_NAME}
-        motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
-        plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}
-        if recorded is not None:
-            motions[REFERENCE_NAME] = first_frames(read_motion(recorded), result.num_frames)
-        return Performance(
-            speech=read_speech(sound),
-            motions=motions,
-            plans={name: read_plan(path) for name, path in plans.items() if path.is_file()},
-            said=result.said,
-            diagnostics=result.diagnostics,
-            notes=result.notes,
-        )
+    stems = {name: result.out / file_stem(name) for name in result.names if name != REFERENCE_NAME}
+    motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
+    plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}
+    if ask.reference is not None:
+        motions[REFERENCE_NAME] = first_frames(read_motion(ask.reference), result.num_frames)
+    return Performance(
+        speech=read_speech(ask.speech or ""),
+        motions=motions,
+        plans={name: read_plan(path) for name, path in plans.items() if path.is_file()},
+        said=result.said,
+        diagnostics=result.diagnostics,
+        notes=result.notes,
+        _folder=held,
+    )
 
 
 def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
@@ -128,8 +128,9 @@ def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
     Raises:
         ValueError: of what cannot be done, with one sentence.
     """
-    with speech_file(speech) as sound, TemporaryDirectory() as folder:
-        return make_plan(Ask(speech=sound, out=Path(folder) / "plan.json", **_fields(asked))).plan
+    with TemporaryDirectory() as held:
+        sound, out = speech_in(Path(held), speech), Path(held, "drawn.json")
+        return make_plan(Ask(speech=sound, out=out, **_fields(asked))).plan
 
 
 def _fields(asked: Mapping[str, Any]) -> dict[str, Any]:

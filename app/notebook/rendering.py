@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.notebook.inputs import MotionLike, SpeechLike, motion_file, speech_file
+from app.notebook.inputs import MotionLike, SpeechLike, motion_in, speech_in
 from app.notebook.progress import Bar
-from app.run.videos.export import RenderRequest, render_motion
+from app.run.videos.export import RenderAsk, render_motion
 
 
 def render(
@@ -23,7 +23,7 @@ def render(
 
     Args:
         speech: sound of the video.
-        asked: further fields of `app.run.videos.export.RenderRequest`, such as ``size``,
+        asked: further fields of `app.run.videos.export.RenderAsk`, such as ``size``,
             ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.
 
     Returns:
@@ -33,9 +33,10 @@ def render(
         ValueError: of what cannot be done, with one sentence.
     """
     out = Path(out)
-    with ExitStack() as held:
-        bar = held.enter_context(Bar(f"draw {out.name}", progress))
-        sound = None if speech is None else held.enter_context(speech_file(speech))
-        moved = held.enter_context(motion_file(motion))
-        files, _ = render_motion(RenderRequest(moved, out, sound, **asked), bar.take)
+    with TemporaryDirectory() as held, Bar(f"draw {out.name}", progress) as bar:
+        sound = None if speech is None else speech_in(Path(held), speech)
+        motions = (motion_in(Path(held), motion),)
+        files, _ = render_motion(
+            RenderAsk(motions=motions, out=out, speech=sound, **asked), bar.take
+        )
     return files

@@ -20,11 +20,9 @@ from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter, findings_told
+from app.run.run_writer import RunWriter
 from conventions.names import REFERENCE_NAME
-from model.faults.evidence import Finding
-from model.plan.plan import GesturePlan
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import NOTHING_SAID
 from model.storage.files import written_atomically
 
 HEIGHT_PX = 880
@@ -64,9 +62,6 @@ def show(
     speech: SpeechLike | None = None,
     *,
     reference: MotionLike | None = None,
-    plans: Mapping[str, GesturePlan] | None = None,
-    said: Transcript = NOTHING_SAID,
-    findings: Mapping[str, list[Finding]] | None = None,
     joint: str = TIP,
     height: int = HEIGHT_PX,
 ) -> Player:
@@ -75,8 +70,6 @@ def show(
     Args:
         motions: one, or several by name; or the folder of a run, or of those of several clips,
             which is shown as it is.
-        plans: by the name of the motion that performs it.
-        findings: of `diagnose`; the gravest stand beside the bodies.
         joint: whose jerk and speed the time line shows.
 
     Raises:
@@ -84,19 +77,15 @@ def show(
     """
     if isinstance(motions, str | Path) and Path(motions).is_dir():
         return Player(player_alone(Path(motions)), height)
-    named, plans = named_motions(motions), plans or {}
+    named = named_motions(motions)
     if reference is not None:
         named[REFERENCE_NAME] = read_motion(reference)
     heard = None if speech is None else read_speech(speech)
     tip = choose_tip_source(get_body(None), None, joint)
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
-    record.findings = findings_told(findings or {})
     with TemporaryDirectory() as folder:
         with ResultFolder(Path(folder), is_kept=True) as results:
             run = RunWriter(results, record)
-            timeline = run.show(named, heard, tip)
-            for name in sorted(named.keys() & plans.keys()):
-                run.plan(name, plans[name], "planned")
-            run.timeline(timeline, said)
+            run.timeline(run.show(named, heard, tip), NOTHING_SAID)
             run.finish("")
         return Player(player_alone(Path(folder)), height)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import atexit
 import errno
 import logging
@@ -14,9 +13,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import UseAppendAction, arg
 
 from app import text
 from app.config import (
@@ -29,13 +30,12 @@ from app.config import (
     default_port,
 )
 from app.errors import RunError, sentence_of
-from app.flags import add_family_files, use_family_files
+from app.flags import File, family_files, read_flags, use_family_files
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
     from gradio import Blocks
 
-    from app.page.player.first_look_shown import FirstLooks
     from app.page.queue.worker import Worker
 
 PORT_TAKEN = (
@@ -43,6 +43,8 @@ PORT_TAKEN = (
     "choose another with --port."
 )
 log = logging.getLogger(__name__)
+Several = UseAppendAction[tuple[str, ...]]
+_FIELDS = {each.name for each in fields(AppConfig)}
 _is_ending = threading.Event()
 FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
@@ -56,90 +58,56 @@ END_WITHIN_S = 15.0
 """Of a signal; what visitors have left is then removed at the next start."""
 
 
+@dataclass(frozen=True)
+class Flags:
+    """Of the page."""
+
+    host: str = field(default_factory=default_host)
+    """Address to listen on."""
+    port: int = field(default_factory=default_port)
+    """Port."""
+    body: File = field(default_factory=default_body)
+    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
+    """A name under which the page is reached, as people type it, besides this machine's own and
+    --host; may be given again."""
+    proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
+    """Address of a proxy whose X-Forwarded headers are believed; may be given again. By default
+    one on this machine, without X-Forwarded-Host."""
+    embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
+    """A site that may show the page in a frame, as https://lab.example; may be given again. By
+    default none but the page itself; for a hosted space its host's too."""
+    auth: File = None
+    """Lines of NAME:PASSWORD; visitors must log in."""
+    opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
+    """Results of `generate` or `diagnose`, or their zip: shown when the page opens."""
+    max_minutes: Annotated[float, arg(metavar="N")] = 10.0
+    """Longest speech accepted."""
+
+
+if TYPE_CHECKING:
+    Files = Any
+else:
+    Files = family_files()
+
+
+def configured(flags: Flags, files: Files) -> AppConfig:
+    use_family_files(vars(files))
+    told = {name: value for name, value in vars(flags).items() if name in _FIELDS}
+    accounts = read_accounts(flags.auth) if flags.auth else ()
+    return AppConfig(max_speech_s=60 * flags.max_minutes, accounts=accounts, **told)
+
+
 def parse_config(argv: list[str] | None = None) -> AppConfig:
     """Flags and environment as one checked configuration.
 
     Raises:
         RunError: when a value cannot be used.
     """
-    parser = argparse.ArgumentParser(
-        prog="app.py", description=text.TAGLINE, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument(
-        "--host", default=default_host(), help="address to listen on (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--port", type=int, default=default_port(), help="port (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--body",
-        type=Path,
-        default=default_body(),
-        metavar="FILE",
-        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
-    )
-    parser.add_argument(
-        "--weights",
-        type=Path,
-        default=BUNDLED_WEIGHTS,
-        metavar="DIR",
-        help="folder of trained systems (default: the bundled ones)",
-    )
-    parser.add_argument(
-        "--host-name",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="a name under which the page is reached, as people type it; may be given again\n"
-        "(default: this machine's own and --host)",
-    )
-    parser.add_argument(
-        "--proxy",
-        action="append",
-        default=[],
-        metavar="ADDRESS",
-        help="address of a proxy whose X-Forwarded headers are believed; may be given again\n"
-        "(default: one on this machine, without X-Forwarded-Host)",
-    )
-    parser.add_argument(
-        "--embed-in",
-        action="append",
-        default=[],
-        metavar="ORIGIN",
-        help="a site that may show the page in a frame, as https://lab.example; may be given\n"
-        "again (default: none but the page itself; for a hosted space its host's too)",
-    )
-    parser.add_argument(
-        "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
-    )
-    parser.add_argument(
-        "--open",
-        type=Path,
-        metavar="FOLDER",
-        help="results of `generate` or `diagnose`, or their zip: shown when the page opens",
-    )
-    parser.add_argument(
-        "--max-minutes",
-        type=float,
-        default=10.0,
-        metavar="N",
-        help="longest speech accepted (default: %(default)g)",
-    )
-    add_family_files(parser)
-    options = parser.parse_args(argv)
-    use_family_files(vars(options))
-    return AppConfig(
-        host=options.host,
-        port=options.port,
-        body=options.body,
-        weights=options.weights,
-        max_speech_s=60 * options.max_minutes,
-        host_names=tuple(options.host_name),
-        proxies=tuple(options.proxy),
-        embedders=tuple(options.embed_in),
-        opened=options.open,
-        accounts=read_accounts(options.auth) if options.auth else (),
-    )
+    configured.__doc__ = text.TAGLINE
+    return read_flags(configured, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
 def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
@@ -190,7 +158,7 @@ def launch(
     from app.page.alone import save_page
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
-    from app.page.player.first_look_shown import FirstLooks
+    from app.page.player.first_look_shown import first_look
     from app.page.queue.jobs import Jobs
     from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns, keep_own
@@ -235,9 +203,6 @@ def launch(
     for each in (worker, videos, gate):
         atexit.register(each.close)
     addresses = MediaAddresses()
-    first_look = None
-    if is_warmed_up and config.opened is None:
-        first_look = FirstLooks(config, catalogue, addresses, worker)
     kept, opened = KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
         opened = (keep_own(kept, config.opened, config.temp / "opened", addresses, config.weights),)
@@ -252,7 +217,7 @@ def launch(
         handover=Handover(config.private_folder, config.keep_results_s),
         live=LiveSessions(config.weights),
         addresses=addresses,
-        first_look=first_look,
+        first_look=first_look(addresses) if is_warmed_up and config.opened is None else None,
         opened=opened,
     )
     page = build_app(services)
@@ -319,8 +284,7 @@ def launch(
         raise
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        arguments = (worker, first_look)
-        threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
+        threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
     return page
 
 
@@ -390,15 +354,12 @@ def _remove(folder: Path) -> None:
         time.sleep(0.1)
 
 
-def _warm_up(worker: Worker, first_look: FirstLooks | None) -> None:
-    """First of all what a visitor sees first: the stage, and the example that plays before the
-    first run; a failure shows where they are wanted."""
+def _warm_up(worker: Worker) -> None:
+    """First of all what a visitor sees first, the stage; a failure shows where it is wanted."""
     try:
         from app.page.routes.stage_route import prepare
 
         prepare()
-        if first_look is not None:
-            first_look.make()
         time.sleep(FIRST_S)
         worker.start()
     except Exception:

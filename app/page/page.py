@@ -8,9 +8,6 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click
-from app.page.player.first_look_shown import FirstLooks
-from app.page.queue.runner import Updates
-from app.page.results.kept_runs import PARAMETER
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
@@ -27,8 +24,6 @@ from app.page.tabs.videos_run import SeenRunner, VideosBehind
 from app.page.visitors.visitors import VISITOR_ROUTE
 
 _ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
-EXAMPLE_EVERY_S = 0.5
-"""How often a page asks for an example that is being made."""
 
 
 def build_app(services: Services) -> gr.Blocks:
@@ -70,36 +65,12 @@ def build_app(services: Services) -> gr.Blocks:
         videos = VideosBehind(services, results, "videos")
         runner = GenerateRunner(services, form, results, videos)
         TakesRunner(services, results).wire()
-        if services.first_look is not None:
-            _await_example(page, form, results, services.first_look)
         _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_ASK_FOR_COOKIE)
         opening = Opening(services, tabs, places, form.fields)
         page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page
-
-
-def _await_example(
-    page: gr.Blocks, form: FormParts, results: ResultParts, first_look: FirstLooks
-) -> None:
-    """An example that is still being made plays as soon as it is there, unless the visitor shows
-    or begins a run meanwhile."""
-    timer = gr.Timer(EXAMPLE_EVERY_S, active=False)
-
-    def wait(request: gr.Request) -> gr.Timer:
-        return gr.Timer(active=first_look.is_coming and PARAMETER not in request.query_params)
-
-    def look() -> Updates:
-        if first_look.is_coming:
-            return {timer: gr.skip()}
-        player, empty = first_look.updates()
-        return {results.player: player, results.empty: empty, timer: gr.Timer(active=False)}
-
-    page.load(wait, outputs=timer, **AT_ONCE)
-    timer.tick(look, outputs=[results.player, results.empty, timer], **AT_ONCE)
-    # Listeners of a click are served in turn: before the run, which would come first otherwise.
-    form.generate.click(lambda: gr.Timer(active=False), outputs=timer, **AT_ONCE)
 
 
 def _wire(

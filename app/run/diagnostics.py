@@ -7,19 +7,18 @@ Generated motion and anyone else's go this one way.
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from app.errors import RunError
-from app.findings.sentences import sentences_of
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import FigureAsked
+from app.run.requests.request import Ask
 from app.run.videos.videos import Snapshots
-from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 
@@ -33,13 +32,11 @@ if TYPE_CHECKING:
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
-    from renderer.figures.jitter import Jitter
+    from renderer.figures.figure6 import Figure6
+    from renderer.figures.jitter import Jitter, JitterSheet
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
-_KEPT_CLIPS = 8
-_ONSETS: dict[int, np.ndarray] = {}
-"""Of the last sounds."""
-_FINDING = threading.Lock()
+_ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 
 
 def measure_motions(
@@ -93,13 +90,9 @@ def onsets_of(speech: Speech) -> np.ndarray:
     """Times in seconds at which sounds begin; found once for a run and all that is shown of it."""
     from model.measures.beats import speech_onsets
 
-    with _FINDING:
-        sound = hash(speech.waveform.tobytes())  # one file has several channels
-        if sound not in _ONSETS:
-            while len(_ONSETS) >= _KEPT_CLIPS:
-                del _ONSETS[next(iter(_ONSETS))]
-            _ONSETS[sound] = speech_onsets(speech.waveform)
-        return _ONSETS[sound]
+    if speech not in _ONSETS:
+        _ONSETS[speech] = speech_onsets(speech.waveform)
+    return _ONSETS[speech]
 
 
 def write_diagnostics(
@@ -149,98 +142,75 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_start(start_frame: int, num_frames: int, figure: FigureAsked) -> None:
+def check_start(ask: Ask, num_frames: int) -> None:
     """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, before
     anything is made.
 
     Raises:
         RunError: naming the last frame.
     """
-    if not 0 <= start_frame < num_frames:
-        raise RunError(f"Figure 6 must start at frame 0 to {num_frames - 1}; got {start_frame}.")
-    if figure.frames and figure.frames[-1] >= num_frames:
-        raise RunError(
-            f"Snapshots of Figure 6 are of frames 0 to {num_frames - 1}; got {figure.frames[-1]}."
-        )
+    last, frames = num_frames - 1, ask.figure.frames
+    if not 0 <= ask.start_frame <= last:
+        raise RunError(f"Figure 6 must start at frame 0 to {last}; got {ask.start_frame}.")
+    if frames and frames[-1] > last:
+        raise RunError(f"Snapshots of Figure 6 are of frames 0 to {last}; got {frames[-1]}.")
 
 
-def draw_figure6(
+def figure6_of(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
     tip: TipSource,
-    folder: ResultFolder,
-    start_frame: int,
-    asked: FigureAsked,
-    *,
-    is_generated: bool,
-    post_filter: PostFilter = "none",
-    clip: str = "",
-    on_piece: Callable[[], None] = lambda: None,
-) -> list[Path]:
-    """Trajectories of the followed point, with poses where there are any: its files.
+    ask: Ask,
+    clip: str,
+    on_piece: Callable[[], None],
+) -> Figure6:
+    """Trajectories of the followed point, with poses where there are any.
 
     Args:
         motions: as they are shown; the recorded one as `REFERENCE_NAME`.
-        is_generated: whether the caption tells that each system was drawn with one seed.
-        post_filter: what they have been through.
         clip: name of the speech.
         on_piece: called at least once for each motion; what it raises ends the work.
     """
-    from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, figure6
+    from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
 
-    end, labels, marks = start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
+    end, labels, marks = ask.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
         marks = replace(marks, pixels=pixels, values=values)
-    contents = Figure6(
+    return Figure6(
         {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
         _labelled(snapshots.pictures, labels),
         snapshots.frames,
         marks=marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
-        start_frame=start_frame,
+        start_frame=ask.start_frame,
         point=tip.title,
         tip_source=tip.name,
-        post_filter=post_filter,
+        post_filter=ask.post_filter,
         clip=clip,
-        caveat=ONE_SEED_CAVEAT if is_generated else "",
-        asked_panels=asked.panels,
-        width_mm=asked.width_mm,
+        caveat="" if ask.motions else ONE_SEED_CAVEAT,
+        asked_panels=ask.figure.panels,
+        width_mm=ask.figure.width_mm,
     )
-    files = figure6(contents, folder.path("figure6.png").with_suffix(""))
-    return [folder.path(path.name) for path in files]
 
 
 def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
     return {labels[name]: each for name, each in by_name.items()}
 
 
-def draw_jitter(
-    diagnostics: Diagnostics,
-    tip: TipSource,
-    folder: ResultFolder,
-    names: Sequence[str],
-    clip: str = "",
-) -> list[Path]:
-    """The jitter sheet of some systems, with what its numbers say: its files."""
-    from renderer.figures.jitter import JitterSheet, jitter_sheet
+def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) -> JitterSheet:
+    """The jitter sheet of some systems."""
+    from renderer.figures.jitter import JitterSheet
 
-    sentences = sentences_of(diagnostics)
     reference = {} if diagnostics.reference is None else {REFERENCE_NAME: diagnostics.reference}
     shown = reference | {name: diagnostics.systems[name] for name in names}
     windows = diagnostics.windows
-    files = jitter_sheet(
-        JitterSheet(
-            {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},
-            point=tip.title.lower(),
-            window_advance=windows.advance if windows else 0,
-            window_overlap=windows.overlap if windows else 0,
-        ),
-        folder.path("jitter.png").with_suffix(""),
-        clip=clip,
-        sentence=f"{sentences['trajectory']} {sentences['depth']}",
+    return JitterSheet(
+        {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},
+        point=tip.title.lower(),
+        window_advance=windows.advance if windows else 0,
+        window_overlap=windows.overlap if windows else 0,
     )
-    return [folder.path(path.name) for path in files]
 
 
 def _jitter_of(versions: Versions) -> dict[Version, Jitter]:

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import EXAMPLES
-from app.run.body_motion import picture_motions
-from app.run.followed_point import TIP, choose_tip_source
-from app.run.models import get_body
-from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import SPEECH, RunRecord
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
-from app.run.run_writer import RunWriter
-from conventions.names import file_stem
-from model.speech.transcript import NOTHING_SAID
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -148,108 +136,8 @@ PLANTS = (
 
 
 STEADY, TREMBLING = "A", "B"
-LOOK_S = 6.7
-"""Of the speech, to a pause: whoever opens the page first waits for each second of it."""
-FORMAT = 4
-"""Of what is kept; another number makes it anew."""
+FIRST_LOOK = EXAMPLES / "first_look"
+"""What a fresh page shows first: a run's folder that `python -m tests.app.run.made_first_look` has
+made with the bundled weights."""
 FACTS = "first_look.json"
-STORED = EXAMPLES / "first_look"
-"""What `python -m tests.app.run.made_first_look` has made with the bundled weights, so that a fresh
-page need not wait for a model to be read; a test holds it against what they make."""
-
-
-@dataclass(frozen=True)
-class FirstLook:
-    """Where the example lies, and what is known of it."""
-
-    folder: Path
-    speech: Path
-    system: str
-    weights: Path
-
-    @property
-    def beginning(self) -> Path:
-        """What is played: the first `LOOK_S` of the speech."""
-        return self.folder / SPEECH
-
-    @property
-    def is_made(self) -> bool:
-        return (self.folder / FACTS).is_file()
-
-    def facts(self) -> dict:
-        """Jerk of both fingertips in m/s^3 by row, the noise, and where the motion comes from."""
-        return json.loads((self.folder / FACTS).read_text())
-
-
-def first_look(kept: Path, weights: Path, system: str, speech: Path) -> FirstLook:
-    """Where it is kept: outside of the repository, apart for each state of weights and speech."""
-    key = hashlib.sha256(f"{FORMAT} {system} {NOISE_RAD}".encode())
-    key.update((weights / f"{file_stem(system)}.json").read_bytes())
-    key.update(speech.read_bytes())
-    return FirstLook(kept / "first-look" / key.hexdigest()[:16], speech, system, weights)
-
-
-def take_stored(look: FirstLook, stored: Path = STORED) -> bool:
-    """Copy it from where it lies made by these very weights, of this very speech; whether it
-    does."""
-    beside = stored / look.folder.name
-    if not (beside / FACTS).is_file():
-        return False
-    look.folder.parent.mkdir(parents=True, exist_ok=True)
-    with ResultFolder(look.folder) as folder:
-        for path in sorted(beside.rglob("*")):
-            if path.is_file():
-                shutil.copyfile(path, folder.path(path.relative_to(beside).as_posix()))
-        folder.publish()
-    return True
-
-
-def make_first_look(
-    look: FirstLook,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> None:
-    """Generate and plant; leaves the whole folder or nothing.
-
-    Raises:
-        CancelledRun: when ``should_cancel`` said so.
-        RunError, SpeechError: each with one sentence.
-    """
-    from app.run.pipeline import do
-    from conventions.rates import SAMPLE_RATE
-    from model.measures.smoothness import derivative_magnitudes
-    from model.motion.motion import load_motion
-    from model.speech.audio import load_speech, write_wav
-
-    tip = choose_tip_source(get_body(None), None)
-    look.folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as temporary:
-        beginning = Path(temporary, SPEECH)
-        waveform = load_speech(look.speech).waveform
-        write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
-        speech = load_speech(beginning)
-        ask = Ask(
-            speech=beginning,
-            out=Path(temporary, "run"),
-            weights=look.weights,
-            systems=(look.system,),
-            has_figures=False,
-        )
-        result = do(ask, on_event, should_cancel)
-        motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
-        provenance = json.loads((result.out / "provenance.json").read_text())
-    motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}
-    record = RunRecord(kind="given", point=TIP)
-    with ResultFolder(look.folder) as folder, RunWriter(folder, record) as run:
-        jerk = {
-            name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
-            for name, each in motions.items()
-        }
-        shown = picture_motions(motions).motions
-        run.timeline(run.show(shown, speech, tip, look.weights), NOTHING_SAID)
-        run.find_plans(shown)
-        facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
-        path = folder.path(FACTS)
-        path.write_text(json.dumps(facts, indent=1) + "\n")
-        run.file("numbers", path.stem, path)
-        run.finish("")
+"""In it: jerk of both fingertips in m/s^3 by row, the noise, and where the motion comes from."""

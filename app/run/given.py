@@ -69,7 +69,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     read = _read_motions(ask, run)
     windows = _windows(ask, read)
     shown = _shown(ask, read)
-    check_start(ask.start_frame, min(motion.num_frames for motion in read.all.values()), ask.figure)
+    check_start(ask, min(motion.num_frames for motion in read.all.values()))
     speech = _read_speech(ask)
     notes = list(read.notes)
     if speech is not None:

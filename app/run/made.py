@@ -10,12 +10,13 @@ from app.errors import RunError
 from app.run.diagnostics import check_start, onsets_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body, get_system
+from app.run.output.provenance import origin_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
 from app.run.output.telling import Reporter
-from app.run.requests.request import Ask, steps_of
+from app.run.requests.request import SAMPLING, Ask, Take, steps_of
 from app.run.requests.settings import title_of
-from app.run.rows import Inputs, Rows, names_that_fit
+from app.run.rows import Rows, names_that_fit
 from app.run.run_writer import RunWriter
 from app.run.timeline import heard_accents, make_timeline
 from app.run.words import SpokenWords
@@ -46,41 +47,66 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         PlanError, WriteError: each with one sentence.
     """
     from model.motion.filtering import filtered
+    from model.plan.style import read_wish
+    from model.speech.audio import SpeechLimits, load_speech
+    from renderer.draw.probe import choose_backend
 
-    inputs, speech = _read_inputs(ask, run)
+    if ask.speech is None:
+        raise RunError("There is neither speech to move to nor motion to measure; give one.")
+    speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
+    run.note(*speech.notes)
+    body = get_body(ask.body, ask.look)
+    systems = _load_systems(ask)
+    speaker = ask.speaker or _first_speaker(systems)
+    for system in systems:
+        system.speaker_index(speaker)  # raises for a name that it does not know
+    recorded = _read_reference(ask, speech, run)
+    backend = choose_backend() if ask.has_video else None
+    require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
+    sound = run.sound(speech.waveform)
+    options = _options(replace(ask, speaker=speaker), systems, run)
+    wish = None if ask.style is None else read_wish(ask.style)
     run.progress("speech", 1.0)
-    systems = [system.name for system in inputs.systems]
-    run.record.title = cut(title_of(ask, systems))
-    run.record.speech_sha256 = inputs.speech_sha256
-    run.rows(row_names(ask, systems))
-    recorded = {} if inputs.reference is None else {REFERENCE_NAME: inputs.reference}
+    run.record.title = cut(title_of(ask, list(options)))
+    run.record.speech_sha256 = speech.sha256
+    run.rows(row_names(ask, list(options)))
     shown = {name: filtered(raw, ask.post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
-    tip = choose_tip_source(inputs.body, ask.body, ask.joint)
-    shortest = min([inputs.num_frames, *(motion.num_frames for motion in recorded.values())])
-    check_start(ask.start_frame, shortest, ask.figure)
-    follow = any(system.condition_type is not None for system in inputs.systems)
-    if follow and (ask.plan is None or ask.style):  # from words: these come first
-        words.begin(speech.waveform)
+    tip = choose_tip_source(body, ask.body, ask.joint)
+    check_start(ask, min(each.num_frames for each in (speech, *recorded.values())))
+    if any(map(_performs, systems)) and (ask.plan is None or ask.style):
+        words.begin(speech.waveform)  # plans are drawn from words: these come first
         words.found(run.stop_if_asked)
-    made = _made(ask, inputs, speech, words, run)
+
+    def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
+        shown = filtered(raw, ask.post_filter)
+        run.motion(name, shown, f"{file_stem(name)}.npz")
+        return raw, shown
+
+    if ask.take is None:
+        making = {
+            system.name: _pieces_of(system, speech, options[system.name], words, wish, run)
+            for system in systems
+        }
+        made = _made_in_turns(making, speech.num_frames, run, told, ask.post_filter == "none")
+    else:
+        name = systems[0].name
+        made = {name: told(name, _taken(ask.take, name, run))}
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
-    has_pictures = ask.has_video or ask.has_figures
+    fitting = names_that_fit(list(staged), run) if ask.has_video or ask.has_figures else []
     return Rows(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,
-        drawn={name: staged[name] for name in names_that_fit(list(staged), run)}
-        if has_pictures
-        else {},
+        drawn={name: staged[name] for name in fitting},
         timeline=_timeline(ask, staged, recorded, speech, tip),
-        body=inputs.body,
+        body=body,
         tip=tip,
-        sound=inputs.sound,
+        sound=sound,
         onsets_s=onsets_of(speech),
-        windows=_windows(list(staged), inputs),
-        inputs=inputs,
+        windows=_windows(list(staged), systems),
+        origin=origin_of(ask, speech, systems, options, body, backend),
     )
 
 
@@ -107,52 +133,36 @@ def _timeline(
     return timeline
 
 
-Made = dict[str, tuple["Motion", "Motion"]]
-"""By row, as it was made and behind the filter."""
-
-
-def _made(ask: Ask, inputs: Inputs, speech: Speech, words: SpokenWords, run: RunWriter) -> Made:
-    """Motion of all systems from the same noise."""
-    from model.motion.filtering import filtered
+def _taken(take: Take, name: str, run: RunWriter) -> Motion:
+    """Motion of a live session, and before it the plan for which one would be found."""
     from model.motion.motion import load_motion
     from model.plan.plan import read_plan
 
-    def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
-        shown = filtered(raw, ask.post_filter)
-        run.motion(name, shown, f"{file_stem(name)}.npz")
-        return raw, shown
-
-    if ask.take is None:
-        return _made_in_turns(inputs, speech, words, run, told, ask.post_filter == "none")
-    name = inputs.systems[0].name
-    if ask.take.plan is not None:  # before the motion, for which one would be found
-        run.performed(name, read_plan(ask.take.plan))
+    if take.plan is not None:
+        run.performed(name, read_plan(take.plan))
     run.note(LIVE_NOTE)
     run.progress("motion", 1.0)
-    return {name: told(name, load_motion(ask.take.motion))}
+    return load_motion(take.motion)
 
 
 def _made_in_turns(
-    inputs: Inputs,
-    speech: Speech,
-    words: SpokenWords,
+    making: dict[str, Iterator[MotionPiece]],
+    num_frames: int,
     run: RunWriter,
     told: Callable[[str, Motion], tuple[Motion, Motion]],
     is_seen: bool,
-) -> Made:
+) -> dict[str, tuple[Motion, Motion]]:
     """A window of each system, then the next of each: all bodies of a comparison begin to move
-    early, and go on together.
+    early, and go on together. Each row as it was made and behind the filter.
 
     Args:
-        told: tells of a whole motion.
+        making: all pieces of each, by its name.
+        told: tells of a whole motion, and filters it.
         is_seen: whether windows are told of as they are made.
     """
     from model.generation.windows import one_thread
     from model.motion.motion import put_together
 
-    making = {
-        system.name: _pieces_of(system, inputs, speech, words, run) for system in inputs.systems
-    }
     parts: dict[tuple[str, int], list[Motion]] = {}
     shares = dict.fromkeys(making, 0.0)
     made: dict[tuple[str, int], tuple[Motion, Motion]] = {}
@@ -163,7 +173,7 @@ def _made_in_turns(
                 for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
                     parts.setdefault((name, sample), []).append(motion)
                     if is_seen:
-                        run.grow(str(SampleName(name, sample)), motion, inputs.num_frames)
+                        run.grow(str(SampleName(name, sample)), motion, num_frames)
                 shares[name] = piece.share
                 run.progress("motion", sum(shares.values()) / len(shares), name)
                 if piece.share == 1.0:
@@ -175,16 +185,30 @@ def _made_in_turns(
     return {str(SampleName(*key)): made[key] for key in keys}
 
 
-def _pieces_of(
-    system: System, inputs: Inputs, speech: Speech, words: SpokenWords, run: RunWriter
-) -> Iterator[MotionPiece]:
-    from model.generation.windows import motion_pieces
+def _performs(system: System) -> bool:
+    """Whether it follows plans."""
     from model.plan.plan import GesturePlan
 
-    options = inputs.options[system.name]
-    if system.condition_type is GesturePlan:
+    return system.condition_type is GesturePlan
+
+
+def _pieces_of(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    words: SpokenWords,
+    wish: StyleWish | None,
+    run: RunWriter,
+) -> Iterator[MotionPiece]:
+    """
+    Args:
+        wish: what is done to every plan.
+    """
+    from model.generation.windows import motion_pieces
+
+    if _performs(system):
         said, _ = words.found(run.stop_if_asked)
-        options = _with_plans(system, speech, options, said, inputs.wish, run)
+        options = _with_plans(system, speech, options, said, wish, run)
     yield from motion_pieces(system, speech, options, run.should_cancel)
 
 
@@ -213,56 +237,18 @@ def _with_plans(
     return replace(options, conditions=tuple(written))
 
 
-def _windows(names: Sequence[str], inputs: Inputs) -> dict[str, Windows]:
+def _windows(names: Sequence[str], systems: Sequence[System]) -> dict[str, Windows]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
     from model.measures.seams import Windows
 
     found = {}
-    for system in inputs.systems:
+    for system in systems:
         own = Windows(system.windowing.advance, system.windowing.overlap)
         named = {str(SampleName(system.name, sample)) for sample in range(1, len(names) + 1)}
         found |= {name: own for name in names if name in named}
     if len(set(found.values())) == 1:
         found[REFERENCE_NAME] = next(iter(found.values()))
     return found
-
-
-def _read_inputs(ask: Ask, run: RunWriter) -> tuple[Inputs, Speech]:
-    """Read speech, systems, body and reference, and see that there is room for the results.
-
-    Returns:
-        What the whole run needs, and the speech, which is large and can be let go of once the
-        motion is there.
-    """
-    from model.plan.style import read_wish
-    from model.speech.audio import SpeechLimits, load_speech
-
-    if ask.speech is None:
-        raise RunError("There is neither speech to move to nor motion to measure; give one.")
-    speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
-    run.note(*speech.notes)
-    body = get_body(ask.body, ask.look)
-    systems = _load_systems(ask)
-    speaker = ask.speaker or _first_speaker(systems)
-    for system in systems:
-        system.speaker_index(speaker)  # raises for a name that it does not know
-    reference = _read_reference(ask, speech, run)
-    backend = _choose_backend() if ask.has_video else None
-    require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
-    inputs = Inputs(
-        sound=run.sound(speech.waveform),
-        speech_sha256=speech.sha256,
-        speech_s=speech.duration_s,
-        num_frames=speech.num_frames,
-        systems=systems,
-        speaker=speaker,
-        options=_options(ask, systems, speaker, run),
-        body=body,
-        reference=reference,
-        backend=backend,
-        wish=None if ask.style is None else read_wish(ask.style),
-    )
-    return inputs, speech
 
 
 def _first_speaker(systems: tuple[System, ...]) -> str:
@@ -305,10 +291,8 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     sampler = system.sampler(ask.sampler if ask.sampler in known else None)
     of_face = None if sampler.face_steps is None else steps_of(ask.face_steps, system.name)
     steps, face_steps = sampler.counts(steps_of(ask.steps, system.name), of_face)
-    usual: dict[str, Any] = {
+    usual: dict[str, Any] = {name: getattr(ask, name) for name in SAMPLING} | {
         "speaker": ask.speaker or next(iter(system.speakers)),
-        "seed": ask.seed,
-        "samples": ask.samples,
         "steps": steps,
         "face_steps": face_steps,
         "sampler": sampler.name,
@@ -317,22 +301,19 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     return GenerateOptions(**{**usual, **more})
 
 
-def _options(
-    ask: Ask, systems: tuple[System, ...], speaker: str, reporter: Reporter
-) -> dict[str, GenerateOptions]:
-    """A wish goes to the systems that know it; of the others the person is told.
+def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[str, GenerateOptions]:
+    """By system. A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
         RunError: if no system has the sampler, or none takes guidance, steps of the face or a plan.
         PlanError: if the plan cannot be used.
     """
     from model.plan.files import read_plan_file
-    from model.plan.plan import GesturePlan
 
     read = None if ask.plan is None else read_plan_file(ask.plan)
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", ask.plan), ("style", ask.style)):
-        if given is not None and not any(s.condition_type is GesturePlan for s in systems):
+        if given is not None and not any(map(_performs, systems)):
             raise RunError(f"None of these systems performs plans; leave the {what} out.")
     reporter.note(*(() if read is None else read.notes))
     samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
@@ -342,9 +323,8 @@ def _options(
         raise RunError("None of these systems takes guidance; leave it out.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
-        performs = system.condition_type is GesturePlan
-        conditions = plans if performs else ()
-        own = options_of(ask, system, speaker=speaker, conditions=conditions)
+        performs = _performs(system)
+        own = options_of(ask, system, conditions=plans if performs else ())
         if ask.sampler not in (None, own.sampler):
             reporter.note(f"{system.name} has no sampler {ask.sampler}; it took {own.sampler}.")
         if ask.guidance not in (None, own.guidance):
@@ -359,17 +339,16 @@ def _options(
     return options
 
 
-def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> Motion | None:
-    """The recorded motion, no longer than the speech."""
+def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> dict[str, Motion]:
+    """The recorded motion by its name, no longer than the speech, where there is one."""
     if ask.reference is None:
-        return None
+        return {}
     from model.formats.read import read_any_motion
     from model.motion.motion import first_frames
 
     ask.told.check([ask.reference])
     read = read_any_motion(ask.reference, ask.told, ask.body, REFERENCE_NAME)
-    for note in read.notes:
-        reporter.note(note)
+    reporter.note(*read.notes)
     motion = read.motion
     if motion.num_frames != speech.num_frames:
         is_longer = motion.num_frames > speech.num_frames
@@ -381,13 +360,7 @@ def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> Motion | No
                 else "where it has ended, the comparison holds its last frame."
             )
         )
-    return first_frames(motion, speech.num_frames)
-
-
-def _choose_backend() -> str:
-    from renderer.draw.probe import choose_backend
-
-    return choose_backend()
+    return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}
 
 
 def _needed_bytes(ask: Ask, num_frames: int, num_systems: int) -> int:

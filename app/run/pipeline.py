@@ -16,24 +16,25 @@ from typing import TYPE_CHECKING
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.findings.sentences import sentences_of
 from app.run.body_motion import body_motion, in_register
 from app.run.diagnostics import (
-    draw_figure6,
-    draw_jitter,
+    figure6_of,
+    jitter_of,
     measure_motions,
     write_diagnostics,
 )
 from app.run.given import NO_SPEECH, as_read, given_rows, sha256_of
 from app.run.made import made_rows
 from app.run.models import nothing_draws
-from app.run.output.provenance import PROVENANCE, make_provenance
+from app.run.output.provenance import PROVENANCE
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, begun
-from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel, check
+from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel
 from app.run.requests.settings import settings_of, title_of
 from app.run.rows import Rows
 from app.run.run_writer import RunWriter
-from app.run.videos.videos import POSES, Snapshots, VideoOptions, draw_rows, joined_side_by_side
+from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
 
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
+POSES_PX = 512
+"""Of poses where no video is drawn."""
 _POSES = 0.6
 """Share of the time of all figures that the poses take where no video is drawn."""
 MEASURED = "Measured {motions}."
@@ -66,7 +69,7 @@ def do(
         CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
         the person who asked.
     """
-    check(ask)
+    ask.check()
     _return_large_blocks()
     started = time.monotonic()
     with (
@@ -95,23 +98,25 @@ def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, star
     run.find_plans(rows.staged)
     snapshots = _draw_videos(ask, rows, folder, run) if ask.has_video else None
     beside = nullcontext()
-    if ask.has_video and rows.inputs is not None:
+    if ask.has_video and rows.is_made:
         beside = joined_side_by_side(list(rows.drawn), rows.sound, folder, run)
     with beside:
         if ask.has_figures:
-            _draw_figures(ask, rows, snapshots, diagnostics, folder, run)
+            _draw_figures(ask, rows, snapshots, diagnostics, run)
     if ask.opened is None:
         given = said
         said, notes = words.found(run.stop_if_asked)
         run.note(*notes)
         if said.origin != given.origin:
             run.timeline(rows.timeline, said)
-    run.files("diagnostics", write_diagnostics(diagnostics, folder, said))
-    if rows.inputs is not None:
+    run.file(*write_diagnostics(diagnostics, folder, said))
+    if rows.is_made:
         path = folder.path(PROVENANCE)
-        record = make_provenance(ask, rows.inputs, said, run.notes)
+        words_of = {"origin": said.origin, "count": len(said.words)} if said.words else None
+        speech = {**rows.origin["speech"], "words": words_of}
+        record = {**rows.origin, "speech": speech, "notes": run.notes}
         path.write_text(json.dumps(record, indent=1) + "\n")
-        run.file("provenance", "provenance", path)
+        run.file(path)
     num_frames = max(motion.num_frames for motion in rows.staged.values())
     return Done(
         out=ask.out,
@@ -145,11 +150,7 @@ def _as_far_as_anything_draws(ask: Ask, run: RunWriter) -> Ask:
 
 def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diagnostics:
     """All numbers."""
-
-    def on_share(part: float) -> None:
-        run.stop_if_asked()
-        run.progress("numbers", part)
-
+    on_share = run.share("numbers")
     on_share(0.0)
     diagnostics = measure_motions(
         *(rows.measured, rows.tip, rows.onsets_s, on_share, rows.windows),
@@ -166,17 +167,12 @@ def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diag
 
 def _draw_videos(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Snapshots | None:
     """Of each motion; with poses for Figure 6 where they were made here."""
-    is_made = rows.inputs is not None
+    is_made = rows.is_made
     placed = {name: in_register(each) if is_made else each for name, each in rows.staged.items()}
-
-    def on_share(part: float) -> None:
-        run.stop_if_asked()
-        run.progress("video", part)
-
+    on_share = run.share("video")
     on_share(0.0)
-    options = VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups, ask.views, ask.look)
     snapshots = draw_rows(
-        *(placed, options, rows.body, ask.body, rows.tip, on_share),
+        *(placed, ask, rows.body, rows.tip, on_share),
         folder=folder,
         speech=rows.sound,
         frames=_pose_frames(ask, placed) if is_made else (),
@@ -190,47 +186,38 @@ def _draw_figures(
     rows: Rows,
     snapshots: Snapshots | None,
     diagnostics: Diagnostics,
-    folder: ResultFolder,
     run: RunWriter,
 ) -> None:
     """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
+    from renderer.figures.figure6 import figure6
+    from renderer.figures.jitter import jitter_sheet
+
     begun = 0.0 if snapshots is not None else _POSES
     if snapshots is None:
         snapshots = _draw_poses(ask, rows, run)
-    run.progress("figure", begun)
-    run.stop_if_asked()
-    is_made = rows.inputs is not None
-    clip = printable(ask.speech.stem) if is_made and ask.speech is not None else ""
-    figure6 = draw_figure6(
-        *(rows.drawn, snapshots, rows.tip, folder, ask.start_frame, ask.figure),
-        is_generated=is_made,
-        post_filter=ask.post_filter,
-        clip=clip,
-        on_piece=run.stop_if_asked,
-    )
-    run.files("figure", figure6)
-    run.progress("figure", (begun + 1) / 2)
-    run.stop_if_asked()
+    on_share = run.share("figure")
+    on_share(begun)
+    clip = printable(ask.speech.stem) if ask.speech is not None and not ask.motions else ""
+    contents = figure6_of(rows.drawn, snapshots, rows.tip, ask, clip, run.stop_if_asked)
+    run.figure("figure6", lambda stem: figure6(contents, stem))
+    on_share((begun + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
-    run.files("figure", draw_jitter(diagnostics, rows.tip, folder, systems, clip))
+    sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
+    told = f"{said['trajectory']} {said['depth']}"
+    run.figure("jitter", lambda stem: jitter_sheet(sheet, stem, clip=clip, sentence=told))
     run.progress("figure", 1.0)
 
 
 def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
     """For Figure 6, without any video."""
-
-    def on_share(part: float) -> None:
-        run.stop_if_asked()
-        run.progress("figure", _POSES * part)
-
     frames = _pose_frames(ask, rows.drawn)
     if not ask.has_poses or "b" not in ask.figure.panels:
         return Snapshots(frames)
-    is_made = rows.inputs is not None
+    is_made = rows.is_made
     placed = {name: in_register(each) if is_made else each for name, each in rows.drawn.items()}
-    options = replace(POSES, look=ask.look)
-    arguments = (placed, options, rows.body, ask.body, rows.tip, on_share)
-    return draw_rows(*arguments, frames=frames)
+    asked = replace(ask, size=POSES_PX, views=("front",))
+    on_share = run.share("figure", _POSES)
+    return draw_rows(placed, asked, rows.body, rows.tip, on_share, frames=frames)
 
 
 def _pose_frames(ask: Ask, motions: Mapping[str, Motion]) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.requests.request import Ask, check
+from app.run.requests.request import Ask
 from app.run.words import SpokenWords
 from model.formats.reading import Told
 
@@ -62,7 +62,7 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Edited:
     from model.speech.audio import SpeechLimits, load_speech
     from model.systems.registry import usual_planner
 
-    check(ask)
+    ask.check()
     check_ending(ask.out)
     if is_empty and ask.style is not None:
         raise RunError("An empty plan has no style; leave one of the two out.")

@@ -17,33 +17,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.formats.reading import Reading
-    from model.generation.base import System
-    from model.generation.windows import GenerateOptions
     from model.measures.seams import Windows
     from model.motion.motion import Motion
-    from model.plan.style import StyleWish
     from renderer.body.body import Body
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """Everything that is read from files, and what draws."""
-
-    sound: Path
-    """The speech as all videos get it: 16 kHz, mono."""
-    speech_sha256: str
-    speech_s: float
-    num_frames: int
-    systems: tuple[System, ...]
-    speaker: str
-    options: Mapping[str, GenerateOptions]
-    """What each system is asked for, by its name."""
-    body: Body
-    reference: Motion | None
-    backend: str | None
-    """OpenGL backend; None when nothing is drawn."""
-    wish: StyleWish | None = None
-    """What is done to every plan."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +47,12 @@ class Rows:
     """Of reading the given ones; they go to the numbers."""
     readings: Mapping[str, Reading] = field(default_factory=dict)
     """Of the given."""
-    inputs: Inputs | None = None
-    """Of the generated."""
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    """What made the generated, for the record."""
+
+    @property
+    def is_made(self) -> bool:
+        return bool(self.origin)
 
 
 def names_that_fit(names: list[str], reporter: Reporter) -> list[str]:

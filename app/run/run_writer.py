@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +25,7 @@ from app.run.output.run_folder import (
     SPEECH,
     TIMELINE,
     Row,
+    RowKind,
     RunRecord,
     There,
     Told,
@@ -35,7 +36,7 @@ from app.run.output.run_folder import (
 )
 from app.run.output.telling import Reporter
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.requests.request import ArtefactKind, Grown, OnEvent, ShouldCancel
+from app.run.requests.request import Grown, OnEvent, ShouldCancel
 from app.run.timeline import (
     heard_accents,
     longest_s,
@@ -139,19 +140,21 @@ class RunWriter(Reporter):
         assert row is not None
         return row
 
-    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
-        """Note a file that is whole."""
-        whole = self.folder.whole(path)
-        if whole not in self.record.files:
-            self.record.files.append(whole)
-        row = self.record.row(name)
-        if row is not None and kind in ("motion", "video"):
-            row.hold(kind, whole)
+    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
+        """Note files that are whole."""
+        of = self.record.row(row)
+        for path in paths:
+            whole = self.folder.whole(path)
+            if whole not in self.record.files:
+                self.record.files.append(whole)
+            if of is not None and kind is not None:
+                of.files[kind] = whole
         self.tell()
 
-    def files(self, kind: ArtefactKind, paths: Iterable[Path]) -> None:
-        for path in paths:
-            self.file(kind, path.stem, path)
+    def figure(self, name: str, draw: Callable[[Path], Iterable[Path]]) -> None:
+        """One that is drawn, in all its forms, by what takes the stem of its files."""
+        stem = self.folder.path(f"{name}.png").with_suffix("")
+        self.file(*(self.folder.path(path.name) for path in draw(stem)))
 
     def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
         """Motion that goes on with what there is of a row, which is to have so many frames.
@@ -195,7 +198,7 @@ class RunWriter(Reporter):
         save_motion(motion, path)
         if name not in self._growing:
             self.grow(name, motion, motion.num_frames)
-        self.file("motion", name, path)
+        self.file(path, row=name, kind="motion")
 
     def sound(self, waveform: np.ndarray) -> Path:
         """What is heard: 16 kHz."""
@@ -204,7 +207,7 @@ class RunWriter(Reporter):
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
         self.record.sound = SPEECH
-        self.file("speech", SPEECH, path)
+        self.file(path)
         return self.folder.at(SPEECH)
 
     def show(
@@ -245,7 +248,7 @@ class RunWriter(Reporter):
         whole = {**timeline, **tiers_of(said)}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
-        self.file("timeline", TIMELINE, path)
+        self.file(path)
 
     def performed(self, name: str, plan: GesturePlan) -> GesturePlan:
         """Leave a row's plan beside its motion; given back with the decimals that anybody finds in
@@ -255,11 +258,8 @@ class RunWriter(Reporter):
         path = self.folder.path(f"{file_stem(name)}.plan.json")
         plan.write(path)
         written = read_plan(path)
-        row = self.record.row(name)
-        if row is not None:
-            row.files["performed"] = f"{file_stem(name)}.plan.json"
         self.plan(name, written, "planned")
-        self.file("plan", name, path)
+        self.file(path, row=name, kind="performed")
         return written
 
     def plan(self, name: str, plan: GesturePlan, origin: str) -> None:
@@ -267,8 +267,7 @@ class RunWriter(Reporter):
         path = self.folder.path(shown_file(name, ".tiers.json"))
         told = {"origin": origin, **json.loads(plan.as_json())}
         path.write_text(json.dumps(told, allow_nan=False, separators=(",", ":")))
-        self._row(name).files["plan"] = shown_file(name, ".tiers.json")
-        self.file("plan", "", path)
+        self.file(path, row=name, kind="plan")
 
     def find_plans(self, motions: Mapping[str, Motion]) -> None:
         """What those rows seem to follow that performed no plan."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from app.errors import RunError
 from app.run.models import get_system
 from app.run.output.result_folder import held_folder
-from app.run.output.telling import share_teller
+from app.run.output.telling import Reporter
 from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
 from app.study.design.blinding import make_key, stimuli_of
@@ -46,7 +46,7 @@ def export_planned(
         read_plan(request.plan),
         request.out,
         request.options,
-        on_progress=share_teller("video", on_event, should_cancel),
+        on_progress=Reporter(on_event, should_cancel).share("video"),
         should_cancel=should_cancel,
         draw=draw,
     )

@@ -98,12 +98,11 @@ class FileReport:
 
 
 Use = Literal[
-    "run", "steps", "hearing", "hearing-tab", "live", "first-look", "training",
-    "bench-training",
+    "run", "steps", "hearing", "hearing-tab", "live", "training", "bench-training",
 ]  # fmt: skip
 """What systems are taken for where nobody has chosen: ticked on the page for a run, ticked for the
-curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live, the
-example that plays when the page opens, ``python -m model.train``, and rows of `make bench`."""
+curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live,
+``python -m model.train``, and rows of `make bench`."""
 
 
 class FamilyError(ValueError):

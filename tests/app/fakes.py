@@ -35,7 +35,6 @@ from app.run.requests.request import (
 )
 from app.run.run_writer import RunWriter
 from app.run.timeline import make_timeline
-from app.run.videos.videos import VideosRequest
 from app.run.words import given_words
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
@@ -227,7 +226,7 @@ def make_generate(
             figure = folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
             run.progress("figure", 1.0)
-            run.file("figure", "figure6", figure)
+            run.file(figure)
             run.note("A note.")
             why = "" if request.take is None else request.take.why_less
             done = text.DONE.format(seconds=0, rows=f"{len(names)} motions", frames=num_frames)
@@ -256,17 +255,18 @@ def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
         for name in ("diagnostics.json", "jitter.png"):
             path = folder.path(name)
             path.write_bytes(b"0")
-            run.file("numbers", path.stem, path)
+            run.file(path)
         run.finish(MEASURED.format(motions=f"{len(motions)} motion"))
 
 
 def make_draw(
     before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
-) -> Callable[[VideosRequest, OnEvent, ShouldCancel], None]:
+) -> Callable[[Ask, OnEvent, ShouldCancel], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-        names = [row.name for row in read_run(request.run).rows]
+    def draw(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        (run,) = request.motions
+        names = [row.name for row in read_run(run).rows]
         with ResultFolder(request.out) as folder:
             for i, name in enumerate(names):
                 while before_video is not None and not before_video(i).wait(0.05):
@@ -275,11 +275,11 @@ def make_draw(
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
                 on_event(Progress("video", (i + 1) / len(names)))
-                add_file(request.run, "video", name, video)
-                on_event(Grown(request.run))
+                add_file(run, video, name, "video")
+                on_event(Grown(run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
-            add_file(request.run, "comparison", "comparison", comparison)
-            on_event(Grown(request.run))
+            add_file(run, comparison)
+            on_event(Grown(run))
 
     return draw

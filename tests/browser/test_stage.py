@@ -505,7 +505,8 @@ RANGES = """() => Object.fromEntries(Object.entries(modules.DISPLAYS)
 
 
 def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
-    limits = {each.name: list(each.limits) for each in display.TOLD.values() if each.limits}
+    told = display.Look.model_fields
+    limits = {told[name].alias: [*limits[:2]] for name, limits in display.LIMITS.items()}
     assert page.evaluate(RANGES) == limits
     rng = np.random.default_rng(1)
     points, radii = rng.normal(size=(40, 3)), rng.uniform(0, 0.2, 40)

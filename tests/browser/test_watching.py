@@ -1,6 +1,5 @@
 """A visitor's runs, from the example to two beside each other, as a test directs them."""
 
-import json
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -12,20 +11,12 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from app import text
-from app.config import EXAMPLES, AppConfig
-from app.page.player.first_look_shown import EXAMPLE
+from app.config import AppConfig
 from app.page.tabs import own_motion
-from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
 from app.run.experiments.mechanism import NAMES
-from app.run.followed_point import choose_tip_source
-from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
-from model.motion.motion import load_motion, save_motion
-from model.speech.audio import load_speech, write_wav
-from model.speech.transcript import NOTHING_SAID
+from model.motion.motion import save_motion
+from model.speech.audio import write_wav
 from model.systems.globaldiff.config import BEST
-from renderer.body.body import load_body
 from tests.app import fakes
 from tests.browser.conftest import (
     FRAMES,
@@ -78,21 +69,11 @@ item [1]:
 def address(
     the_fake: Fake, made_once: MadeOnce, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[str]:
-    """Of a page over `Fake` whose example has been made."""
+    """Of a page over `Fake`, with its example."""
     systems = {**TINY_SYSTEMS, BEST: TINY_BEST}
     weights = made_once("with-best", lambda folder: make_weights(folder, systems))
     folder = tmp_path_factory.mktemp("walk")
-    config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
-    look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
-    clean, tip = load_motion(CLEAN).part(slice(45)), choose_tip_source(load_body(), None)
-    look.folder.parent.mkdir(parents=True)
-    with ResultFolder(look.folder) as results:
-        run = RunWriter(results, RunRecord(kind="given", point=tip.point))
-        shown = dict.fromkeys((STEADY, TREMBLING), clean)
-        run.timeline(run.show(shown, load_speech(look.speech), tip), NOTHING_SAID)
-        run.finish("")
-    facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
-    (look.folder / FACTS).write_text(json.dumps(facts))
+    config = AppConfig(port=0, weights=weights, temp=folder / "page")
     with served(config, is_warmed_up=True, **the_fake.does) as address:
         yield address
 
@@ -130,7 +111,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
     assert page.evaluate(f"{LOCKSTEP}.isPlaying && {SOUND}.muted")
     page.get_by_text(text.LOOK_SHOW).click()
-    expect(page.locator(".first-look details")).to_contain_text("2,000")
+    expect(page.locator(".first-look details")).to_contain_text("1,318")
     press(page, text.GENERATE)
     expect(page.locator("#message")).to_contain_text(text.NO_SPEECH)
     expect(page.get_by_text(text.NO_SPEECH)).to_have_count(1)  # and by no toast

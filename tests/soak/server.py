@@ -89,8 +89,6 @@ def server(folder: Path, keep_s: float = 3600.0, weights: Path | None = None) ->
         )
     try:
         _wait_for(lambda: "open at" in log.read_text(), process)
-        if weights is None:
-            _wait_for(lambda: any(kept.rglob("first_look.json")), process)
         address = log.read_text().split("open at ")[1].split()[0]
         yield Server(address, process, temp, log)
         assert "Traceback" not in log.read_text(), log.read_text()

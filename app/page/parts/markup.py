@@ -64,19 +64,14 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
-def empty_state(news: str = "") -> str:
-    """What the visitor sees before the first run.
-
-    Args:
-        news: a sentence on what will come of itself.
-    """
-    told = f"<p>{escape(news)}</p>" if news else ""
+def empty_state() -> str:
+    """What the visitor sees before the first run."""
     steps = "".join(
         f"<li><b>{escape(title)}</b><span>{escape(body)}</span></li>"
         for title, body in text.EMPTY_STEPS
     )
     return (
-        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>{told}'
+        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>'
         f"<ol>{steps}</ol></div>"
     )
 

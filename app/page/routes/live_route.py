@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.errors import RunError, visitor_sentence
 from app.live.live_body import body_glb
-from app.live.session import LiveAsk
+from app.live.session import live_ask
 from app.live.sessions import LiveSessions, Place
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
@@ -86,7 +86,7 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
 
     place: Place | None = None
     try:
-        ask = LiveAsk.of(await _ask(socket))
+        ask = live_ask(await _ask(socket))
         cookie = socket.cookies.get(COOKIE, "")
         place = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
         if not await _sent(socket, await unsent.get()):  # what a browser must know before it sends

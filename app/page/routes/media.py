@@ -28,7 +28,7 @@ from starlette.background import BackgroundTask
 from app.errors import visitor_sentence
 from app.page.visitors.token_files import TokenFiles
 from app.page.visitors.visitors import cookie_of
-from app.run.videos.export import MARKERS_ENDING, RenderRequest, render_motion, write_plan
+from app.run.videos.export import MARKERS_ENDING, RenderAsk, render_motion, write_plan
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -154,6 +154,10 @@ class MadeFiles:
         )
 
 
+def _as_file(file: Path, out: Path) -> RenderAsk:
+    return RenderAsk(motions=(file,), out=out)
+
+
 def motion_file_routes(addresses: MediaAddresses, made: MadeFiles) -> list[APIRoute]:
     """Serve motions and plans as other programs read them."""
 
@@ -165,7 +169,7 @@ def motion_file_routes(addresses: MediaAddresses, made: MadeFiles) -> list[APIRo
             return PlainTextResponse(GONE, status_code=404)
         stem = file.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
         task = write_plan if is_plan else render_motion
-        return await made.answer(task, partial(RenderRequest, file), f"{stem}{endings[kind]}")
+        return await made.answer(task, partial(_as_file, file), f"{stem}{endings[kind]}")
 
     route = MEDIA_ROUTE + "/{token}/{kind}"
     return [APIRoute(route, motion_file, methods=["GET"], include_in_schema=False)]

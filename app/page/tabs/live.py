@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gradio as gr
@@ -17,7 +18,7 @@ from app.page.tabs.motion_run import GenerateRunner
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind
 from app.run.requests.display import Display
-from app.run.requests.request import Ask, Take
+from app.run.requests.request import Ask
 from conventions.views import CLOSE_UPS
 from model.systems.registry import family_of, usual_systems
 
@@ -40,20 +41,15 @@ class LiveRunner(GenerateRunner):
         """
         config = self._services.config
         token = values[0] if isinstance(values[0], str) else ""
-        asked, kept = self._services.live.keep(token[:_MAX_TOKEN], cookie, job.folder)
-        return Ask(
-            speech=kept.wav,
-            out=job.folder / "results",
+        kept = self._services.live.keep(token[:_MAX_TOKEN], cookie, job.folder)
+        return replace(
+            kept,
             weights=config.weights,
-            systems=(asked.system,),
-            speaker=asked.speaker,
-            seed=asked.seed,
             body=config.body,
             display=Display(has_trail=True),
             size=PAGE_SIZE_PX,
             close_ups=CLOSE_UPS,
             max_speech_s=config.max_speech_s,
-            take=Take(kept.npz, kept.facts, kept.why_less, kept.plan),
         )
 
 

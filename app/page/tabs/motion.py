@@ -39,7 +39,6 @@ from app.run.requests.request import (
     Ask,
     Steps,
     WordsAsked,
-    check,
     parse_steps,
     steps_of,
 )
@@ -104,7 +103,7 @@ def ask_from_form(
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
         max_speech_s=config.max_speech_s,
     )
-    check(ask)
+    ask.check()
     return ask
 
 

@@ -38,7 +38,6 @@ from app.run.requests.request import (
     ShouldCancel,
     Stage,
 )
-from app.run.videos.videos import VideoOptions
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
@@ -221,8 +220,7 @@ class RunWork:
         kept = self.services.kept.keep(self.job, self.cookie, self.showing, self.form, self.lasting)
         ask = self.ask
         if ask.has_video and kept.record.state == "done":
-            options = VideoOptions(ask.display, ask.size, ask.framing, ask.close_ups)
-            self.videos.want(self.job.visitor, Wanted(kept, ask.body, options))
+            self.videos.want(self.job.visitor, Wanted(kept, ask))
         runs = {self.parts.runs: shown(self.services.kept.html(self.cookie, kept))}
         return {**kept.updates(self.parts, begins=True), **runs, **self.at_the_end}
 
@@ -271,7 +269,7 @@ class Opening:
         parts = next(iter(self._places.values()))
         updates[parts.empty] = shown(parts.empty.value)
         if self._first_look is not None:
-            updates[parts.player], updates[parts.empty] = self._first_look.updates()
+            updates[parts.player], updates[parts.empty] = self._first_look
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._keep_s / 60))
             updates[parts.message] = shown(markup.notes_message([gone]))

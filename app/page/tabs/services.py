@@ -16,7 +16,6 @@ from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import PRIVATE, shown
-from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Worker
 from app.page.results.kept_runs import KeptRuns
@@ -117,7 +116,7 @@ class Services:
     live: LiveSessions
     addresses: MediaAddresses = field(default_factory=MediaAddresses)
     previews: StudyPreviews = field(default_factory=StudyPreviews)
-    first_look: FirstLooks | None = None
-    """What plays before the first run."""
+    first_look: tuple[dict[str, Any], Any] | None = None
+    """What plays before the first run, and what is said beside it."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -26,111 +24,12 @@ from app.page.results.result_parts import ResultParts
 from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
-from app.run.requests.display import Display, finite, whole
-from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
-from app.run.videos.seen_video import (
-    BODY,
-    MAX_BODIES,
-    Seen,
-    SeenBody,
-    SeenPanel,
-    SeenRequest,
-    SeenVideo,
-    draw_seen,
-)
-from app.run.videos.videos import VideoOptions, VideosRequest, draw_behind
-from conventions.names import printable
-from renderer.scene.camera import Orbit
+from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
+from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo, draw_seen
+from app.run.videos.videos import draw_behind
 
-MAX_ASKED = 60_000
-"""Characters."""
-MAX_LABEL = 60
 DrawSeen = Callable[[SeenRequest, OnEvent, ShouldCancel], SeenVideo]
 """As `app.run.videos.seen_video.draw_seen`."""
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What a browser tells of its stage; addresses are those that the page gave it."""
-
-    seen: Seen
-    labels: tuple[str, ...]
-    motions: tuple[str, ...]
-    colors: tuple[str, ...]
-    sound: str | None
-
-    @classmethod
-    def of(cls, told: object) -> Asked:
-        """
-        Args:
-            told: JSON, as app/page/web/player/player.js writes it.
-
-        Raises:
-            RunError: if it is anything else.
-        """
-        try:
-            if not isinstance(told, str) or len(told) > MAX_ASKED:
-                raise ValueError("it is too long, or no text.")
-            return cls._of(json.loads(told))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-            why = f"it lacks {error}." if isinstance(error, KeyError) else str(error)
-            raise RunError(text.SEEN_DAMAGED.format(why=printable(why)[:200])) from error
-
-    @classmethod
-    def _of(cls, told: Mapping[str, Any]) -> Asked:
-        bodies = _list(told["bodies"], MAX_BODIES)
-        look = told["look"]
-        yaw, pitch, zoom, right, up = map(finite, _list(told["camera"], 5))
-        width, height = map(finite, _list(told["size"], 2))
-        seen = Seen(
-            shown=tuple(whole(number) for number in _list(told["shown"], MAX_BODIES)),
-            size=(width, height),
-            panels=tuple(
-                tuple(_panel(panel) for panel in _list(picture, 4))
-                for picture in _list(told["panels"], 2)
-            ),
-            columns=whole(told["columns"]),
-            mode=_words(told["mode"]),  # type: ignore[arg-type]  # checked with the rest
-            is_aligned=look["isAligned"] is True,
-            wipe=finite(told["wipe"]),
-            display=Display.of_look(look),
-            point=_words(look["point"]),
-            is_smoothed=told["isSmoothed"] is True,
-            is_whole=look["isWhole"] is True,
-            tone=_words(look["tone"]),
-            build=_words(look["build"]),
-            has_lines=look["hasBones"] is True or look["hasAxes"] is True,
-            camera=Orbit(yaw, pitch, zoom, right, up),
-        )
-        labels = tuple(printable(_words(body["label"]))[:MAX_LABEL] or "motion" for body in bodies)
-        motions = tuple(_words(body["motion"]) for body in bodies)
-        colors = tuple(_color(body["color"]) for body in bodies)
-        sound = _words(told["sound"]) if told.get("sound") else None
-        return cls(seen, labels, motions, colors, sound)
-
-
-def _list(value: object, most: int) -> Sequence[Any]:
-    if not isinstance(value, list) or len(value) > most:
-        raise ValueError(f"a list of at most {most} is missing.")
-    return value
-
-
-def _words(value: object) -> str:
-    if not isinstance(value, str) or len(value) > 500:
-        raise ValueError("a text is missing or too long.")
-    return value
-
-
-def _color(value: object) -> str:
-    if not re.fullmatch("#[0-9a-fA-F]{6}", _words(value)):
-        raise ValueError("a colour is none.")
-    return str(value)
-
-
-def _panel(told: Mapping[str, Any]) -> SeenPanel:
-    left, top, width, height = map(finite, _list(told["rect"], 4))
-    view = BODY if told["view"] is None else _words(told["view"])
-    return SeenPanel(view, left, top, width, height)
 
 
 class SeenRunner(TabRunner[SeenVideo]):
@@ -163,18 +62,12 @@ class SeenRunner(TabRunner[SeenVideo]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_SeenWork]:
-        asked = Asked.of(values[0])
-        asked.seen.check(len(asked.motions))
+        seen = Seen.read(values[0])
         request = SeenRequest(
-            bodies=tuple(
-                SeenBody(label, self._file(address, cookie, ".npz"), color)
-                for label, address, color in zip(
-                    asked.labels, asked.motions, asked.colors, strict=True
-                )
-            ),
-            seen=asked.seen,
+            seen,
+            tuple(self._file(body.motion, cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
-            speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
+            speech=self._file(seen.sound, cookie, ".wav") if seen.sound else None,
             body=self._services.config.body,
         )
         draw = partial(self._services.worker.do, draw_seen)
@@ -260,8 +153,8 @@ class Wanted:
     """What is to be drawn of a run, and what was said when that had ended."""
 
     kept: KeptRun
-    body: Path | None = None
-    options: VideoOptions = field(default_factory=VideoOptions)
+    ask: Ask
+    """Of that."""
 
 
 _PATIENCE_S = 1.0
@@ -334,9 +227,8 @@ class VideosBehind:
             yield {self._parts.status: _line(wanted, sentence)}
 
     def _drawn(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
-        request = VideosRequest(
-            *(wanted.kept.showing.folder, job.folder / "drawn", wanted.body, wanted.options)
-        )
+        run, out = wanted.kept.showing.folder, job.folder / "drawn"
+        request = replace(wanted.ask, motions=(run,), out=out)
         work = _StandardWork(self._services, wanted, request, self._parts)
         while True:
             while not self._jobs.wait_for_rest(_PATIENCE_S):
@@ -357,7 +249,7 @@ class _StandardWork:
 
     services: Services
     wanted: Wanted
-    request: VideosRequest
+    request: Ask
     parts: ResultParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
@@ -16,8 +15,9 @@ from app.findings.comparison import ALIKE
 from app.flags import a_count, written
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import share_teller
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
+from app.run.output.run_folder import RunRecord
+from app.run.requests.request import MAX_STEPS, Ask, OnEvent, ShouldCancel
+from app.run.run_writer import RunWriter
 from conventions.names import short_names
 from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
@@ -33,36 +33,37 @@ COUNTS = (1, 2, 4, 8, 25)
 """Steps that are tried; motion with the most of them is what the others are held against."""
 MAX_S = 10.0
 """Of the speech: time a frame does not depend on its length."""
-MAX_COUNT = 1000
 FINGERTIP = "right_middle"
+MEASURED = "Measured {count} motions."
 
 
 def _counts(told: str) -> tuple[int, ...]:
     return tuple(map(a_count, told.split(",")))
 
 
-Counts = Annotated[
-    tuple[int, ...],
-    written(_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
-    arg(name="steps"),
-]
-
-
 @dataclass(frozen=True, kw_only=True)
-class StepsAsk:
+class StepsAsk(Ask):
     """A run of which the steps vary."""
 
-    ask: Ask
-    counts: tuple[int, ...] = COUNTS
+    counts: Annotated[
+        tuple[int, ...],
+        written(_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
+        arg(name="steps"),
+    ] = COUNTS
     """Numbers of steps."""
 
-    def __post_init__(self) -> None:
-        if not self.counts or not all(1 <= count <= MAX_COUNT for count in self.counts):
+    def check(self) -> None:
+        """
+        Raises:
+            RunError: for what cannot be measured.
+        """
+        super().check()
+        if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
             raise RunError(
-                f"Steps must be whole numbers from 1 to {MAX_COUNT}; got "
+                f"Steps must be whole numbers from 1 to {MAX_STEPS}; got "
                 f"{', '.join(map(str, self.counts)) or 'none'}."
             )
-        count = len(self.ask.systems)
+        count = len(self.systems)
         if not 1 <= count <= MAX_SYSTEMS:
             raise RunError(f"One to {MAX_SYSTEMS} systems are measured at once; got {count}.")
 
@@ -83,37 +84,13 @@ class StepPoint:
     most steps that were tried."""
 
 
-@dataclass(frozen=True)
-class StepCurve:
-    """What was measured, and its files."""
-
-    points: tuple[StepPoint, ...]
-    files: tuple[Path, ...]
-
-    def sentences(self) -> tuple[str, ...]:
-        """Of each system the fewest steps that are as calm as the most."""
-        told, labels = [], short_names({point.system for point in self.points})
-        for system in dict.fromkeys(point.system for point in self.points):
-            of_it = sorted(
-                (each for each in self.points if each.system == system), key=lambda each: each.steps
-            )
-            most = of_it[-1]
-            calm = ALIKE * most.tip_jerk_m_s3
-            least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
-            told.append(
-                f"{labels[system]}: {least.steps} of {most.steps} steps leave the fingertip as calm"
-                f" within 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
-                f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
-            )
-        return tuple(told)
-
-
 def measure_step_curve(
-    asked: StepsAsk,
+    ask: StepsAsk,
     on_event: OnEvent = lambda event: None,
     should_cancel: ShouldCancel = lambda: False,
-) -> StepCurve:
-    """Generate with each system and number of steps, and write the table and the plot.
+) -> None:
+    """Generate with each system and number of steps; leave the table, the plot, and what they say
+    as notes.
 
     Raises:
         CancelledRun: when ``should_cancel`` said so.
@@ -125,47 +102,44 @@ def measure_step_curve(
     from model.speech.audio import SpeechLimits, load_speech
     from renderer.figures.curves import step_curve_figure
 
-    on_progress = share_teller("numbers", on_event, should_cancel)
-    ask = asked.ask
+    ask.check()
     whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
     systems = [get_system(name, ask.weights) for name in ask.systems]
-    counts = sorted(set(asked.counts), reverse=True)  # the most first: others are compared to it
+    record = RunRecord(kind="generated", point=FINGERTIP)
     points: list[StepPoint] = []
-    with ResultFolder(ask.out) as folder:
+    with (
+        ResultFolder(ask.out) as folder,
+        RunWriter(folder, record, on_event, should_cancel) as run,
+    ):
+        part = 1 / len(systems)
         for number, system in enumerate(systems):
-            points += _points_of(
-                system,
-                speech,
-                counts,
-                ask,
-                lambda part, number=number: on_progress((number + part) / len(systems)),
-            )
-        on_progress(1.0)
-        path = folder.path("steps.json")
-        path.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
-        _write_csv(points, folder.path("steps.csv"))
-        for file in step_curve_figure(DataFrame(points), folder.path("steps.png").with_suffix("")):
-            folder.path(file.name)
-        return StepCurve(tuple(points), folder.publish())
+            points += _points_of(system, speech, ask, run.share("numbers", part, number * part))
+        run.share("numbers")(1.0)
+        run.note(*_sentences(points))
+        numbers, table = (folder.path(f"steps.{ending}") for ending in ("json", "csv"))
+        numbers.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
+        names = [field.name for field in fields(StepPoint)]
+        rows = [names, *(asdict(point).values() for point in points)]
+        table.write_text(csv_text(rows), "utf-8", newline="")
+        run.file(numbers, table)
+        run.figure("steps", lambda stem: step_curve_figure(DataFrame(points), stem))
+        run.finish(MEASURED.format(count=len(points)))
 
 
 def _points_of(
-    system: System,
-    speech: Speech,
-    counts: list[int],
-    ask: Ask,
-    on_progress: Callable[[float], None],
+    system: System, speech: Speech, ask: StepsAsk, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
     """From few steps to many."""
     from model.generation.windows import GenerateOptions, generate_motion
 
+    counts = sorted(set(ask.counts), reverse=True)  # the most first: others are compared to it
     speaker = ask.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
     found: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
-        on_progress(done / len(counts))
+        on_share(done / len(counts))
         options = GenerateOptions(speaker, seed=ask.seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
@@ -196,7 +170,15 @@ def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
     return tracks.joints, float(mean_over_time(derivative_magnitudes(tip, 3)))
 
 
-def _write_csv(points: list[StepPoint], path: Path) -> None:
-    names = [field.name for field in fields(StepPoint)]
-    rows = [names, *(asdict(point).values() for point in points)]
-    path.write_text(csv_text(rows), "utf-8", newline="")
+def _sentences(points: Sequence[StepPoint]) -> Iterator[str]:
+    """Of each system the fewest steps that are as calm as the most."""
+    for system, label in short_names(dict.fromkeys(point.system for point in points)).items():
+        of_it = [each for each in points if each.system == system]
+        most = of_it[-1]
+        calm = ALIKE * most.tip_jerk_m_s3
+        least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
+        yield (
+            f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
+            f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
+            f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
+        )

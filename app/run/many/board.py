@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from html import escape
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import jinja2
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, written
@@ -25,12 +26,14 @@ FORMAT = 1
 MAX_BYTES = 32 * 2**20
 MAX_NAME = 100
 MAX_NOTE = 400
+_CONFIG = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, str_max_length=MAX_NOTE)
 
 
 @dataclass(frozen=True)
 class Value:
     """Of one measure: the mean over clips and its 95 % bootstrap interval."""
 
+    __pydantic_config__ = _CONFIG
     mean: float
     low: float
     high: float
@@ -42,7 +45,8 @@ class Value:
 class Entry:
     """One system on one test."""
 
-    system: str
+    __pydantic_config__ = _CONFIG
+    system: Annotated[str, AfterValidator(lambda name: printable(name)[:MAX_NAME])]
     test: str
     """Short digest of the clips, the recorded motion and the encoder."""
     files: str
@@ -52,8 +56,8 @@ class Entry:
     """ISO 8601."""
     project: str
     """The version that measured."""
-    measures: Mapping[str, Value]
-    findings: Mapping[str, int]
+    measures: dict[str, Value]
+    findings: dict[str, int]
     """Clips by kind of finding."""
     note: str = ""
 
@@ -65,6 +69,19 @@ class Entry:
     def key(self) -> tuple[str, str, str]:
         """Two entries that share it are of the same files on the same test."""
         return self.test, self.system, self.files
+
+    @property
+    def found(self) -> list[str]:
+        """Kinds of findings with their clips, the most frequent first."""
+        kinds = sorted(self.findings.items(), key=lambda item: -item[1])
+        return [f"{kind} {count}" for kind, count in kinds]
+
+
+class Board(BaseModel):
+    """As its file has it, maybe of another lab."""
+
+    format: Literal[1] = FORMAT
+    entries: list[Entry]
 
 
 def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[Entry]:
@@ -79,8 +96,14 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         RunError: with one sentence.
     """
     path = folder / "many.json"
-    told = _read(path)
-    where = told.get("provenance")
+    content = _read(path)
+    try:
+        told = json.loads(content)
+        where = told["provenance"]
+    except (ValueError, RecursionError) as error:
+        raise RunError(f"{path} is no JSON.") from error
+    except (KeyError, TypeError):
+        where = None
     if not isinstance(where, dict):
         raise RunError(f"{path} does not say what it is of; measure the set again with diagnose.")
     if not where["reference"]:
@@ -150,149 +173,82 @@ def write_board(entries: Iterable[Entry], path: Path) -> None:
     Raises:
         WriteError: with the reason.
     """
-    told = {"format": FORMAT, "entries": [asdict(entry) for entry in entries]}
     with written_atomically(path) as part:
-        part.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        told = Board(entries=list(entries)).model_dump_json(indent=1)
+        part.write_text(f"{told}\n", encoding="utf-8")
 
 
 def read_board(path: Path) -> list[Entry]:
-    """A board as `write_board` wrote it, maybe in another lab.
-
-    Raises:
-        RunError: if it is none, with one sentence.
     """
-    told = _read(path)
-    if told.get("format") != FORMAT or not isinstance(told.get("entries"), list):
-        raise RunError(f"{path.name} is no leaderboard of format {FORMAT}.")
+    Raises:
+        RunError: if it is no board that `write_board` wrote, with one sentence.
+    """
     try:
-        return [_checked(entry) for entry in told["entries"]]
-    except (TypeError, KeyError, ValueError, AttributeError) as error:
-        raise RunError(f"{path.name} is damaged: an entry is not as it should be.") from error
+        return Board.model_validate_json(_read(path)).entries
+    except ValidationError as error:
+        if len(error.errors()[0]["loc"]) < 2:
+            raise RunError(f"{path.name} is no leaderboard of format {FORMAT}.") from None
+        raise RunError(f"{path.name} is damaged: an entry is not as it should be.") from None
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> bytes:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise RunError(f"{path} is larger than {MAX_BYTES // 2**20} MiB.")
-        told = json.loads(path.read_text("utf-8"))
+        return path.read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise RunError(f"{path} could not be read: {reason}.") from error
-    except (ValueError, RecursionError) as error:
-        raise RunError(f"{path} is no JSON.") from error
-    if not isinstance(told, dict):
-        raise RunError(f"{path} holds nothing that can be used.")
-    return told
 
 
-def _checked(told: dict[str, Any]) -> Entry:
-    values = {name: Value(**value) for name, value in told["measures"].items()}
-    entry = Entry(**{**told, "measures": values, "findings": dict(told["findings"])})
-    texts = entry.system, entry.test, entry.files, entry.made_at, entry.project, entry.note
-    if not all(isinstance(text, str) and len(text) <= MAX_NOTE for text in texts):
-        raise ValueError("a name or note")
-    numbers = [entry.clips, *entry.findings.values()]
-    for value in values.values():
-        numbers += [value.mean, value.low, value.high, value.clips]
-        if not isinstance(value.unit, str):
-            raise ValueError("a unit")
-    for number in numbers:
-        if (
-            isinstance(number, bool)
-            or not isinstance(number, int | float)
-            or not math.isfinite(number)
-        ):
-            raise ValueError("a number")
-    return replace(entry, system=printable(entry.system)[:MAX_NAME])
-
-
-_FOLDER = Path(__file__).parent
 _DISTRIBUTION = "Distribution"
 """How measures of whole sets begin, whose aim is 0."""
-_ABOUT = {f"{row.group}: {row.title}": row.about for row in MEASURES}
-_FIRST = {f"{row.group}: {row.title}" for row in MEASURES if row.is_first} | {
-    f"{row.group}: {row.title}" for row in MEASURES if row.title == "Power above 5 Hz"
-}
-_ABOUT_PAGE = """<p>Means over clips and their 95 % bootstrap intervals, as generated, unfiltered.
-Nearer to the recorded motion is better: a click on a measure sorts by the distance to it, a second
-one by the value. Only numbers of one table can be held against each other: it has the same clips,
-the same recorded motion and the same encoder.</p>
-<p class="tools"><label><input type="checkbox" id="all"> all measures</label>
-<label>Only <input type="search" id="only" placeholder="systems named ..."></label></p>"""
+_FIRST = {row.key for row in MEASURES if row.is_first or row.title == "Power above 5 Hz"}
 
 
 def board_page(entries: Sequence[Entry], title: str = "Leaderboard") -> str:
-    """The whole page: a table for each test.
+    """The whole page: a table for each test, by the template beside this file.
 
     Args:
-        entries: as `app.run.many.board.merged` orders them.
+        entries: as `merged` orders them.
     """
-    style, script = ((_FOLDER / f"board.{kind}").read_text("utf-8") for kind in ("css", "js"))
-    tables = [_table(test, list(of)) for test, of in groupby(entries, lambda entry: entry.test)]
-    body = [f"<h1>{escape(title)}</h1>", _ABOUT_PAGE, *tables]
-    if not tables:
-        body.append("<p>Nothing has been added yet.</p>")
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
-        + "\n".join(body)
-        + f"\n<script>\n{script}</script>\n</body>\n</html>\n"
+    folder = Path(__file__).parent
+    env = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    style, script = ((folder / f"board.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    tests = [list(of) for _, of in groupby(entries, lambda entry: entry.test)]
+    return env.get_template("board.html").render(
+        title=title,
+        style=style,
+        script=script,
+        tables=[_table(of) for of in tests],
+        about={row.key: row.about for row in MEASURES},
+        written=written,
     )
 
 
-def _table(test: str, entries: list[Entry]) -> str:
-    titles = list(dict.fromkeys(name for entry in entries for name in entry.measures))
-    recorded = next((entry for entry in entries if entry.is_recorded), None)
-    head = "".join(_head(title, entries) for title in titles)
-    rows = "".join(_row(entry, titles, recorded) for entry in entries)
-    clips = max(entry.clips for entry in entries)
-    what = "Digest of clips, recorded motion and encoder"
-    return (
-        f'<section><h2>{clips} clips <small title="{what}">test {escape(test)}</small></h2>'
-        '<div class="scroll" tabindex="0"><table><thead><tr>'
-        f'<th><button type="button">System</button></th>{head}'
-        "<th>Clips with findings</th><th>Measured</th><th>Note</th></tr></thead>"
-        f"<tbody>{rows}</tbody></table></div></section>"
-    )
+def _table(entries: list[Entry]) -> dict[str, Any]:
+    """Of one test, for the template."""
+    titles = dict.fromkeys(title for entry in entries for title in entry.measures)
+    recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
+    def apart(title: str, value: Value) -> float:
+        aim = recorded.get(title, value).mean
+        return abs(value.mean - (0.0 if title.startswith(_DISTRIBUTION) else aim))
 
-def _kind(title: str) -> str:
-    """Measures that are not shown at first."""
-    is_shown = title in _FIRST or title.startswith(_DISTRIBUTION)
-    return "" if is_shown else ' class="rare"'
-
-
-def _head(title: str, entries: list[Entry]) -> str:
-    unit = next(entry.measures[title].unit for entry in entries if title in entry.measures)
-    told = f"{escape(title)}{f' <small>{escape(unit)}</small>' if unit else ''}"
-    about = escape(_ABOUT.get(title, ""))
-    return f'<th{_kind(title)} title="{about}"><button type="button">{told}</button></th>'
-
-
-def _row(entry: Entry, titles: list[str], recorded: Entry | None) -> str:
-    cells = "".join(_cell(title, entry.measures.get(title), recorded) for title in titles)
-    kinds = sorted(entry.findings.items(), key=lambda item: -item[1])
-    found = ", ".join(f"{escape(kind)} {count}" for kind, count in kinds[:3]) or "none"
-    made = entry.made_at[:10]
-    every = escape(", ".join(f"{kind} {count}" for kind, count in kinds))
-    name = "recorded" if entry.is_recorded else entry.system
-    kind = ' class="recorded"' if entry.is_recorded else ""
-    return (
-        f'<tr{kind}><th scope="row" title="files {escape(entry.files[:12])}">{escape(name)}</th>'
-        f'{cells}<td class="text" title="{every}">{found}</td>'
-        f'<td class="text" title="version {escape(entry.project)}">{escape(made)}</td>'
-        f'<td class="text">{escape(entry.note)}</td></tr>'
-    )
-
-
-def _cell(title: str, value: Value | None, recorded: Entry | None) -> str:
-    if value is None:
-        return f"<td{_kind(title)}></td>"
-    target = recorded.measures.get(title) if recorded is not None else None
-    aim = 0.0 if title.startswith(_DISTRIBUTION) else target.mean if target else value.mean
-    interval = f"[{written(value.low)}, {written(value.high)}]"
-    return (
-        f'<td{_kind(title)} data-value="{value.mean:.9g}" data-apart="{abs(value.mean - aim):.9g}">'
-        f"{written(value.mean)} <small>{interval}</small></td>"
-    )
+    return {
+        "test": entries[0].test,
+        "entries": entries,
+        "clips": max(entry.clips for entry in entries),
+        "units": {
+            title: next(each.measures[title].unit for each in entries if title in each.measures)
+            for title in titles
+        },
+        "rare": {title for title in titles if not title.startswith(_DISTRIBUTION)} - _FIRST,
+        "apart": apart,
+    }

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from app.errors import RunError
 from conventions.names import REFERENCE_NAME
@@ -40,31 +40,66 @@ def moments_of(motion: Motion) -> dict[str, Any]:
 
 def distance_rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
     """As `_rows`; none without a recorded set, or where clips are too short (`why_left_out`)."""
-    from model.evaluation.tables import bootstrap_of
-
-    if REFERENCE_NAME not in systems or why_left_out(numbers):
-        return
-    sets = {name: _clips_of(name, numbers) for name in systems}
-    recorded = sets.pop(REFERENCE_NAME)
-
-    def between(*names: str) -> tuple[float, float, float]:
-        """Of a system, or of the first less the second, over clips drawn with replacement."""
-        found = bootstrap_of(
-            _statistic(recorded, [sets[name] for name in names]), len(numbers), 200
-        )
-        return found.mean, found.low, found.high
-
-    yield from _rows(TITLE, list(sets), len(numbers), between)
+    if REFERENCE_NAME in systems and not why_left_out(numbers):
+        yield from _rows(TITLE, systems, len(numbers), lambda name: _clips_of(name, numbers))
 
 
 def _rows(
-    title: str, names: list[str], clips: int, between: Callable[..., tuple[float, float, float]]
+    title: str,
+    systems: Sequence[str],
+    num_clips: int,
+    clips: Callable[[str], Iterator[Moments]],
+    offset: float = 0.0,
 ) -> Iterator[tuple[Any, ...]]:
-    """As the other measures have them: of each system, and of each pair."""
+    """As the other measures have them: of each system, and of each pair.
+
+    Args:
+        clips: of a set, one after the other.
+        offset: of `distance_of`.
+    """
+    from model.evaluation.frechet import distance_of
+    from model.evaluation.tables import interval_of
+
+    recorded = _drawn(clips(REFERENCE_NAME), num_clips)
+    apart = {
+        name: np.array([
+            distance_of(real, made, offset)
+            for real, made in zip(recorded, _drawn(clips(name), num_clips), strict=True)
+        ])
+        for name in systems
+        if name != REFERENCE_NAME
+    }  # fmt: skip
+
+    def told(values: np.ndarray) -> tuple[float, float, float]:
+        found = interval_of(values[0], values[1:])
+        return found.mean, found.low, found.high
+
+    names = list(apart)
     for place, name in enumerate(names):
-        yield (title, "", name, clips, *between(name), *[""] * 4)
+        yield (title, "", name, num_clips, *told(apart[name]), *[""] * 4)
         for other in names[place + 1 :]:
-            yield (title, "", name, clips, "", "", "", other, *between(name, other))
+            difference = told(apart[name] - apart[other])
+            yield (title, "", name, num_clips, "", "", "", other, *difference)
+
+
+def _drawn(clips: Iterator[Moments], num_clips: int) -> list[Moments]:
+    """Of all clips, and then of those of each draw."""
+    from model.evaluation.frechet import Moments
+    from model.evaluation.tables import drawn_clips
+
+    drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
+    times = np.array([np.ones(num_clips), *drawn])
+    sums: Any = 0.0
+    for start in range(0, num_clips, _CLIPS_AT_ONCE):
+        rows = []
+        for clip in islice(clips, _CLIPS_AT_ONCE):
+            upper = np.triu_indices(len(clip.total))
+            rows.append(np.concatenate([[clip.count], clip.total, clip.products[upper]]))
+            dim = len(clip.total)
+        sums = sums + times[:, start : start + _CLIPS_AT_ONCE] @ np.array(rows)
+    keys = ("count", "total", "products")
+    parts = [(round(row[0]), *np.split(row[1:], [dim])) for row in sums]
+    return [Moments.of_kept(dict(zip(keys, part, strict=True))) for part in parts]
 
 
 def why_left_out(numbers: list[dict[str, Any]]) -> str | None:
@@ -73,7 +108,7 @@ def why_left_out(numbers: list[dict[str, Any]]) -> str | None:
         return None
     from model.evaluation.frechet import Moments
 
-    recorded = Moments.sum(_clips_of(REFERENCE_NAME, numbers))
+    recorded = Moments.sum(list(_clips_of(REFERENCE_NAME, numbers)))
     if recorded.tells:
         return None
     return (
@@ -82,24 +117,10 @@ def why_left_out(numbers: list[dict[str, Any]]) -> str | None:
     )
 
 
-def _clips_of(name: str, numbers: list[dict[str, Any]]) -> list[Moments]:
+def _clips_of(name: str, numbers: list[dict[str, Any]]) -> Iterator[Moments]:
     from model.evaluation.frechet import Moments
 
-    return [Moments.of_kept(each["systems"][name]["codes"]) for each in numbers]
-
-
-def _statistic(recorded: list[Moments], sets: list[list[Moments]]) -> Callable[[Any], float]:
-    from model.evaluation.frechet import Moments, distance_of
-
-    def drawn(clips: Sequence[Moments], index: Any) -> Moments:
-        return Moments.sum([clips[i] for i in index])
-
-    def statistic(index: Any) -> float:
-        real = drawn(recorded, index)
-        found = [distance_of(real, drawn(clips, index)) for clips in sets]
-        return found[0] - found[1] if len(found) == 2 else found[0]
-
-    return statistic
+    return (Moments.of_kept(each["systems"][name]["codes"]) for each in numbers)
 
 
 @cache
@@ -169,8 +190,8 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
         systems: the sets, the recorded one among them.
         frames: of each clip, by the path of its record, which has codes beside it.
     """
-    from model.evaluation.tables import interval_of
-    from model.systems.autoencoders.emage import FRAMES_A_CODE, WHOLE_FRAMES
+    from model.evaluation.frechet import Moments
+    from model.systems.autoencoders.emage import FRAMES_A_CODE, ROOT_OFFSET, WHOLE_FRAMES
 
     records = [record for record, count in frames.items() if count >= WHOLE_FRAMES]
     codes = sum(count // WHOLE_FRAMES for count in frames.values()) * WHOLE_FRAMES // FRAMES_A_CODE
@@ -181,49 +202,14 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
                 f"for every {FRAMES_A_CODE} frames; at least {LEAST_CODES} are needed."
             )
         )
-    recorded = _drawn_moments(sorted(systems).index(REFERENCE_NAME), records)
-    sets = {
-        name: _distances(recorded, _drawn_moments(sorted(systems).index(name), records))
-        for name in systems
-        if name != REFERENCE_NAME
-    }
 
-    def between(name: str, *other: str) -> tuple[float, float, float]:
-        values = sets[name] - (sets[other[0]] if other else 0.0)
-        found = interval_of(values[0], values[1:].tolist())
-        return found.mean, found.low, found.high
-
-    return EmageDistances(tuple(_rows(EMAGE_TITLE, list(sets), len(records), between)))
-
-
-def _distances(recorded: list[Moments], made: list[Moments]) -> Float[np.ndarray, " all_draws"]:
-    from model.evaluation.frechet import distance_of
-    from model.systems.autoencoders.emage import ROOT_OFFSET
-
-    pairs = zip(recorded, made, strict=True)
-    return np.array([distance_of(real, each, ROOT_OFFSET) for real, each in pairs])
-
-
-def _drawn_moments(index: int, records: Sequence[Path]) -> list[Moments]:
-    """Of all clips, and then of the clips of each draw; of one set, by its place in the files."""
-    from model.evaluation.frechet import Moments
-    from model.evaluation.tables import drawn_clips
-    from model.systems.autoencoders.emage import CODE_DIM
-
-    drawn = [np.bincount(each, minlength=len(records)) for each in drawn_clips(len(records), DRAWS)]
-    times = np.array([np.ones(len(records)), *drawn])
-    upper = np.triu_indices(CODE_DIM)
-    sums = np.zeros((len(times), 1 + CODE_DIM + len(upper[0])))
-    for start in range(0, len(records), _CLIPS_AT_ONCE):
-        rows = []
-        for record in records[start : start + _CLIPS_AT_ONCE]:
+    def clips(name: str) -> Iterator[Moments]:
+        place = sorted(systems).index(name)
+        for record in records:
             with np.load(codes_path(record), allow_pickle=False) as file:
-                clip = Moments.of(file[f"arr_{index}"].astype(np.float64))
-            rows.append(np.concatenate([[clip.count], clip.total, clip.products[upper]]))
-        sums += times[:, start : start + _CLIPS_AT_ONCE] @ np.array(rows)
-    keys = ("count", "total", "products")
-    parts = [(int(row[0]), *np.split(row[1:], [CODE_DIM])) for row in sums]
-    return [Moments.of_kept(dict(zip(keys, part, strict=True))) for part in parts]
+                yield Moments.of(file[f"arr_{place}"].astype(np.float64))
+
+    return EmageDistances(tuple(_rows(EMAGE_TITLE, systems, len(records), clips, ROOT_OFFSET)))
 
 
 @cache

@@ -8,7 +8,7 @@ out of the tables, and told of.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -80,17 +80,25 @@ def diagnose_folders(
         JobsError: if those who measure are lost.
     """
     check_weights(ask.emage_weights, ask.reference)
-    sets = [(path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None]
-    sets += [(ask.speech, SOUND_ENDINGS)] if ask.speech is not None else []
     remove_unfinished(ask.out)
-    with held_folder(ask.out), unpacked_sets(sets, ask.out) as folders:
-        unpacked = replace(
-            ask,
-            motions=tuple(folders.get(path, path) for path in ask.motions),
-            reference=ask.reference and folders.get(ask.reference, ask.reference),
-            speech=ask.speech and folders.get(ask.speech, ask.speech),
-        )
-        return _diagnose_sets(unpacked, on_progress, pool or JobPool(1))
+    with held_folder(ask.out), unpacked_sets(sets_of(ask), ask.out) as folders:
+        return _diagnose_sets(in_folders(ask, folders), on_progress, pool or JobPool(1))
+
+
+def sets_of(ask: Ask) -> list[tuple[Path, tuple[str, ...]]]:
+    """Folders or zips, each with the endings of its files."""
+    motions = [(path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None]
+    return [*motions, (ask.speech, SOUND_ENDINGS)] if ask.speech is not None else motions
+
+
+def in_folders(ask: Ask, folders: Mapping[Path, Path]) -> Ask:
+    """The same of folders, which stand in place of zips."""
+    return replace(
+        ask,
+        motions=tuple(folders.get(path, path) for path in ask.motions),
+        reference=ask.reference and folders.get(ask.reference, ask.reference),
+        speech=ask.speech and folders.get(ask.speech, ask.speech),
+    )
 
 
 def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool) -> ManyResult:

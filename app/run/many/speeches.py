@@ -18,7 +18,7 @@ from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import Above, numbers_of, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.run_folder import read_run
-from app.run.requests.request import Ask, Done, check
+from app.run.requests.request import Ask, Done
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
 from processes.job import Job
@@ -70,7 +70,7 @@ def asks_of(ask: Ask) -> dict[str, Ask]:
     Raises:
         RunError: if nothing can be begun.
     """
-    check(ask)
+    ask.check()
     if ask.reference is not None or ask.transcript is not None:
         raise RunError(
             "A reference and a transcript belong to one piece of speech; leave them out of a run "

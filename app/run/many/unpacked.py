@@ -59,7 +59,7 @@ class Limits:
 
 @contextmanager
 def unpacked_sets(
-    sets: Sequence[tuple[Path, tuple[str, ...]]], out: Path, limits: Limits | None = None
+    sets: Sequence[tuple[Path, tuple[str, ...]]], out: Path
 ) -> Iterator[dict[Path, Path]]:
     """Folders in place of those sets that are archives, by the archive's path, for the block.
 
@@ -73,18 +73,28 @@ def unpacked_sets(
         RunError: as `unpacked`.
     """
     staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
-    zips = {path: endings for path, endings in sets if is_packed(path)}
-    folders = {
-        path: staging / str(place) / (printable(stem_of(path)) or "set")
-        for place, path in enumerate(zips)
-    }
     try:
-        for path, folder in folders.items():
-            folder.mkdir(parents=True)
-            unpacked(path, folder, zips[path], limits)
-        yield folders
+        yield unpack_sets(sets, staging)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def unpack_sets(
+    sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: Limits | None = None
+) -> dict[Path, Path]:
+    """The same below a folder, where they stay.
+
+    Args:
+        together: limits of all of them; by default each has its own.
+    """
+    left, folders = None if together is None else _Left(together), {}
+    for path, endings in sets:
+        if is_packed(path) and path not in folders:
+            folder = top / str(len(folders)) / (printable(stem_of(path)) or "set")
+            folder.mkdir(parents=True)
+            _unpack_wanted(path, folder, endings, left or _Left(Limits()))
+            folders[path] = folder
+    return folders
 
 
 def is_packed(path: Path) -> bool:
@@ -120,14 +130,18 @@ def unpacked(
             twice, nothing that is wanted, or more than the limits; files that were unpacked before
             it was seen may be left.
     """
-    left = _Left(limits or Limits())
+    return _unpack_wanted(archive, folder, endings, _Left(limits or Limits()))
+
+
+def _unpack_wanted(archive: Path, folder: Path, endings: Sequence[str], left: _Left) -> int:
+    before = left.wanted
     _unpack(archive, folder, endings, left, 0)
-    if not left.wanted:
+    if left.wanted == before:
         raise RunError(
             f"{printable(archive.name)} holds none of the files that are looked for: "
             f"{', '.join(endings)}."
         )
-    return left.wanted
+    return left.wanted - before
 
 
 class _Left:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import datetime
 import importlib.metadata
 import platform
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from app.run.output.run_folder import told_of
-from app.run.requests.request import Ask
-from model.speech.transcript import Transcript
+from app.run.requests.request import OF_SYSTEMS, Ask
+
+if TYPE_CHECKING:
+    from model.generation.base import System
+    from model.generation.windows import GenerateOptions
+    from model.speech.audio import Speech
+    from renderer.body.body import Body
 
 PROVENANCE, ARE = "provenance.json", "weights_are"
 WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
@@ -47,42 +52,45 @@ def _describe(system: Any) -> dict[str, Any]:
     }
 
 
-def make_provenance(
-    ask: Ask, inputs: Any, said: Transcript, notes: Sequence[str]
+def origin_of(
+    ask: Ask,
+    speech: Speech,
+    systems: Sequence[System],
+    options: Mapping[str, GenerateOptions],
+    body: Body,
+    backend: str | None,
 ) -> dict[str, Any]:
-    """The whole record of generated motion, ready for JSON.
+    """The record of generated motion, ready for JSON, but for what the end of a run tells.
 
     Args:
-        inputs: an `app.run.rows.Inputs`.
+        options: by system.
+        backend: of OpenGL; None when nothing is drawn.
     """
     by_system = {
-        name: {system: getattr(own, name) for system, own in inputs.options.items()}
-        for name in ("steps", "face_steps", "sampler", "guidance")
+        name: {system: getattr(own, name) for system, own in options.items()} for name in OF_SYSTEMS
     }
-    weights_are = (str(each.card.get("weights_are", WEIGHTS_ARE)) for each in inputs.systems)
+    weights_are = (str(each.card.get("weights_are", WEIGHTS_ARE)) for each in systems)
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": versions(),
-        "weights": describe_systems(inputs.systems),
+        "weights": describe_systems(systems),
         "speech": {
             "file": ask.speech and ask.speech.name,
-            "sha256": inputs.speech_sha256,
-            "duration_s": round(inputs.speech_s, 6),
-            "frames": inputs.num_frames,
-            "words": {"origin": said.origin, "count": len(said.words)} if said.words else None,
+            "sha256": speech.sha256,
+            "duration_s": round(speech.duration_s, 6),
+            "frames": speech.num_frames,
         },
         "options": {
             **told_of(ask),
             **by_system,
-            "speaker": inputs.speaker,
+            "speaker": next(iter(options.values())).speaker,
             "live": dict(ask.take.facts) if ask.take else None,
         },
         "drawing": {
-            "body": inputs.body.name,
-            "body_sha256": inputs.body.sha256,
-            "look": inputs.body.look,
-            "backend": inputs.backend,
+            "body": body.name,
+            "body_sha256": body.sha256,
+            "look": body.look,
+            "backend": backend,
         },
-        "notes": list(notes),
         ARE: "; ".join(dict.fromkeys(weights_are)),
     }

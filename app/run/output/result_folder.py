@@ -15,7 +15,6 @@ import secrets
 import shlex
 import shutil
 import sys
-import time
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -123,7 +122,6 @@ def _remove_if_empty(folder: Path) -> None:
 
 UNFINISHED = ".unfinished-"
 """How names of folders begin that are removed with what a killed run left."""
-_ABANDONED_S = 24 * 3600.0
 _ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
 _NO_TIME = (2000, 1, 1, 0, 0, 0)
 
@@ -152,7 +150,7 @@ class ResultFolder:
     def __enter__(self) -> ResultFolder:
         self._held.__enter__()
         try:
-            _remove_abandoned(self.out)
+            _remove_unfinished(self.out)
             self._staging.mkdir(mode=0o700)
         except OSError as error:
             self._held.__exit__(None, None, None)
@@ -263,44 +261,20 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
 
 
 def remove_unfinished(out: Path) -> None:
-    """Remove what killed runs left, of whatever machine: who is at work there holds the folder.
+    """Remove what killed runs left, of whatever machine.
 
     Raises:
         RunError: if another command is at work there.
     """
-    if not out.is_dir():
-        return
-    with held_folder(out):
-        for staging in out.glob(f"{UNFINISHED}*"):
-            shutil.rmtree(staging, ignore_errors=True)
+    if out.is_dir():
+        with held_folder(out):
+            _remove_unfinished(out)
 
 
-def _remove_abandoned(out: Path) -> None:
-    """Remove what a killed run left: its process lives no more, or has written nothing for a day;
-    its number may long be another's."""
-    for staging in out.glob(f"{UNFINISHED}*"):
-        pid = staging.name.removeprefix(UNFINISHED).split("-")[0]
-        is_dead = pid.isdigit() and not _is_alive(int(pid))
-        if is_dead or time.time() - _last_written(staging) > _ABANDONED_S:
-            shutil.rmtree(staging, ignore_errors=True)
-
-
-def _last_written(staging: Path) -> float:
-    """When anything in it was; what goes meanwhile was in no time to come."""
-    try:
-        return max(path.lstat().st_mtime for path in (staging, *staging.rglob("*")))
-    except OSError:
-        return float("inf")
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
+def _remove_unfinished(held: Path) -> None:
+    """Whoever is at work in a folder holds it, so that all of this is of killed runs."""
+    for staging in held.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(staging, ignore_errors=True)
 
 
 def _reason(error: OSError) -> str:

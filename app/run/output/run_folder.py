@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from app.errors import RunError
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import MAX_CLIPS, ArtefactKind, Ask
+from app.run.requests.request import MAX_CLIPS, Ask
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
 from model.storage.files import written_atomically
 
@@ -103,10 +103,6 @@ class Row(_Strict):
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
     """Of that file's name; see `ending_of`."""
 
-    def hold(self, kind: RowKind, name: str) -> None:
-        """A file that is whole; of several views that of the row's name alone is shown."""
-        self.files[kind] = min(self.files.get(kind, name), name, key=len)
-
 
 class Told(_Strict):
     """A finding."""
@@ -178,6 +174,11 @@ class RunRecord(_Strict):
         """All its files."""
         frames = [row.files["frames"] for row in self.rows if "frames" in row.files]
         return list(dict.fromkeys([*self.files, *frames]))
+
+    @property
+    def results(self) -> list[str]:
+        """All files but those that only a player shows, with this one."""
+        return [RUN, *(name for name in self.files if not name.startswith(f"{SHOWN}/"))]
 
     @property
     def is_moving(self) -> bool:
@@ -272,19 +273,15 @@ def changed(folder: Path) -> Iterator[RunRecord]:
         os.close(place)
 
 
-def add_file(folder: Path, kind: ArtefactKind, name: str, path: Path) -> None:
-    """Take a file that was made after a run had ended into its folder.
-
-    Args:
-        name: of the row that it belongs to, or the file's own.
-    """
+def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = None) -> None:
+    """Take a file that was made after a run had ended into its folder; see `Reporter.file`."""
     own = path.name
     with changed(folder) as record:
         (folder / own).unlink(missing_ok=True)
         os.link(path, folder / own)
-        row = record.row(name)
-        if row is not None and kind == "video":
-            row.hold("video", own)
+        of = record.row(row)
+        if of is not None and kind is not None:
+            of.files[kind] = own
         if own not in record.files:
             record.files.append(own)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.errors import CancelledRun
+from app.run.output.run_folder import RowKind
 from app.run.requests.request import (
-    ArtefactKind,
     OnEvent,
     Progress,
     ShouldCancel,
@@ -18,7 +18,11 @@ from app.run.requests.request import (
 class Reporter:
     """The ear of whoever asked for a run."""
 
-    def __init__(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def __init__(
+        self,
+        on_event: OnEvent = lambda event: None,
+        should_cancel: ShouldCancel = lambda: False,
+    ) -> None:
         self._on_event = on_event
         self.should_cancel = should_cancel
         self.notes: list[str] = []
@@ -26,11 +30,23 @@ class Reporter:
     def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
         self._on_event(Progress(stage, fraction, detail))
 
-    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
-        """Take a file that is whole.
+    def share(
+        self, stage: Stage, part: float = 1.0, before: float = 0.0
+    ) -> Callable[[float], None]:
+        """What takes the share done of a part of a stage: it tells of it, or ends the work by
+        `CancelledRun`."""
+
+        def on_share(share: float) -> None:
+            self.stop_if_asked()
+            self.progress(stage, before + part * share)
+
+        return on_share
+
+    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
+        """Take files that are whole.
 
         Args:
-            name: of the row that it belongs to, or the file's own.
+            row: that shows it, as what ``kind`` says.
         """
 
     def note(self, *sentences: str) -> None:
@@ -45,16 +61,3 @@ class Reporter:
         """
         if self.should_cancel():
             raise CancelledRun
-
-
-def share_teller(
-    stage: Stage, on_event: OnEvent, should_cancel: ShouldCancel
-) -> Callable[[float], None]:
-    """What takes the share done of a stage: it tells of it, or ends the work by CancelledRun."""
-
-    def on_share(share: float) -> None:
-        if should_cancel():
-            raise CancelledRun
-        on_event(Progress(stage, share))
-
-    return on_share

@@ -6,11 +6,12 @@ the same for all videos of a comparison. None of it is in a user study.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol, get_args
 
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.alias_generators import to_camel
 from tyro.conf import Suppress, arg
 
 from app.errors import RunError
@@ -25,32 +26,6 @@ if TYPE_CHECKING:
     from renderer.video.marks import Heat, Marks, Trail
 
 
-def finite(value: object) -> float:
-    """A number of a client's.
-
-    Raises:
-        ValueError: if it is none.
-    """
-    try:
-        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
-            return float(value)
-    except OverflowError:  # JSON has whole numbers of any length
-        raise ValueError("A whole number of hundreds of digits is no number.") from None
-    raise ValueError(f"{value!r} is no number.")
-
-
-def whole(value: object) -> int:
-    """A whole number of a client's.
-
-    Raises:
-        ValueError: if it is none.
-    """
-    number = finite(value)
-    if number != int(number):
-        raise ValueError(f"{number:g} is no whole number.")
-    return int(number)
-
-
 Coloring = Literal["natural", "jerk"]
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 EXAGGERATIONS = (1, 5, 20)
@@ -59,28 +34,6 @@ FULL_SPEED_M_S = 1.5
 """Recorded speakers' fingertips are faster in one frame of fifty."""
 _HEAT_SIGMA_FRAMES = 3.0
 """Jerk of one frame is chance, and would flicker."""
-
-
-@dataclass(frozen=True)
-class Told:
-    """How the stage tells a field of `Display`, and what that may be."""
-
-    name: str
-    """As app/page/web/stage/look.js has it."""
-    read: Callable[[object], Any]
-    """Gives the field; raises ValueError of what cannot be it."""
-    limits: tuple[float, float] | None = None
-    """The least and the most. The stage has the same."""
-    refusal: str = ""
-    """What is said of a value beyond the limits, which go between its braces."""
-
-
-def _is_true(told: object) -> bool:
-    return told is True
-
-
-def _coloring(told: object) -> Coloring:
-    return "jerk" if told is True else "natural"
 
 
 @dataclass(frozen=True)
@@ -101,31 +54,19 @@ class Display:
     """Where the scale of the colours ends, and a trail has a dot. Recorded speakers' fingertips
     jerk more than the usual one in one frame of a hundred."""
 
-    @classmethod
-    def of_look(cls, look: Mapping[str, Any]) -> Display:
-        """
-        Args:
-            look: what a browser tells of its stage, by the names of app/page/web/stage/look.js.
-
-        Raises:
-            ValueError, TypeError, KeyError: if it is anything else.
-        """
-        return cls(**{name: told.read(look[told.name]) for name, told in TOLD.items()})
-
     @property
     def is_plain(self) -> bool:
         return self.exaggeration == 1 and not self.has_trail and self.coloring == "natural"
 
 
-TOLD: Mapping[str, Told] = {
-    "exaggeration": Told("factor", finite, (1.0, 20.0), "Tremble can be shown {} times as large"),
-    "has_trail": Told("hasTrail", _is_true),
-    "coloring": Told("hasHeat", _coloring),
-    "cutoff_hz": Told("cutoff", finite, (3.0, 8.0), "Tremble can be what is faster than {} Hz"),
-    "trail_frames": Told("trailFrames", whole, (5, 90), "A trail can be {} frames long"),
-    "jerk_m_s3": Told("heatScale", finite, (50.0, 2000.0), "The scale of jerk can end at {} m/s³"),
+LIMITS: Mapping[str, tuple[float, float, str]] = {
+    "exaggeration": (1.0, 20.0, "Tremble can be shown {} times as large"),
+    "cutoff_hz": (3.0, 8.0, "Tremble can be what is faster than {} Hz"),
+    "trail_frames": (5, 90, "A trail can be {} frames long"),
+    "jerk_m_s3": (50.0, 2000.0, "The scale of jerk can end at {} m/s³"),
 }
-"""By the field of `Display`."""
+"""By the field of `Display` the least, the most, and what is said of a value beyond them, which go
+between its braces; the stage has the same."""
 
 
 def check_display(display: Display) -> None:
@@ -134,15 +75,57 @@ def check_display(display: Display) -> None:
     Raises:
         RunError: with one sentence.
     """
-    for name, told in TOLD.items():
+    for name, (least, most, refusal) in LIMITS.items():
         value = getattr(display, name)
-        if told.limits is not None and not told.limits[0] <= value <= told.limits[1]:
-            least, most = told.limits
-            raise RunError(f"{told.refusal.format(f'{least:g} to {most:g}')}; got {value:g}.")
+        if not least <= value <= most:
+            raise RunError(f"{refusal.format(f'{least:g} to {most:g}')}; got {value:g}.")
     if display.coloring not in COLORINGS:
         raise RunError(
             f"There is no colouring {display.coloring!r}; choose one of {', '.join(COLORINGS)}."
         )
+
+
+class FromBrowser(BaseModel):
+    """What a browser tells, by the names that its scripts have."""
+
+    model_config = ConfigDict(
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        str_max_length=500,
+        alias_generator=to_camel,
+        validate_by_name=True,
+    )
+
+
+class Look(FromBrowser):
+    """How a stage shows bodies (app/page/web/stage/look.js)."""
+
+    exaggeration: float = Field(1.0, alias="factor")
+    cutoff_hz: float = Field(5.0, alias="cutoff")
+    has_trail: bool = False
+    trail_frames: int = 30
+    has_heat: bool = False
+    jerk_m_s3: float = Field(500.0, alias="heatScale")
+    point: str = "right_middle"
+    """Of the trail."""
+    is_aligned: bool = True
+    """Whether the second of a pair stands where the first does, pelvis on pelvis."""
+    is_whole: bool = False
+    """All of the body rather than from the knees up."""
+    tone: str = "light"
+    """One of `TONES`; of the open body alone."""
+    build: str = "average"
+    """One of `BUILDS`; of the open body alone."""
+    has_bones: bool = False
+    has_axes: bool = False
+    """Skeletons and axes lie over the bodies; a video has none, and says so."""
+
+    @property
+    def display(self) -> Display:
+        names = (*LIMITS, "has_trail")
+        coloring: Coloring = "jerk" if self.has_heat else "natural"
+        return Display(coloring=coloring, **{name: getattr(self, name) for name in names})
 
 
 class Followed(Protocol):

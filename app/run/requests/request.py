@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import arg
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.flags import File, Names, Text, a_count, names_of, one_of, written
+from app.flags import File, Names, Text, a_count, names_of, one_of, some_of, written
 from app.run.requests.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
@@ -22,7 +22,6 @@ from model.storage.npz import MotionError
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
 
-T = TypeVar("T")
 WordsAsked = Literal["recognise", "none"]
 WORDS_ASKED: tuple[WordsAsked, ...] = get_args(WordsAsked)
 SIZES_PX = (256, 1080)
@@ -38,20 +37,9 @@ MAX_COMPARED = 6
 
 Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
-ArtefactKind = Literal[
-    "motion",
-    "speech",
-    "timeline",
-    "plan",
-    "video",
-    "comparison",
-    "figure",
-    "diagnostics",
-    "provenance",
-    "numbers",
-]
-
-
+OF_SYSTEMS = ("steps", "face_steps", "sampler", "guidance")
+SAMPLING = ("speaker", "seed", "samples", *OF_SYSTEMS)
+"""Fields of an ask that say how systems draw; the last each takes as it can."""
 Steps = int | Mapping[str, int] | None
 """Of all systems or by name; a system that is not named has its usual ones."""
 
@@ -103,27 +91,6 @@ def read_size(written: str) -> int:
     return int(written)
 
 
-def read_views(written: str) -> tuple[View, ...]:
-    """``front,side``; each once. Raises `RunError` if there is none of the name."""
-    known: dict[str, View] = {view: view for view in VIEWS}
-    return _known(written, known, "no view {name!r}; views are {names}")
-
-
-def read_close_ups(written: str) -> tuple[CloseUp, ...]:
-    """``face,hands`` or ``off``. Raises `RunError` if there is none of the name."""
-    known: dict[str, CloseUp] = {close_up: close_up for close_up in CLOSE_UPS}
-    asked = () if written == "off" else written
-    return _known(asked, known, "no close-up {name!r}; there are {names}, or off") if asked else ()
-
-
-def _known(written: str, known: Mapping[str, T], refusal: str) -> tuple[T, ...]:
-    names = names_of(written)
-    for name in names:
-        if name not in known:
-            raise RunError(refusal.format(name=name, names=", ".join(known)))
-    return tuple(known[name] for name in dict.fromkeys(names))
-
-
 def read_channel(written: str) -> int:
     """``left``, ``right`` or a number from 1, as one from 0. Raises `RunError` for all else."""
     sides = {"left": 0, "right": 1}
@@ -138,12 +105,6 @@ FIGURE_PANELS = ("a", "b", "c", "d")
 MAX_SNAPSHOTS = 7
 
 
-def read_panels(written: str) -> tuple[str, ...]:
-    """``a,b,d``. Raises `RunError` if there is none of the name."""
-    known = {panel: panel for panel in FIGURE_PANELS}
-    return _known(written, known, "no panel {name!r}; Figure 6 has {names}")
-
-
 def read_frames(written: str) -> tuple[int, ...]:
     """``0,40,80``. Raises `RunError` for what is no frame, and for too many."""
     names = names_of(written)
@@ -156,9 +117,10 @@ def read_frames(written: str) -> tuple[int, ...]:
 class FigureAsked:
     """What Figure 6 shows, and how wide it is printed."""
 
-    panels: Annotated[tuple[str, ...], written(read_panels, "a,b,...", show=",".join)] = (
-        FIGURE_PANELS
-    )
+    panels: Annotated[
+        tuple[str, ...],
+        some_of(FIGURE_PANELS, "no panel {name!r}; Figure 6 has {names}", "a,b,..."),
+    ] = FIGURE_PANELS
     """Of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
     frames: Annotated[tuple[int, ...], written(read_frames, "N,...", "every 50 from --start")] = ()
     """Of its snapshots."""
@@ -190,12 +152,14 @@ Assumed = Annotated[
 ]
 Channel = Annotated[int | None, written(read_channel, "left|right|N", "all, mixed")]
 CloseUps = Annotated[
-    tuple[CloseUp, ...], written(read_close_ups, "V,...|off", "off", ",".join), arg(name="close-up")
+    tuple[CloseUp, ...],
+    some_of(CLOSE_UPS, "no close-up {name!r}; there are {names}, or off", "V,...|off", "off"),
+    arg(name="close-up"),
 ]
 Height = Annotated[int, written(read_size, "PX")]
 Look = Annotated[str, one_of(LOOKS)]
 PerSystem = Annotated[Steps, written(parse_steps, "N|A=N,...", "as each usually takes")]
-Views = Annotated[tuple[View, ...], written(read_views, "V,...", show=",".join)]
+Views = Annotated[tuple[View, ...], some_of(VIEWS, "no view {name!r}; views are {names}", "V,...")]
 Strength = Annotated[float | None, written(float, "N", "as suits each system")]
 
 
@@ -339,36 +303,35 @@ class Ask:
     opened: Opened | None = None
     """The run that given motions are from, where they are measured anew to be shown."""
 
+    def check(self) -> None:
+        """Refuse what needs no file to be seen as wrong.
 
-def check(ask: Ask) -> None:
-    """Refuse what needs no file to be seen as wrong.
-
-    Raises:
-        RunError: with one sentence.
-    """
-    for value, allowed, what in (
-        (ask.post_filter, POST_FILTERS, "post-filter"),
-        (ask.words, WORDS_ASKED, "way to words"),
-        *((view, VIEWS, "view") for view in ask.views),
-        (ask.framing, FRAMINGS, "framing"),
-        *((close_up, CLOSE_UPS, "close-up") for close_up in ask.close_ups),
-    ):
-        if value not in allowed:
-            names = ", ".join(str(name) for name in allowed if name)
-            raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
-    if not ask.views:
-        raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
-    if not 1 <= ask.samples <= MAX_SAMPLES:
-        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {ask.samples}.")
-    _check_steps("Steps", ask.steps)
-    _check_steps("Face steps", ask.face_steps)
-    if ask.guidance is not None and not 0 <= ask.guidance <= MAX_GUIDANCE:
-        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {ask.guidance:g}.")
-    if ask.seed < 0:
-        raise RunError(f"The seed must not be negative; got {ask.seed}.")
-    check_display(ask.display)
-    if ask.has_video:
-        check_size(ask.size)
+        Raises:
+            RunError: with one sentence.
+        """
+        for value, allowed, what in (
+            (self.post_filter, POST_FILTERS, "post-filter"),
+            (self.words, WORDS_ASKED, "way to words"),
+            *((view, VIEWS, "view") for view in self.views),
+            (self.framing, FRAMINGS, "framing"),
+            *((close_up, CLOSE_UPS, "close-up") for close_up in self.close_ups),
+        ):
+            if value not in allowed:
+                names = ", ".join(str(name) for name in allowed if name)
+                raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
+        if not self.views:
+            raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
+        if not 1 <= self.samples <= MAX_SAMPLES:
+            raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {self.samples}.")
+        _check_steps("Steps", self.steps)
+        _check_steps("Face steps", self.face_steps)
+        if self.guidance is not None and not 0 <= self.guidance <= MAX_GUIDANCE:
+            raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {self.guidance:g}.")
+        if self.seed < 0:
+            raise RunError(f"The seed must not be negative; got {self.seed}.")
+        check_display(self.display)
+        if self.has_video:
+            check_size(self.size)
 
 
 def _check_steps(what: str, asked: Steps) -> None:

@@ -22,7 +22,7 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
-from app.run.requests.request import Ask, Grown, OnEvent, ShouldCancel
+from app.run.requests.request import SAMPLING, Ask, Grown, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked, Offer, edited, offers_for
 from conventions.names import SampleName, file_stem
@@ -151,7 +151,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             shown = filtered(made.motion, asked.post_filter)
             run.motion(name, shown, f"{file_stem(name)}.npz")
             _tell(request.folder, row, written, words)
-            run.file("plan", "", request.folder / row.files["told"])
+            run.file(request.folder / row.files["told"])
             run.finish("")
         except Cancelled as error:
             raise CancelledRun from error
@@ -236,12 +236,6 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     }
 
 
-_SAMPLING = (
-    *("speaker", "seed", "samples", "steps", "face_steps", "sampler", "guidance"),
-    *("post_filter", "joint"),
-)
-
-
 def asked_of(folder: Path, record: RunRecord, weights: Path) -> Ask | None:
     """As the motion of a run's folder was asked for, as far as takes are made by it; None where
     none can be."""
@@ -250,7 +244,8 @@ def asked_of(folder: Path, record: RunRecord, weights: Path) -> Ask | None:
     speech = file_of(folder, record.sound)
     if record.kind != "generated" or speech is None or not systems:
         return None
-    told = {name: record.asked[name] for name in _SAMPLING if name in record.asked}
+    known = (*SAMPLING, "post_filter", "joint")
+    told = {name: record.asked[name] for name in known if name in record.asked}
     return Ask(speech=speech, out=folder, weights=weights, systems=systems, **told)
 
 

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field, ValidationError
 
+from app import text
 from app.errors import RunError
 from app.run.body_motion import MAX_FRAMES, body_motion, in_register
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import share_teller
-from app.run.requests.display import Display, check_display
-from app.run.requests.request import OnEvent, ShouldCancel
-from app.run.videos.videos import VideoOptions, draw_videos, jobs_of
+from app.run.output.telling import Reporter
+from app.run.requests.display import FromBrowser, Look, check_display
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
+from app.run.videos.videos import draw_videos, jobs_of
+from conventions.names import printable
 from conventions.views import BUILDS, LOOKS, TONES
 from renderer.scene.camera import Orbit
 
@@ -28,76 +31,99 @@ if TYPE_CHECKING:
     from renderer.video.workers import RenderJob
 
 Mode = Literal["grid", "ghost", "wipe", "flicker"]
-MODES: tuple[Mode, ...] = get_args(Mode)
 MAX_SHOWN = 12
 """Bodies in one video."""
 MAX_BODIES = 64
 """On a stage, whether they are shown or not: all of them say where the cameras stand."""
 SIDES_PX = (64.0, 8192.0)
 """Of a picture on a screen."""
-BODY = "body"
+MAX_ASKED = 60_000
+"""Characters that a browser tells."""
+MAX_LABEL = 60
 
 
-@dataclass(frozen=True)
-class SeenPanel:
+Four = tuple[float, float, float, float]
+Color = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
+Label = Annotated[str, AfterValidator(lambda label: printable(label)[:MAX_LABEL] or "motion")]
+
+
+class SeenPanel(FromBrowser):
     """A rectangle of a picture on a screen, in its pixels, and what is seen in it."""
 
-    view: str
-    """`BODY`, or a view of a close-up."""
-    left: float
-    top: float
-    width: float
-    height: float
+    rect: Four
+    """Left, top, width, height."""
+    view: str | None = None
+    """Of a close-up; None is the body."""
 
 
-@dataclass(frozen=True)
-class Seen:
+class SeenBody(FromBrowser):
+    """One of a stage's bodies."""
+
+    label: Label
+    motion: str
+    """Its address."""
+    color: Color
+    """Of its row."""
+
+
+class Seen(FromBrowser):
     """Which bodies a stage shows, how, and from where."""
 
-    shown: tuple[int, ...]
+    bodies: Annotated[tuple[SeenBody, ...], Field(max_length=MAX_BODIES)]
+    """All that are on it."""
+    shown: Annotated[tuple[int, ...], Field(max_length=MAX_BODIES)]
     """Numbers of the bodies from 0 on, in their order; the two of a pair."""
     size: tuple[float, float]
     """Width and height of one body's picture; of a pair, of the whole."""
-    panels: tuple[tuple[SeenPanel, ...], ...]
+    panels: Annotated[
+        tuple[Annotated[tuple[SeenPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
+    ]
     """Of all pictures alike; of a pair those of each. The body's comes first."""
-    columns: int = 1
+    columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
     """Pictures in a row."""
     mode: Mode = "grid"
     """How two lie over each other; ``grid`` is beside."""
-    is_aligned: bool = True
-    """Whether the second of a pair stands where the first does, pelvis on pelvis."""
-    wipe: float = 0.5
+    wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Share of the body's picture that shows the first."""
-    display: Display = field(default_factory=Display)
-    point: str = TIP
-    """Of the trail."""
+    look: Look = Look()
     is_smoothed: bool = False
     """Behind the post-filter."""
-    is_whole: bool = False
-    """All of the body rather than from the knees up."""
-    tone: str = "light"
-    """One of `TONES`; of the open body alone."""
-    build: str = "average"
-    """One of `renderer.body.look.BUILDS`; of the open body alone."""
-    has_lines: bool = False
-    """Whether skeletons or axes lie over the bodies; a video has none, and says so."""
-    camera: Orbit = field(default_factory=Orbit)
+    camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
+    """As `Orbit` has it."""
+    sound: str | None = None
+    """Its address."""
 
-    def check(self, num_bodies: int) -> None:
+    @classmethod
+    def read(cls, told: object) -> Seen:
+        """
+        Args:
+            told: JSON, as app/page/web/player/player.js writes it.
+
+        Raises:
+            RunError: if it is anything else, or what no stage shows.
+        """
+        try:
+            if not isinstance(told, str) or len(told) > MAX_ASKED:
+                raise ValueError("it is too long, or no text.")
+            seen = cls.model_validate_json(told)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            why = f"{'.'.join(map(str, first['loc'])) or 'all'}: {first['msg'].lower()}."
+            raise RunError(text.SEEN_DAMAGED.format(why=printable(why)[:200])) from None
+        except ValueError as error:
+            raise RunError(text.SEEN_DAMAGED.format(why=error)) from None
+        seen.check()
+        return seen
+
+    def check(self) -> None:
         """Refuse what no stage shows.
 
         Raises:
             RunError: with one sentence.
         """
+        num_bodies, is_pair = len(self.bodies), self.mode != "grid"
         if not num_bodies:
             raise RunError("There is no body on the stage yet; wait until one moves.")
-        if num_bodies > MAX_BODIES:
-            raise RunError(f"A stage has at most {MAX_BODIES} bodies; {num_bodies} were told of.")
-        if self.mode not in MODES:
-            raise RunError(
-                f"There is no way {self.mode!r} to compare; choose one of {', '.join(MODES)}."
-            )
-        is_pair = self.mode != "grid"
         if is_pair and len(self.shown) != 2:
             raise RunError(f"A {self.mode} shows two bodies; {len(self.shown)} were told of.")
         if not 1 <= len(self.shown) <= MAX_SHOWN:
@@ -107,24 +133,21 @@ class Seen:
             )
         if not all(0 <= number < num_bodies for number in self.shown):
             raise RunError(f"The stage has bodies 0 to {num_bodies - 1}; got {list(self.shown)}.")
-        if not 1 <= self.columns <= MAX_SHOWN:
-            raise RunError(f"A row holds 1 to {MAX_SHOWN} bodies; got {self.columns}.")
-        if not 0 <= self.wipe <= 1:
-            raise RunError(f"A wipe stands at 0 to 1 of the picture; got {self.wipe:g}.")
-        for kind, name, known in (("tone", self.tone, TONES), ("build", self.build, BUILDS)):
+        look = self.look
+        for kind, name, known in (("tone", look.tone, TONES), ("build", look.build, BUILDS)):
             if name not in known:
                 raise RunError(f"There is no {kind} {name!r}; choose one of {', '.join(known)}.")
         self._check_room(is_pair)
-        check_display(self.display)
+        check_display(look.display)
         try:
-            self.camera.check()
+            Orbit(*self.camera).check()
         except ValueError as error:
             raise RunError(str(error)) from error
 
     def _check_room(self, is_pair: bool) -> None:
         from renderer.scene.stage import CLOSE_UP_VIEWS  # only now: it brings scipy
 
-        known = {BODY, *(view for views in CLOSE_UP_VIEWS.values() for view in views)}
+        known = {None, *(view for views in CLOSE_UP_VIEWS.values() for view in views)}
         least, most = SIDES_PX
         if not all(least <= side <= most for side in self.size):
             raise RunError(
@@ -135,28 +158,31 @@ class Seen:
             raise RunError("The stage told of another number of pictures than it shows.")
         for picture in self.panels:
             views = [panel.view for panel in picture]
-            if views[:1] != [BODY] or len(set(views)) != len(views) or not set(views) <= known:
+            if views[:1] != [None] or len(set(views)) != len(views) or not set(views) <= known:
                 raise RunError(
                     "A picture holds a body, and face and hands at most once each beside it; "
-                    f"got {', '.join(views) or 'nothing'}."
+                    f"got {', '.join(view or 'body' for view in views) or 'nothing'}."
                 )
             for panel in picture:
+                left, top, width, height = panel.rect
                 inside = (
-                    panel.left >= -1
-                    and panel.top >= -1
-                    and panel.left + panel.width <= self.size[0] + 1
-                    and panel.top + panel.height <= self.size[1] + 1
-                    and min(panel.width, panel.height) >= 8
+                    min(left, top) >= -1
+                    and left + width <= self.size[0] + 1
+                    and top + height <= self.size[1] + 1
+                    and min(width, height) >= 8
                 )
                 if not inside:
                     raise RunError(
-                        f"The {panel.view.replace('_', ' ')} has no room on the stage; make its "
-                        "window larger, or leave out close-ups."
+                        f"The {(panel.view or 'body').replace('_', ' ')} has no room on the stage; "
+                        "make its window larger, or leave out close-ups."
                     )
 
 
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
+TOO_SMALL = (
+    "Bodies are too small on the stage to be drawn ({why}); enlarge one, or make its window larger."
+)
 MAX_ENLARGED = 1.5
 """Pixels of a video for one of the page, at most."""
 _DRAWN = 0.9
@@ -166,30 +192,16 @@ _FINE_CRF = 14
 
 
 @dataclass(frozen=True)
-class SeenBody:
-    """One of a stage's bodies."""
-
-    label: str
-    motion: Path
-    color: str
-    """Of its row, as #rrggbb."""
-
-
-@dataclass(frozen=True)
 class SeenRequest:
     """A video of a stage."""
 
-    bodies: tuple[SeenBody, ...]
-    """All that are on it."""
     seen: Seen
+    motions: tuple[Path, ...]
+    """Of its bodies."""
     out: Path
     speech: Path | None = None
     """A wav; None leaves the video silent."""
     body: Path | None = None
-
-    def within(self, folder: Path) -> SeenRequest:
-        """The same in a folder of its own."""
-        return replace(self, out=folder / "results")
 
 
 @dataclass(frozen=True)
@@ -213,10 +225,9 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
     from model.motion.motion import load_motion
 
     seen = request.seen
-    seen.check(len(request.bodies))
-    on_share = share_teller("video", on_event, should_cancel)
-    on_share(0.0)
-    motions = [in_register(load_motion(each.motion)) for each in request.bodies]
+    run = Reporter(on_event, should_cancel)
+    run.share("video")(0.0)
+    motions = [in_register(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
     shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
@@ -224,7 +235,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
     }
     body = get_body(request.body)
-    tip = choose_tip_source(body, request.body, seen.point)
+    tip = choose_tip_source(body, request.body, seen.look.point)
     room = _Room.of(seen)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
@@ -232,27 +243,26 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         jobs: dict[str, RenderJob] = {}
         for i, base in bases.items():
             picture = room.pictures[int(i) if seen.mode != "grid" else 0]
-            options = _options(seen, picture, LOOKS[0] if request.body else None)
-            (job,) = jobs_of(
-                *({i: base}, options, body, request.body, tip),
-                lambda name, _: parts / f"{name}.mp4",
-                staged=motions,
-            ).values()
-            jobs[i] = job
+            how = {"layout": picture, "crf": _FINE_CRF}
+            drawn = {i: base}, _asked(request), body, tip, lambda name, _: parts / f"{name}.mp4"
+            try:
+                (jobs[i],) = jobs_of(*drawn, staged=motions, **how).values()
+            except RunError as error:
+                raise RunError(TOO_SMALL.format(why=error)) from error
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_videos(jobs, lambda share: on_share(_DRAWN * share))
+        draw_videos(jobs, run.share("video", _DRAWN))
         _compose(
             request,
             [parts / f"{i}.mp4" for i in jobs],
-            [request.bodies[number].label for number in seen.shown],
-            *(room, folder, on_share),
+            [seen.bodies[number].label for number in seen.shown],
+            *(room, folder, run.share("video", 1 - _DRAWN, _DRAWN)),
         )
         (video,) = folder.publish()
-    on_share(1.0)
+    run.progress("video", 1.0)
     return SeenVideo(
         video,
         max(motion.num_frames for motion in shown.values()),
-        (*notes, NO_LINES) if seen.has_lines else notes,
+        (*notes, NO_LINES) if seen.look.has_bones or seen.look.has_axes else notes,
     )
 
 
@@ -269,22 +279,16 @@ def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...
     )
 
 
-def _options(seen: Seen, layout: tuple[Panel, ...], look: str | None) -> VideoOptions:
-    options = VideoOptions(
-        seen.display,
-        framing="whole" if seen.is_whole else "knees",
-        look=look or f"{seen.build}-{seen.tone}",
-        layout=layout,
-        crf=_FINE_CRF,
+def _asked(request: SeenRequest) -> Ask:
+    """How bodies are drawn."""
+    look = request.seen.look
+    return Ask(
+        out=request.out,
+        display=look.display,
+        framing="whole" if look.is_whole else "knees",
+        look=LOOKS[0] if request.body else f"{look.build}-{look.tone}",
+        body=request.body,
     )
-    try:
-        options.settings("front")
-    except RunError as error:
-        raise RunError(
-            f"Bodies are too small on the stage to be drawn ({error}); enlarge one, or make its "
-            "window larger."
-        ) from error
-    return options
 
 
 def _seen_from_there(
@@ -296,11 +300,11 @@ def _seen_from_there(
     Args:
         raw: by the keys of ``jobs``.
     """
-    if seen.mode != "grid" and seen.is_aligned:
+    if seen.mode != "grid" and seen.look.is_aligned:
         jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
-        stage = job.stage.seen_from(seen.camera)
+        stage = job.stage.seen_from(Orbit(*seen.camera))
         ways = stage.tracks(body, raw[key])
         if seen.mode != "grid":
             way, *_ = stage.tracks(body, raw["0"])
@@ -352,9 +356,10 @@ class _Room:
             return max(0, 2 * round(scale * value / 2))
 
         def placed(panel: SeenPanel) -> Panel:
-            left, top = even(panel.left), even(panel.top)
-            size = even(panel.left + panel.width) - left, even(panel.top + panel.height) - top
-            return Panel("front" if panel.view == BODY else panel.view, left, top, *size)
+            left, top, width, height = panel.rect
+            at = even(left), even(top)
+            size = even(left + width) - at[0], even(top + height) - at[1]
+            return Panel(panel.view or "front", *at, *size)
 
         pictures = tuple(tuple(placed(panel) for panel in picture) for picture in seen.panels)
         edges = [panel for picture in pictures for panel in picture]
@@ -372,13 +377,10 @@ def _compose(
     labels: Sequence[str],
     room: _Room,
     folder: ResultFolder,
-    on_share: Callable[[float], None],
+    on_progress: Callable[[float], None],
 ) -> None:
     """All of them in one video, under their names."""
     from renderer.video.compose import PairLayout, compose_pair, compose_videos
-
-    def on_progress(share: float) -> None:
-        on_share(_DRAWN + (1 - _DRAWN) * share)  # what it raises ends ffmpeg too
 
     out, mode = folder.path(NAME), request.seen.mode
     if mode == "grid":
@@ -396,7 +398,7 @@ def _compose(
         *(videos, [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]),
         *(mode, layout, out, request.speech),
         on_progress=on_progress,
-        inks=[request.bodies[number].color for number in request.seen.shown],
+        inks=[request.seen.bodies[number].color for number in request.seen.shown],
     )
 
 

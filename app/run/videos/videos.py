@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from app.run.body_motion import body_motion, picture_motions
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import add_file, file_of, read_run
-from app.run.output.telling import Reporter, share_teller
+from app.run.output.run_folder import RowKind, add_file, file_of, read_run
+from app.run.output.telling import Reporter
 from app.run.requests.display import Display, displayed, marks_of
-from app.run.requests.request import ArtefactKind, Grown, OnEvent, ShouldCancel
+from app.run.requests.request import Ask, Grown, OnEvent, ShouldCancel
 from app.run.rows import names_that_fit
 from conventions.names import file_stem
-from conventions.views import CLOSE_UPS, LOOKS, CloseUp, Framing, View
+from conventions.views import View
 
 if TYPE_CHECKING:
     from app.run.followed_point import TipSource
@@ -37,58 +37,35 @@ if TYPE_CHECKING:
 PARALLEL_VIDEOS = 2
 _POLL_S = 0.1
 Key = TypeVar("Key", bound=Hashable)
-OnFile = Callable[[ArtefactKind, str, Path], None]
+OnFile = Callable[..., None]
+"""As `Reporter.file`."""
 
 
-@dataclass(frozen=True)
-class VideoOptions:
-    """How motions are shown: what is drawn beyond them, and the panels they are drawn in."""
+def picture_of(
+    ask: Ask, view: View, layout: tuple[Panel, ...] | None = None, **others: Any
+) -> RenderSettings:
+    """Pictures of the height that is asked for, and in the first view close-ups beside them: square
+    ones of the whole body, and ones of three quarters of the width where it stands from the knees
+    up.
 
-    display: Display = field(default_factory=lambda: Display(has_trail=True))
-    size: int = 640
-    """Height of the body in pixels."""
-    framing: Framing = "knees"
-    close_ups: tuple[CloseUp, ...] = CLOSE_UPS
-    """Beside the first view."""
-    views: tuple[View, ...] = ("front",)
-    look: str = LOOKS[0]
-    """Of the open body."""
-    is_draft: bool = False
-    is_transparent: bool = False
-    layout: tuple[Panel, ...] = ()
-    """Where the body and its close-ups stand, where that is not as usual."""
-    crf: int = 20
+    Args:
+        layout: where the body and its close-ups stand, where that is not as usual.
+        others: fields of the settings.
 
-    def settings(self, view: View) -> RenderSettings:
-        """Pictures of that height, and close-ups beside them: square ones of the whole body, and
-        ones of three quarters of the width where it stands from the knees up.
+    Raises:
+        RunError: if the size cannot be drawn or encoded.
+    """
+    from renderer.video.render import RenderSettings
 
-        Raises:
-            RunError: if the size cannot be drawn or encoded.
-        """
-        from renderer.video.render import RenderSettings
-
-        width, height = (
-            self.size if self.framing == "whole" else 2 * (3 * self.size // 8),
-            self.size,
+    width = ask.size if ask.framing == "whole" else 2 * (3 * ask.size // 8)
+    size = (layout[0].width, layout[0].height) if layout else (width, ask.size)
+    close_ups = ask.close_ups if view == ask.views[0] and not layout else ()
+    try:
+        return RenderSettings(
+            *(*size, view, ask.framing), close_ups=close_ups, layout=layout, **others
         )
-        if self.layout:
-            width, height = self.layout[0].width, self.layout[0].height
-        try:
-            return RenderSettings(
-                *(width, height, view, self.framing),
-                close_ups=self.close_ups if view == self.views[0] and not self.layout else (),
-                antialias=not self.is_draft,
-                crf=self.crf,
-                layout=self.layout or None,
-                is_transparent=self.is_transparent,
-            )
-        except ValueError as error:
-            raise RunError(str(error)) from error
-
-
-POSES = VideoOptions(Display(), 512, "whole", ())
-"""How poses are drawn where no video is."""
+    except ValueError as error:
+        raise RunError(str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -103,14 +80,14 @@ class Snapshots:
 
 def jobs_of(
     motions: Mapping[str, Motion],
-    options: VideoOptions,
+    ask: Ask,
     body: Body,
-    body_path: Path | None,
     tip: TipSource,
     out: Callable[[str, View], Path | None],
     speech: Path | None = None,
     frames: tuple[int, ...] = (),
     staged: Sequence[Motion] = (),
+    **how: Any,
 ) -> dict[tuple[str, View], RenderJob]:
     """What is to be drawn of each motion in each view, all bodies before one camera. As for the
     motions themselves: exaggerated ones stand before the same.
@@ -120,6 +97,7 @@ def jobs_of(
         speech: what is heard in it.
         frames: of which pictures are given back.
         staged: what the camera shows all of, where those are other motions.
+        how: as of `picture_of`.
     """
     from renderer.video.render import stage_for
     from renderer.video.workers import RenderJob
@@ -127,14 +105,14 @@ def jobs_of(
     posed = [body_motion(motion) for motion in staged or motions.values()]
     looks = {
         name: {
-            "motion": body_motion(displayed(motion, options.display)),
-            "marks": marks_of(motion, options.display, tip, body),
+            "motion": body_motion(displayed(motion, ask.display)),
+            "marks": marks_of(motion, ask.display, tip, body),
         }
         for name, motion in motions.items()
     }
     jobs = {}
-    for view in options.views:
-        settings = options.settings(view)
+    for view in ask.views:
+        settings = picture_of(ask, view, **how)
         stage = stage_for(body, posed, settings)
         for name in motions:
             jobs[name, view] = RenderJob(
@@ -142,8 +120,8 @@ def jobs_of(
                 out=out(name, view),
                 speech_wav=speech,
                 settings=settings,
-                body_path=body_path,
-                look=options.look,
+                body_path=ask.body,
+                look=ask.look,
                 stage=stage,
                 still_frames=frames,
             )
@@ -169,16 +147,15 @@ def draw_videos(
 
 def draw_rows(
     motions: Mapping[str, Motion],
-    options: VideoOptions,
+    ask: Ask,
     body: Body,
-    body_path: Path | None,
     tip: TipSource,
     on_share: Callable[[float], None],
     *,
     folder: ResultFolder | None = None,
     speech: Path | None = None,
     frames: tuple[int, ...] = (),
-    on_file: OnFile = lambda kind, name, path: None,
+    on_file: OnFile = lambda *paths, **shown: None,
 ) -> Snapshots:
     """A video of each motion in each view, and poses for Figure 6 in the first view: on the way
     where videos show the same, else drawn apart.
@@ -193,18 +170,17 @@ def draw_rows(
     Raises:
         BodyError, GLError, VideoError: as `draw_videos`.
     """
-    view = options.views[0]
+    view = ask.views[0]
 
     def out(name: str, seen: View) -> Path | None:
         ending = ".mp4" if seen == view else f".{seen}.mp4"
         return folder and folder.path(f"{file_stem(name)}{ending}")
 
-    poses = VideoOptions(Display(), options.size, "whole", (), (view,), options.look)
-    arguments = (body, body_path, tip)
+    poses = replace(ask, display=Display(), framing="whole", close_ups=(), views=(view,))
     jobs: dict[tuple[str, ...], RenderJob] = {}
-    jobs |= jobs_of(motions, options, *arguments, out, speech) if folder else {}
-    apart = jobs_of(motions, poses, *arguments, lambda *_: None, None, frames) if frames else {}
-    are_on_the_way = folder and options.display.is_plain and options.framing == "whole"
+    jobs |= jobs_of(motions, ask, body, tip, out, speech) if folder else {}
+    apart = jobs_of(motions, poses, body, tip, lambda *_: None, None, frames) if frames else {}
+    are_on_the_way = folder and ask.display.is_plain and ask.framing == "whole"
     pose_of: dict[str, tuple[str, ...]] = {}
     for (name, _), job in apart.items():
         pose_of[name] = (name, view) if are_on_the_way else (name, view, "pose")
@@ -213,7 +189,8 @@ def draw_rows(
     def on_done(key: tuple[str, ...]) -> None:
         video = jobs[key].out
         if video is not None and folder is not None:
-            on_file("video", key[0], video)
+            row = key[0] if key[1] == view else ""  # which shows that of its first view
+            on_file(video, row=row, kind="video")
 
     stills = draw_videos(jobs, on_share, on_done)
     if not frames:
@@ -314,20 +291,8 @@ def joined_side_by_side(
             is_given_up.set()
             raise
     joining.result()
-    reporter.file("comparison", "comparison", out)
+    reporter.file(out)
     reporter.progress("comparison", 1.0)
-
-
-@dataclass(frozen=True)
-class VideosRequest:
-    """Videos of a run's motions, all alike, and one of them side by side."""
-
-    run: Path
-    """Its folder: each video comes into it as soon as it is whole."""
-    out: Path
-    """Where they are drawn."""
-    body: Path | None = None
-    options: VideoOptions = field(default_factory=VideoOptions)
 
 
 class _Adding(Reporter):
@@ -337,13 +302,18 @@ class _Adding(Reporter):
         super().__init__(on_event, should_cancel)
         self._run = run
 
-    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
-        add_file(self._run, kind, name, path)
+    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
+        for path in paths:
+            add_file(self._run, path, row, kind)
         self._on_event(Grown(self._run))
 
 
-def draw_behind(request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-    """Draw the videos and ``comparison.mp4``.
+def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    """Draw videos of a run's motions, all alike, and ``comparison.mp4``.
+
+    Args:
+        ask: has the run's folder in place of its motions: each video comes into that as soon as it
+            is whole; they are drawn in the ask's own.
 
     Raises:
         CancelledRun: when ``should_cancel`` said so.
@@ -351,19 +321,19 @@ def draw_behind(request: VideosRequest, on_event: OnEvent, should_cancel: Should
     """
     from model.motion.motion import load_motion
 
-    record, reporter = read_run(request.run), _Adding(request.run, on_event, should_cancel)
+    (run,) = ask.motions
+    record, reporter = read_run(run), _Adding(run, on_event, should_cancel)
     motions = {
         row.name: load_motion(file)
         for row in record.rows
-        if row.take is None and (file := file_of(request.run, row.files.get("motion")))
+        if row.take is None and (file := file_of(run, row.files.get("motion")))
     }
-    speech = file_of(request.run, record.sound) if record.speech_sha256 else None
-    body = get_body(request.body)
-    with ResultFolder(request.out) as folder:
+    speech = file_of(run, record.sound) if record.speech_sha256 else None
+    body = get_body(ask.body, ask.look)
+    with ResultFolder(ask.out) as folder:
         draw_rows(
-            *(picture_motions(motions).motions, request.options, body, request.body),
-            choose_tip_source(body, request.body, record.point),
-            share_teller("video", on_event, should_cancel),
+            *(picture_motions(motions).motions, ask, body),
+            *(choose_tip_source(body, ask.body, record.point), reporter.share("video")),
             folder=folder,
             speech=speech,
             on_file=reporter.file,

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.run.models import get_body
-from app.run.requests.display import Display
-from app.run.videos.videos import VideoOptions, draw_videos
+from app.run.requests.request import Ask
+from app.run.videos.videos import draw_videos, picture_of
 from app.study.design.plan import Clip, Plan
 from app.study.design.trials import Stimulus
 from app.study.make import media
@@ -110,8 +110,8 @@ class Maker:
         from renderer.scene.stage import set_stage
         from renderer.video.workers import RenderJob
 
-        looks = (Display(), self.plan.size, "whole", ())
-        settings = VideoOptions(*looks, crf=0).settings(view)  # encoded once more
+        asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
+        settings = picture_of(asked, view, crf=0)  # encoded once more
         stage = set_stage(get_body(self.body_path), list(motions.values()), view, settings.aspect)
         work = self.workspace.work / f"clip-{number}"  # its own, since several may be made at once
         work.mkdir(exist_ok=True)

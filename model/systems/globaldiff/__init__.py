@@ -99,7 +99,6 @@ FAMILY = Family(
         "steps": (_FULL, BEST),
         "hearing": (BEST, _GLOBAL),
         "hearing-tab": (BEST, _GLOBAL),
-        "first-look": (BEST,),
         "training": (_GLOBAL,),
         "bench-training": (_GLOBAL, _FULL),
     },

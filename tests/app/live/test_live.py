@@ -20,12 +20,13 @@ from app.live import sessions as module
 from app.live import sound as sounds
 from app.live.child import Performers
 from app.live.minute import KEPT_FRAMES, LastMinute, LastPlan
-from app.live.session import LiveAsk, LiveSession, check_live, why_less
+from app.live.session import LiveSession, check_live, live_ask, why_less
 from app.live.sessions import LiveSessions, Place
 from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
 from app.live.told_plan import told_plan
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message
+from app.run.requests.request import Ask
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion
@@ -37,7 +38,8 @@ from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
-ASK = LiveAsk("globaldiff/global", "ann", seed=2)
+NAME = "globaldiff/global"
+ASK = Ask(out=Path(), systems=(NAME,), speaker="ann", seed=2)
 SECOND = bytes(32_000)
 """Of silence."""
 
@@ -66,14 +68,14 @@ def clock() -> Clock:
 
 @pytest.fixture
 def session(weights: Path, told: list[Any], clock: Clock) -> LiveSession:
-    return LiveSession(get_system(ASK.system, weights), ASK, told.append, clock)
+    return LiveSession(get_system(NAME, weights), ASK, told.append, clock)
 
 
 @pytest.fixture
 def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSession:
     system = get_system("workbench/planned", planned_weights)
     check_live(system)
-    ask = LiveAsk("workbench/planned", "ann", seed=2)
+    ask = replace(ASK, systems=("workbench/planned",))
     return LiveSession(system, ask, told.append, clock)
 
 
@@ -105,13 +107,13 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.keep(tmp_path)
-    motion = load_motion(kept.npz)
+    kept = session.keep(tmp_path).take
+    motion = load_motion(kept.motion)
     assert motion.num_frames == made and kept.facts["first_frame_of_session"] == 0
     assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0
     assert kept.why_less == "" and kept.plan is None
 
-    live = LiveMotion(get_system(ASK.system, weights), GenerateOptions("ann", seed=2))
+    live = LiveMotion(get_system(NAME, weights), GenerateOptions("ann", seed=2))
     features, pieces = CausalMel(), []
     for block in sound(3.0):
         samples = np.frombuffer(block, "<i2").astype(np.float32) / 32_768
@@ -183,7 +185,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
     with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
-    slow = LiveSession(get_system(ASK.system, weights), ASK, lambda _: None, clock)
+    slow = LiveSession(get_system(NAME, weights), ASK, lambda _: None, clock)
     with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
         speak(slow, clock, 3.0)
     assert slow.windows == limits.TRIAL_WINDOWS + 1
@@ -202,14 +204,14 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
 
 def test_what_asks_for_nothing_is_refused(weights, told):
     good = {"system": "globaldiff/global", "speaker": "ann", "seed": 2**31 - 1}
-    assert LiveAsk.of(good).seed == 2**31 - 1
+    assert live_ask(good).seed == 2**31 - 1
     wrong = [{"system": ["gan/5"]}, *({"seed": seed} for seed in (None, -1, True, 1e300, 2**31))]
     for asked in (None, 3, [], {}, {"system": "gan/5"}, *(good | each for each in wrong)):
         with pytest.raises(RunError):
-            LiveAsk.of(asked)
+            live_ask(asked)
     with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
-        system = get_system(ASK.system, weights)
-        LiveSession(system, LiveAsk(ASK.system, "eve"), told.append)
+        system = get_system(NAME, weights)
+        LiveSession(system, replace(ASK, speaker="eve"), told.append)
 
 
 def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
@@ -456,10 +458,11 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypa
     put_all(sessions, place, 2.9)
     sessions.performers.turn()
     sessions.performers.turn()
-    ask, kept = sessions.keep(place.token, "mine", tmp_path)
-    assert ask is ASK and load_motion(kept.npz).num_frames > 60
+    kept = sessions.keep(place.token, "mine", tmp_path)
+    assert kept == replace(ASK, speech=kept.speech, out=kept.out, take=kept.take)
+    assert kept.take is not None and load_motion(kept.take.motion).num_frames > 60
     sessions.close(place)
-    assert sessions.keep(place.token, "mine", tmp_path)[1] == kept
+    assert sessions.keep(place.token, "mine", tmp_path) == kept
     for token, cookie in ((place.token, "yours"), (place.token, ""), ("x", "mine"), ("ü", "")):
         with pytest.raises(RunError, match="no live minute"):
             sessions.keep(token, cookie, tmp_path)

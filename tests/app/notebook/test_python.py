@@ -7,7 +7,7 @@ from app import notebook
 from app.errors import RunError
 from app.notebook import diagnose, generate
 from app.notebook.comparing import compare
-from app.notebook.inputs import named_motions, plan_file, read_motion, read_speech
+from app.notebook.inputs import named_motions, read_motion, read_speech
 from model.motion.motion import save_motion
 from model.speech.audio import SpeechError
 from tests.helpers import smooth_motion_example
@@ -56,8 +56,6 @@ def test_motions_have_their_files_names(tmp_path):
     assert read_motion(motion) is motion
     with pytest.raises(RunError, match="at least one"):
         named_motions({})
-    with plan_file(None) as path:
-        assert path is None
 
 
 def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
@@ -91,4 +89,5 @@ def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights)
         jerks = [each.systems[name].raw.point.tip_jerk_m_s3 for each in (found, done.diagnostics)]
         assert jerks[0] == jerks[1] > 0
     assert done.compare().names == tuple(names)
-    assert all(f'"{name}"' in done.show().html for name in names)
+    html = done.show().html
+    assert all(f'"{name}"' in html for name in names) and "jerk in m/s³" in html

@@ -1,24 +1,62 @@
 """What a fresh page shows first, in ``examples/first_look``: made with the bundled weights.
 ``python -m tests.app.run.made_first_look`` makes it anew."""
 
+import json
 import shutil
+import tempfile
 from pathlib import Path
 
-from app.config import BUNDLED_WEIGHTS, EXAMPLES
-from app.page.player.first_look_shown import EXAMPLE
-from app.run.examples import STORED, FirstLook, first_look, make_first_look
-from model.systems.registry import usual_systems
+from app.config import EXAMPLES
+from app.run.body_motion import picture_motions
+from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
+from app.run.followed_point import TIP, choose_tip_source
+from app.run.models import get_body
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import SPEECH, RunRecord
+from app.run.pipeline import do
+from app.run.requests.request import Ask
+from app.run.run_writer import RunWriter
+from conventions.names import file_stem
+from conventions.rates import SAMPLE_RATE
+from model.measures.smoothness import derivative_magnitudes
+from model.motion.motion import load_motion
+from model.speech.audio import load_speech, write_wav
+from model.speech.transcript import NOTHING_SAID
+from model.systems.globaldiff.config import BEST
+
+LOOK_S = 6.7
+"""Of the speech, to a pause: whoever opens the page first waits for each second of it."""
 
 
-def look_in(kept: Path) -> FirstLook:
-    """As the page asks for it, kept in a folder."""
-    speech = EXAMPLES / f"{EXAMPLE}.wav"
-    return first_look(kept, BUNDLED_WEIGHTS, usual_systems("first-look")[0], speech)
+def make_first_look(out: Path) -> None:
+    """What the best system makes of the beginning of an example, and the same with a tremble."""
+    tip = choose_tip_source(get_body(None), None)
+    with tempfile.TemporaryDirectory() as temporary:
+        beginning = Path(temporary, SPEECH)
+        waveform = load_speech(EXAMPLES / "three_reasons.wav").waveform
+        write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
+        speech = load_speech(beginning)
+        ask = Ask(speech=beginning, out=Path(temporary, "run"), systems=(BEST,), has_figures=False)
+        result = do(ask)
+        motion = load_motion(result.out / f"{file_stem(BEST)}.npz")
+        provenance = json.loads((result.out / "provenance.json").read_text())
+    motions = {STEADY: motion, TREMBLING: tremble(motion)}
+    record = RunRecord(kind="given", point=TIP)
+    with ResultFolder(out) as folder, RunWriter(folder, record) as run:
+        jerk = {
+            name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
+            for name, each in motions.items()
+        }
+        shown = picture_motions(motions).motions
+        run.timeline(run.show(shown, speech, tip, ask.weights), NOTHING_SAID)
+        run.find_plans(shown)
+        facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
+        path = folder.path(FACTS)
+        path.write_text(json.dumps(facts, indent=1) + "\n")
+        run.file(path)
+        run.finish("")
 
 
 if __name__ == "__main__":
-    shutil.rmtree(STORED, ignore_errors=True)
-    look = look_in(STORED)
-    make_first_look(look)
-    look.folder.rename(STORED / look.folder.name)
-    look.folder.parent.rmdir()
+    shutil.rmtree(FIRST_LOOK, ignore_errors=True)
+    make_first_look(FIRST_LOOK)

@@ -9,7 +9,7 @@ import pytest
 from app.errors import RunError
 from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
-from app.run.requests.display import TOLD, Display, check_display, displayed, marks_of
+from app.run.requests.display import Display, check_display, displayed, marks_of
 from app.run.requests.upload_check import Given, refusal_of
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
@@ -95,35 +95,6 @@ def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
     assert marks.notice == "EXAGGERATED x2.3: all above 7 Hz" and marks.trail.num_frames == 12
     lower = displayed(motion, Display(2.26, cutoff_hz=3.0))
     assert np.abs(displayed(motion, display).poses - lower.poses).max() > 0.005
-
-
-def test_a_display_is_what_the_stage_tells():
-    display = Display.of_look(LOOK)
-    assert display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
-    assert type(display.trail_frames) is int and type(display.cutoff_hz) is float
-    plain = Display.of_look({**LOOK, "factor": 1, "hasTrail": 1, "hasHeat": "true"})
-    assert plain.is_plain, "only true is true"
-    beyond = Display.of_look({**LOOK, "trailFrames": 91.0})
-    with pytest.raises(RunError, match="5 to 90 frames long; got 91"):
-        check_display(beyond)
-
-
-BAD_NUMBERS = {
-    "factor": ("2", True, None, [2], float("nan"), float("inf"), 10**400),
-    "cutoff": (False,),
-    "heatScale": ({},),
-    "trailFrames": (30.5, True, "30", float("-inf")),
-}
-
-
-def test_what_the_stage_does_not_tell_is_refused() -> None:
-    for name in BAD_NUMBERS:
-        for value in BAD_NUMBERS[name]:
-            with pytest.raises(ValueError, match=r"is no (whole )?number\."):
-                Display.of_look({**LOOK, name: value})
-        for told in TOLD.values():
-            with pytest.raises(KeyError, match=told.name):
-                Display.of_look({key: value for key, value in LOOK.items() if key != told.name})
 
 
 def test_what_cannot_be_shown_is_refused() -> None:

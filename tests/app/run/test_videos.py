@@ -17,13 +17,11 @@ from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_videos
-from app.run.requests.display import Display
+from app.run.requests.display import Display, Look
 from app.run.requests.request import Ask, Progress
 from app.run.rows import names_that_fit
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import (
-    BODY,
-    MAX_BODIES,
     MAX_SHOWN,
     NAME,
     Mode,
@@ -41,7 +39,6 @@ from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import write_wav
 from renderer.body.body import load_body
-from renderer.scene.camera import Orbit
 from renderer.scene.stage import set_stage
 from renderer.video.compose import band_height
 from renderer.video.render import RenderSettings
@@ -51,17 +48,27 @@ from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
 PANELS = (
-    SeenPanel(BODY, 0, 0, 80, 100),
-    SeenPanel("right_hand", 0, 100, 40, 40),
-    SeenPanel("left_hand", 40, 100, 40, 40),
+    SeenPanel(rect=(0, 0, 80, 100)),
+    SeenPanel(view="right_hand", rect=(0, 100, 40, 40)),
+    SeenPanel(view="left_hand", rect=(40, 100, 40, 40)),
 )
-GRID = Seen(shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
-PAIR = replace(
+BODIES = tuple(SeenBody(label=label, motion="", color="#d55e00") for label in "abc")
+GRID = Seen(bodies=BODIES, shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
+BESIDE = SeenPanel(rect=(40, 0, 80, 100)), SeenPanel(view="right_hand", rect=(0, 0, 40, 100))
+
+
+def changed(seen: Seen, **changes: Any) -> Seen:
+    """Another, of which some is another way; of its look, too."""
+    look = {name: changes.pop(name) for name in list(changes) if name in Look.model_fields}
+    return seen.model_copy(update={"look": seen.look.model_copy(update=look), **changes})
+
+
+PAIR = changed(
     GRID,
     size=(160.0, 100.0),
     panels=(
-        (SeenPanel(BODY, 40, 0, 80, 100), SeenPanel("right_hand", 0, 0, 40, 100)),
-        (SeenPanel(BODY, 40, 0, 80, 100), SeenPanel("right_hand", 120, 0, 40, 100)),
+        BESIDE,
+        (BESIDE[0], SeenPanel(view="right_hand", rect=(120, 0, 40, 100))),
     ),
     mode="wipe",
 )
@@ -125,7 +132,7 @@ def test_all_bodies_of_a_run_are_in_register(
     ask, tip = Ask(out=tmp_path / "out", views=("front", "side")), choose_tip_source(body, None)
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
     rows: Any = SimpleNamespace(
-        staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, inputs=object()
+        staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
     )
     run: Any = Reporter(lambda event: None, lambda: False)
     for is_plain in (True, False):
@@ -179,38 +186,40 @@ def test_a_smooth_motion_has_no_strong_mark_and_one_frame_none() -> None:
 
 
 def test_what_a_stage_shows_is_taken():
-    replace(GRID, shown=(0, 2)).check(3)
-    replace(GRID, mode="ghost", panels=(PANELS, PANELS[:1])).check(3)
+    changed(GRID, shown=(0, 2)).check()
+    changed(GRID, mode="ghost", panels=(PANELS, PANELS[:1])).check()
 
 
 def test_what_no_stage_shows_is_refused() -> None:
-    for changes, num_bodies, words in [
-        ({}, 0, "no body on the stage yet"),
-        ({}, MAX_BODIES + 1, "at most 64 bodies; 65"),
-        ({"mode": "magic"}, 3, "no way 'magic'"),
-        *(
-            ({"mode": mode}, 3, "another number of pictures")
-            for mode in ("ghost", "wipe", "flicker")
+    many = 20 * BODIES[:1]
+    body, right = PANELS[:2]
+    for changes, words in [
+        ({"bodies": ()}, "no body on the stage yet"),
+        *(({"mode": mode}, "another number of pictures") for mode in ("ghost", "wipe", "flicker")),
+        ({"mode": "ghost", "shown": (0,)}, "A ghost shows two bodies; 1"),
+        (
+            {"bodies": many, "shown": tuple(range(MAX_SHOWN + 1))},
+            "1 to 12 bodies; the stage shows 13",
         ),
-        ({"mode": "ghost", "shown": (0,)}, 3, "A ghost shows two bodies; 1"),
-        ({"shown": tuple(range(MAX_SHOWN + 1))}, 20, "1 to 12 bodies; the stage shows 13"),
-        ({"shown": ()}, 3, "the stage shows 0"),
-        ({"shown": (0, 3)}, 3, r"bodies 0 to 2; got \[0, 3\]"),
-        ({"shown": (-1,)}, 3, "bodies 0 to 2"),
-        ({"columns": 0}, 3, "1 to 12 bodies; got 0"),
-        ({"wipe": 1.5}, 3, "0 to 1 of the picture; got 1.5"),
-        ({"size": (10.0, 420.0)}, 3, "64 to 8192 pixels on each side; the stage has 10 x 420"),
-        ({"panels": (PANELS, PANELS)}, 3, "another number of pictures"),
-        ({"panels": (PANELS[1:],)}, 3, "A picture holds a body"),
-        ({"panels": ((PANELS[0], PANELS[1], PANELS[1]),)}, 3, "at most once each"),
-        ({"panels": ((PANELS[0], replace(PANELS[1], view="attic")),)}, 3, "got body, attic"),
-        ({"panels": ((replace(PANELS[0], width=900.0),),)}, 3, "The body has no room"),
-        ({"panels": ((PANELS[0], replace(PANELS[1], height=1.0)),)}, 3, "right hand has no room"),
-        ({"display": Display(exaggeration=50)}, 3, "1 to 20 times as large; got 50"),
-        ({"camera": Orbit(zoom=99.0)}, 3, "zoom is 0.4 to 10; got 99"),
+        ({"shown": ()}, "the stage shows 0"),
+        ({"shown": (0, 3)}, r"bodies 0 to 2; got \[0, 3\]"),
+        ({"shown": (-1,)}, "bodies 0 to 2"),
+        ({"size": (10.0, 420.0)}, "64 to 8192 pixels on each side; the stage has 10 x 420"),
+        ({"panels": (PANELS, PANELS)}, "another number of pictures"),
+        ({"panels": (PANELS[1:],)}, "A picture holds a body"),
+        ({"panels": ((body, right, right),)}, "at most once each"),
+        ({"panels": ((body, SeenPanel(view="attic", rect=right.rect)),)}, "got body, attic"),
+        ({"panels": ((SeenPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
+        (
+            {"panels": ((body, SeenPanel(view="right_hand", rect=(0, 100, 40, 1))),)},
+            "right hand has no room",
+        ),
+        ({"exaggeration": 50.0}, "1 to 20 times as large; got 50"),
+        ({"tone": "green"}, "no tone 'green'"),
+        ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
-            replace(GRID, **changes).check(num_bodies)
+            changed(GRID, **changes).check()
 
 
 def with_arms_down(num_frames: int = 1) -> Motion:
@@ -221,11 +230,11 @@ def with_arms_down(num_frames: int = 1) -> Motion:
 
 
 def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None) -> SeenRequest:
-    bodies = []
+    paths = []
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
-        save_motion(motion, tmp_path / f"{i}.npz")
-        bodies.append(SeenBody("ab"[i], tmp_path / f"{i}.npz", "#d55e00"))
-    return SeenRequest(tuple(bodies), seen, tmp_path / "out", speech)
+        paths.append(tmp_path / f"{i}.npz")
+        save_motion(motion, paths[-1])
+    return SeenRequest(seen, tuple(paths), tmp_path / "out", speech)
 
 
 def drawn(request: SeenRequest) -> np.ndarray:
@@ -263,10 +272,10 @@ def test_bodies_stand_beside_each_other_with_their_hands_and_the_sound(tmp_path:
 
 @pytest.mark.gl
 def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
-    plain = drawn(asked(tmp_path, replace(GRID, shown=(0,), columns=1)))[0]
-    near = replace(GRID, shown=(0,), columns=1, camera=Orbit(zoom=2.0))
-    jerk = replace(near, camera=Orbit(), display=Display(coloring="jerk"))
-    side = replace(near, camera=Orbit(np.pi / 2))
+    plain = drawn(asked(tmp_path, changed(GRID, shown=(0,), columns=1)))[0]
+    near = changed(GRID, shown=(0,), columns=1, camera=(0.0, 0.0, 2.0, 0.0, 0.0))
+    jerk = changed(GRID, shown=(0,), columns=1, has_heat=True)
+    side = changed(near, camera=(np.pi / 2, 0.0, 1.0, 0.0, 0.0))
     body = slice(0, round(plain.shape[0] * 100 / 140) - 4)
     seen = [dark(drawn(asked(tmp_path, each))[0][body]).sum() for each in (near, jerk, side)]
     usual = dark(plain[body]).sum()
@@ -280,10 +289,10 @@ def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
 def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
     first, second = with_arms_down(20), with_arms_down(20)
     second.trans[10:, 0] += 0.8  # in register it stands 0.4 m to one side, then to the other
-    seen = replace(PAIR, mode=mode)
+    seen = changed(PAIR, mode=mode)
     frames, alone, apart = (
         drawn(asked(tmp_path, each, first, second))
-        for each in (seen, replace(seen, shown=(0, 0)), replace(seen, is_aligned=False))
+        for each in (seen, changed(seen, shown=(0, 0)), changed(seen, is_aligned=False))
     )
     wide = frames.shape[2]
     middle, beside = np.s_[:, :, wide // 4 : 3 * wide // 4], np.s_[:, :, 3 * wide // 4 + 4 :]
@@ -310,8 +319,9 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
         ((1200.0, 900.0), 1, 1),
         ((250.0, 500.0), 6, 12),
     ]:
-        panels = ((SeenPanel(BODY, 0, 0, *size),),)
-        room = seen_video._Room.of(Seen(tuple(range(count)), size, panels, columns))
+        panels = ((SeenPanel(rect=(0, 0, *size)),),)
+        shown = {"shown": tuple(range(count)), "columns": columns}
+        room = seen_video._Room.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
         rows, band = -(-count // columns), band_height(min(room.width, room.height))
@@ -331,8 +341,9 @@ def test_a_long_video_is_cut_and_says_so() -> None:
 
 
 def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_path: Path) -> None:
-    panels = ((SeenPanel(BODY, 0, 0, 10, 10), SeenPanel("face", 0, 10, 1000, 990)),)
-    seen = replace(GRID, size=(1000.0, 1000.0), panels=panels)
+    face = SeenPanel(view="face", rect=(0, 10, 1000, 990))
+    panels = ((SeenPanel(rect=(0, 0, 10, 10)), face),)
+    seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
     with pytest.raises(RunError, match="too small on the stage"):
         draw_seen(asked(tmp_path, seen), lambda event: None, lambda: False)
     told: list[object] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -15,7 +14,7 @@ from app.page.parts.asked import Field, Fields, a_file
 from app.page.parts.catalogue import USUAL, strength_choices, strength_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
-from app.run.experiments.hearing import Hearing, HearingAsk, measure_hearing
+from app.run.experiments.hearing import HearingAsk, measure_hearing
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import usual_systems
 
@@ -25,7 +24,6 @@ INTRODUCTION = (
     "speech rise and fall together; where it is deaf, those of one seed. The same as <code>python "
     "-m app hearing</code>, which takes anyone's motion too."
 )
-COMPARED = "Compared two speeches by two seeds, of {systems}."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
 
@@ -72,12 +70,12 @@ def hearing_fields() -> Fields:
     }
 
 
-class HearingRunner(FigureRunner[HearingAsk, Hearing]):
+class HearingRunner(FigureRunner):
     """Compares two speeches by two seeds."""
 
     tab = "hearing"
 
-    def request(self, told: Mapping[str, Any], out: Path) -> HearingAsk:
+    def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> HearingAsk:
         """See `FigureRunner.request`."""
         if not told["systems"]:
             raise RunError(NO_SYSTEM)
@@ -86,13 +84,5 @@ class HearingRunner(FigureRunner[HearingAsk, Hearing]):
         spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
         if len(spare) < missing:
             raise RunError(NO_SPEECH)
-        return HearingAsk(
-            ask=self.ask(told["systems"], out, guidance=told["guidance"]),
-            speeches=(*given, *spare[:missing]),
-            speakers=told["speakers"],
-        )
-
-    def told(self, found: Hearing) -> str:
-        """See `FigureRunner.told`."""
-        count = len(found.systems)
-        return COMPARED.format(systems=f"{count} system{'s' if count > 1 else ''}")
+        asked = {name: told[name] for name in ("systems", "guidance", "speakers")}
+        return HearingAsk(speeches=(*given, *spare[:missing]), **asked, **limits)

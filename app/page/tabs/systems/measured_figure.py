@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any
 
 import gradio as gr
 
@@ -24,24 +23,10 @@ from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.queue.worker import Task
 from app.page.results.result_parts import figures_html
 from app.page.tabs.services import Services
+from app.run.output.run_folder import read_run
 from app.run.requests.request import Ask, Event, OnEvent, ShouldCancel
 
 MEASURING = "Measuring: {share:.0%}"
-
-
-class Measured(Protocol):
-    """What a measurement leaves."""
-
-    @property
-    def files(self) -> tuple[Path, ...]: ...
-
-    def sentences(self) -> tuple[str, ...]:
-        """What it shows, system by system."""
-        ...
-
-
-Asked = TypeVar("Asked")
-Found = TypeVar("Found", bound=Measured)
 
 
 @dataclass(frozen=True)
@@ -109,44 +94,41 @@ def _build_figure_parts(name: str) -> FigureParts:
     )
 
 
-class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
+class FigureRunner(TabRunner[None]):
     """Asks for a measurement, follows it, and shows its figure."""
 
     def __init__(
         self,
         services: Services,
-        measure: Task[Asked, Found],
+        measure: Task[Any, None],
         sheet: MeasuringSheet,
     ) -> None:
         super().__init__(services.jobs, sheet.parts.status)
         self.examples = tuple(example.path for example in services.catalogue.examples)
-        self.config = services.config
-        self.measure: Task[Asked, Found] = partial(services.worker.do, measure)
+        self.measure: Task[Any, None] = partial(services.worker.do, measure)
         self.parts, self._sheet = sheet.parts, sheet
-        self._addresses = services.addresses
-
-    def ask(self, systems: Sequence[str], out: Path, **others: Any) -> Ask:
-        """A run of these systems, as this page allows it."""
-        config = self.config
-        limits: dict[str, Any] = {"weights": config.weights, "max_speech_s": config.max_speech_s}
-        return Ask(out=out, systems=tuple(systems), **limits, **others)
+        self._config, self._addresses = services.config, services.addresses
 
     @abstractmethod
-    def request(self, told: Mapping[str, Any], out: Path) -> Asked:
+    def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> Ask:
         """What the fields ask for.
+
+        Args:
+            limits: fields of the ask that this page sets.
 
         Raises:
             RunError: a sentence for the visitor.
         """
 
-    @abstractmethod
-    def told(self, found: Found) -> str:
-        """A line of what was measured."""
-
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        told = values_of(self._sheet.fields, values)
-        asked = self.request(told, job.folder / "results")
+        limits = {
+            "out": job.folder / "results",
+            "weights": self._config.weights,
+            "max_speech_s": self._config.max_speech_s,
+        }
+        asked = self.request(values_of(self._sheet.fields, values), limits)
+        asked.check()
         yield _Work(self, asked, browser_addresses(self._addresses, cookie))
 
     def blank(self) -> Updates:
@@ -175,15 +157,15 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
 
 
 @dataclass(frozen=True)
-class _Work(Generic[Asked, Found]):
+class _Work:
     """One measurement."""
 
-    runner: FigureRunner[Asked, Found]
-    asked: Asked
+    runner: FigureRunner
+    asked: Ask
     address: Address
 
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Found:
-        return self.runner.measure(self.asked, on_event, should_cancel)
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        self.runner.measure(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)
@@ -191,10 +173,13 @@ class _Work(Generic[Asked, Found]):
             return {}
         return {self.runner.parts.status: markup.sentence_status(MEASURING.format(share=share))}
 
-    def finished(self, result: Found) -> Updates:
-        lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in result.sentences())
+    def finished(self, result: None) -> Updates:
+        """What the folder says."""
+        record = read_run(self.asked.out)
+        lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
+        files = (self.asked.out / name for name in record.results)
         return {
-            self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
+            self.runner.parts.status: markup.sentence_status(record.sentence),
             self.runner.parts.message: shown(f'<ul class="hint">{lines}</ul>'),
-            self.runner.parts.figure: shown(figures_html(result.files, self.address)),
+            self.runner.parts.figure: shown(figures_html(files, self.address)),
         }

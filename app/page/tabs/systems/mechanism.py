@@ -19,13 +19,18 @@ from app.page.player.player import NOTHING, Showing
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.results.result_parts import figures_html
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.motion_run import showing_of
 from app.page.tabs.services import Services
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NOISE_RAD, MechanismAsk, show_mechanism
+from app.run.experiments.mechanism import (
+    DRAWN,
+    NOISE_RAD,
+    VIDEO,
+    MechanismAsk,
+    show_mechanism,
+)
 from app.run.output.run_folder import file_of
-from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
+from app.run.requests.request import Event, Grown, OnEvent, ShouldCancel
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
@@ -37,8 +42,6 @@ NOISE_LABEL = "Noise on every joint, radians about each axis"
 MOTION_LABEL = "Motion of your own (optional)"
 SHOW = "Show both bodies"
 DRAWING = "Drawing: {share:.0%}"
-DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
-SIZE_PX = 512
 _WITH_GL = (
     "(noise, motion) => [noise, motion, !document.createElement('canvas').getContext('webgl2')]"
 )
@@ -47,10 +50,6 @@ _ON_OPENING = (
     '() => { import(new URL("web/once.js", document.baseURI))'
     '.then(({ pressOnce }) => pressOnce("mechanism-first")); }'
 )
-
-Shown = tuple[Path | None, tuple[str, ...]]
-"""A video, where one was drawn, and what the bodies show in sentences."""
-Show = Callable[[MechanismAsk, OnEvent, ShouldCancel], Shown]
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def build_mechanism(tab: gr.Tab, services: Services) -> None:
     cancel.click(runner.cancel, outputs=asks["outputs"], cancels=runs, **AT_ONCE)
 
 
-class MechanismRunner(TabRunner[Shown]):
+class MechanismRunner(TabRunner[None]):
     """Moves both bodies for a visitor."""
 
     tab = "mechanism"
@@ -131,20 +130,17 @@ class MechanismRunner(TabRunner[Shown]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         noise, motion, needs_video = values
-        asked = MechanismAsk(
-            ask=Ask(
-                motions=(Path(motion) if motion else CLEAN,),
-                out=job.folder / "mechanism.mp4",
-                body=self._services.config.body,
-                size=SIZE_PX,
-                has_video=needs_video is True,
-            ),
-            noise_rad=float(noise),
-            played=job.folder / "results",
-        )
         showing = showing_of(job, self._services.addresses, cookie, is_drawn=False)
-        show = partial(self._services.worker.do, show_mechanism)
-        yield _Work(show, asked, self._services.addresses, cookie, self._parts, showing)
+        asked = MechanismAsk(
+            motions=(Path(motion) if motion else CLEAN,),
+            out=showing.folder,
+            body=self._services.config.body,
+            has_video=needs_video is True,
+            noise_rad=float(noise),
+            is_kept=True,
+        )
+        asked.check()
+        yield _Work(partial(self._services.worker.do, show_mechanism), asked, self._parts, showing)
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")
@@ -162,48 +158,42 @@ class MechanismRunner(TabRunner[Shown]):
 class _Work:
     """One run."""
 
-    show: Show
+    show: Callable[[MechanismAsk, OnEvent, ShouldCancel], None]
     asked: MechanismAsk
-    addresses: MediaAddresses
-    cookie: str
     parts: MechanismParts
     showing: Showing
 
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Shown:
-        return self.show(self.asked, on_event, should_cancel)
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        self.show(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}
+        line = DRAWN.format(noise=self.asked.noise_rad)
         if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
             updates[self.parts.player] = self._played()
-            updates[self.parts.status] = markup.sentence_status(self._line)
+            updates[self.parts.status] = markup.sentence_status(line)
         share = last_share(events)
-        if share is not None and self.asked.ask.has_video:
+        if share is not None and self.asked.has_video:
             line = DRAWING.format(share=share)
             updates[self.parts.status] = markup.sentence_status(line)
         return updates
 
-    @property
-    def _line(self) -> str:
-        return DRAWN.format(noise=self.asked.noise_rad)
-
     def _played(self) -> dict[str, Any]:
         return self.showing.value() | {"plays": True}
 
-    def finished(self, result: Shown) -> Updates:
-        path, sentences = result
-        told = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
-        files = (file_of(self.showing.folder, name) for name in self.showing.record.files)
-        figures = figures_html(filter(None, files), self.showing.address)
-        video = ""
-        if path is not None:
-            source = self.addresses.address(path, self.cookie)
-            video = (
-                f'<video class="mechanism" src="{source}" controls'
-                f' autoplay loop muted playsinline aria-label="{escape(self._line)}"></video>'
-            )
+    def finished(self, result: None) -> Updates:
+        record, address = self.showing.record, self.showing.address
+        told = "".join(f"<p>{escape(sentence)}</p>" for sentence in record.notes)
+        files = [path for name in record.files if (path := file_of(self.showing.folder, name))]
+        video = "".join(
+            f'<video class="mechanism" src="{address(path)}" controls autoplay loop muted'
+            f' playsinline aria-label="{escape(record.sentence)}"></video>'
+            for path in files
+            if path.name == VIDEO
+        )
+        figures = figures_html(files, address)
         return {
-            self.parts.status: markup.sentence_status(self._line),
+            self.parts.status: markup.sentence_status(record.sentence),
             self.parts.player: self._played(),
             self.parts.says: shown(f'{video}<div class="says">{told}</div>{figures}'),
         }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -13,7 +12,7 @@ from app.page.parts import markup
 from app.page.parts.asked import Field, Fields, a_file
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
-from app.run.experiments.step_curve import StepCurve, StepsAsk, measure_step_curve
+from app.run.experiments.step_curve import StepsAsk, measure_step_curve
 from model.systems.registry import usual_systems
 
 TITLE = "What steps buy, measured here"
@@ -24,7 +23,6 @@ INTRODUCTION = (
 )
 NO_SYSTEM = "Tick at least one system to measure."
 NO_SPEECH = "Upload speech to measure with; this installation has no examples."
-MEASURED = "Measured {count} motions."
 
 
 def build_step_curve(services: Services) -> None:
@@ -47,20 +45,16 @@ def step_fields() -> Fields:
     return {"speech": Field(speech, a_file)}
 
 
-class StepCurveRunner(FigureRunner[StepsAsk, StepCurve]):
+class StepCurveRunner(FigureRunner):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
 
-    def request(self, told: Mapping[str, Any], out: Path) -> StepsAsk:
+    def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> StepsAsk:
         """See `FigureRunner.request`."""
         path = told["speech"] or next(iter(self.examples), None)
         if not told["systems"]:
             raise RunError(NO_SYSTEM)
         if path is None:
             raise RunError(NO_SPEECH)
-        return StepsAsk(ask=self.ask(told["systems"], out, speech=path))
-
-    def told(self, found: StepCurve) -> str:
-        """See `FigureRunner.told`."""
-        return MEASURED.format(count=len(found.points))
+        return StepsAsk(systems=told["systems"], speech=path, **limits)

@@ -1,23 +1,17 @@
 """What the page's player is told of a run while its folder grows; the first example."""
 
 import json
-import shutil
-from pathlib import Path
 
 import pytest
 
-from app import text
-from app.config import EXAMPLES, AppConfig
 from app.errors import RunError
-from app.page.parts.catalogue import Catalogue, Example
-from app.page.player.first_look_shown import EXAMPLE, FirstLooks, question
+from app.page.player.first_look_shown import first_look
 from app.page.routes.media import MediaAddresses
-from app.run.examples import FACTS, STEADY, TREMBLING, first_look
+from app.run.examples import STEADY, TREMBLING
 from app.run.requests.request import Ask, Event, Grown
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
-from model.systems.globaldiff.config import BEST
-from tests.app.fakes import FakeWorker, made_motion, make_generate
+from tests.app.fakes import made_motion, make_generate
 from tests.app.page.results.made_run import made_run, showing_in
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
@@ -71,64 +65,11 @@ def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path)
     assert theirs["audio"] == "other/speech.wav" and mine["audio"].startswith("media/")
 
 
-SPEECH = EXAMPLES / f"{EXAMPLE}.wav"
-CARD = f"{BEST.replace('/', '-')}.json"
-
-
-def test_other_weights_or_speech_are_another_example(tmp_path):
-    speech, card = tmp_path / "s.wav", tmp_path / CARD
-    speech.write_bytes(b"1")
-    card.write_text("{}")
-    folder = first_look(tmp_path, tmp_path, BEST, speech).folder
-    assert first_look(tmp_path, tmp_path, BEST, speech).folder == folder
-    assert tmp_path in folder.parents
-    card.write_text('{"steps": 2}')
-    other = first_look(tmp_path, tmp_path, BEST, speech).folder
-    speech.write_bytes(b"2")
-    assert len({folder, other, first_look(tmp_path, tmp_path, BEST, speech).folder}) == 3
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> AppConfig:
-    weights = tmp_path / "weights"
-    weights.mkdir()
-    (weights / CARD).write_text("{}")
-    return AppConfig(weights=weights, kept=tmp_path / "kept")
-
-
-def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, tmp_path):
+def test_the_example_is_shown_to_every_visitor_without_a_cookie():
     media = MediaAddresses()
-
-    def fail(*asked) -> None:
-        raise AssertionError("it was there, or cannot be made")
-
-    worker = FakeWorker(does={"make_first_look": fail})
-
-    def begun() -> FirstLooks:
-        catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", SPEECH),))
-        return FirstLooks(config, catalogue, media, worker)
-
-    looks = begun()
-    looks.make()
-    assert not looks.is_coming and not isinstance(looks.updates()[1], str), "it is not there"
-    look = first_look(config.kept, config.weights, BEST, SPEECH)
-    look.folder.parent.mkdir(parents=True)
-    made = made_run(tmp_path / "made", jerk={STEADY: 1.0, TREMBLING: 2.0}).folder
-    shutil.copytree(made, look.folder)
-    (look.folder / FACTS).write_text(
-        '{"jerk_m_s3": {"A": 110, "B": 2300}, "noise_rad": 0.012, "provenance": {}}'
-    )
-    looks = begun()
-    assert not isinstance(looks.updates()[0].get("rows"), list)
-    assert looks.is_coming and text.LOOK_COMING in looks.updates()[1]["value"]
-    looks.make()
-    assert not looks.is_coming
-    value, told = looks.updates()
-    assert (
-        value["plays"]
-        and not value["running"]
-        and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
-    )
+    value, told = first_look(media)
+    assert value["plays"] and not value["running"]
+    assert [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
         assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
         assert not row["is_drawn"]
@@ -136,6 +77,5 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, t
     told = told["value"]
     before, after = told.split("<summary>")
     assert "Which hand trembles?" in told, "the answer is folded away and has the numbers"
-    assert TREMBLING not in before.split("<p>")[0] and "2,300" not in before
-    assert "2,300" in after and "110" in after
-    assert "a&lt;b" in question({"jerk_m_s3": {"A": 1, "B": 2}, "noise_rad": 0.012}, "a<b")
+    assert TREMBLING not in before.split("<p>")[0] and "1,318" not in before
+    assert "1,318" in after and "190" in after

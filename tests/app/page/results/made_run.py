@@ -44,7 +44,7 @@ def made_run(
             run.motion(name, made_motion(8))
             video = folder.path(f"{name.replace('/', '-')}.mp4")
             video.touch()
-            run.file("video", name, video)
+            run.file(video, row=name, kind="video")
         worst = [
             {"start_s": 0.5, "end_s": 1.5, "name": name, "jerk_m_s3": value}
             for name, value in jerk.items()

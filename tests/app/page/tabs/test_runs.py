@@ -16,7 +16,6 @@ from starlette.datastructures import QueryParams
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.live.session import LiveAsk
 from app.page.parts import markup
 from app.page.parts.asked import Field
 from app.page.queue.jobs import Job
@@ -194,7 +193,7 @@ def test_nobody_but_the_worker_opens_a_zip(tmp_path, monkeypatch):
 
 
 USUAL = "gan/5"
-ASK = LiveAsk("globaldiff/global", "bob", 7)
+ASK = Ask(out=Path(), systems=("globaldiff/global",), speaker="bob", seed=7)
 
 
 @pytest.fixture
@@ -401,7 +400,7 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
-        self.wanted = Wanted(self.run)
+        self.wanted = Wanted(self.run, Ask(out=folder))
         self.videos.want("visitor", self.wanted)
 
     def updates(self) -> Iterator[dict[Any, Any]]:

@@ -11,11 +11,12 @@ from app import text
 from app.errors import RunError
 from app.page.queue.jobs import Job
 from app.page.results.result_parts import build_results
-from app.page.tabs import takes_run, videos_run
+from app.page.tabs import takes_run
 from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
 from app.page.tabs.videos_run import DrawSeen, SeenRunner
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
+from app.run.requests.display import Display
 from app.run.requests.request import (
     Ask,
     Grown,
@@ -25,7 +26,7 @@ from app.run.requests.request import (
 )
 from app.run.run_writer import RunWriter
 from app.run.takes.take import Take, TakeRequest
-from app.run.videos.seen_video import SeenRequest, SeenVideo
+from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import made_services
@@ -63,19 +64,14 @@ def told(**changes: Any) -> dict[str, Any]:
 
 
 def test_everything_that_is_seen_is_read():
-    asked = videos_run.Asked.of(json.dumps(told()))
-    seen = asked.seen
-    assert (asked.labels, asked.motions) == (("local", "full"), ("media/a", "media/b"))
-    assert asked.sound == "media/c"
+    seen = Seen.read(json.dumps(told()))
+    found = [(body.label, body.motion) for body in seen.bodies]
+    assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound == "media/c"
     assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
-    assert (seen.is_smoothed, seen.is_aligned, seen.is_whole) == (True, False, True)
-    display = seen.display
-    assert (display.exaggeration, display.cutoff_hz, display.jerk_m_s3) == (6.5, 4, 300)
-    assert (display.has_trail, display.trail_frames, display.coloring) == (True, 60, "jerk")
-    assert seen.point == "left_index" and seen.camera.zoom == 1.5 and seen.camera.up_m == -0.1
-    (panel,) = seen.panels[0]
-    assert (panel.view, panel.width, panel.height) == ("body", 240, 300)
-    seen.check(2)
+    assert seen.is_smoothed and seen.look.is_whole and not seen.look.is_aligned
+    assert seen.look.display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
+    assert seen.look.point == "left_index" and seen.camera == (0.5, 0.2, 1.5, 0.0, -0.1)
+    assert [(panel.view, *panel.rect) for panel in seen.panels[0]] == [(None, 0, 0, 240, 300)]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +80,8 @@ def test_everything_that_is_seen_is_read():
         None, 7, "", "nonsense", "[]", "null", "[" * 5000, "x" * 100_000,
         told(size=[240]), told(size=[240, "420"]), told(size=[240, float("nan")]), told(panels=3),
         told(camera=[0, 0, 1]), told(camera=None), told(shown=[0.5]), told(shown=[True]),
-        told(shown="0"), told(look={}), told(look=None), told(bodies={"a": 1}), told(bodies=[3]),
+        told(shown="0"), told(look={**LOOK, "hasHeat": 1}), told(look=None),
+        told(bodies={"a": 1}), told(bodies=[3]),
         told(bodies=[{"label": 3, "motion": "media/a", "color": "#d55e00"}]),
         told(bodies=[{"label": "", "motion": "media/a", "color": "#d55e0'"}]),
         told(bodies=70 * told()["bodies"]),
@@ -95,7 +92,7 @@ def test_everything_that_is_seen_is_read():
 )  # fmt: skip
 def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
     with pytest.raises(RunError, match="What the stage told of itself cannot be used"):
-        videos_run.Asked.of(json.dumps(value) if isinstance(value, dict) else value)
+        Seen.read(json.dumps(value) if isinstance(value, dict) else value)
 
 
 class Stage:
@@ -147,7 +144,7 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     assert video is not None and video.name == "stage.mp4"
     assert stage.addresses.find(token, "another browser") is None
     (request,) = got
-    assert [each.motion for each in request.bodies] == [stage.files["a.npz"], stage.files["b.npz"]]
+    assert request.motions == (stage.files["a.npz"], stage.files["b.npz"])
     assert request.speech == stage.files["c.wav"] and not stage.jobs.in_use()
 
 

@@ -12,11 +12,11 @@ from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
 from app.page.tabs.systems.step_curve import StepCurveRunner, step_fields
 from app.page.tabs.systems.systems import NOT_HERE, ladder
 from app.run.examples import CLEAN
-from app.run.experiments.hearing import Heard, Hearing, HearingAsk
-from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
-from app.run.experiments.step_curve import StepCurve, StepPoint, StepsAsk
-from app.run.requests.request import Grown, OnEvent, Progress, ShouldCancel
-from model.measures.hearing import Decided
+from app.run.experiments.mechanism import NAMES, VIDEO, MechanismAsk, show_mechanism
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import RunRecord, changed
+from app.run.requests.request import Ask, Grown, OnEvent, Progress, ShouldCancel
+from app.run.run_writer import RunWriter
 from model.systems.globaldiff import LADDER_EXPLAINED as EXPLAINED
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from tests.app.fakes import catalogue_of, made_services
@@ -38,21 +38,16 @@ class Measured:
         self.runner = kind(services, self.measure, sheet)
         self.asked: list[Any] = []
 
-    def measure(
-        self, request: Any, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> StepCurve | Hearing:
+    def measure(self, request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         self.asked.append(request)
         on_event(Progress("numbers", 0.5))
-        out = request.ask.out
-        out.mkdir()
-        is_hearing = isinstance(request, HearingAsk)
-        figure = out / ("hearing.png" if is_hearing else "steps.png")
-        figure.write_bytes(b"0")
-        if is_hearing:
-            parts = {"arms": Decided(same_speech=0.5, same_noise=0.3, neither=0.1)}
-            return Hearing((Heard("gan/5", 3.0, parts, 0.8),), (figure,))
-        assert isinstance(request, StepsAsk)
-        return StepCurve((StepPoint("gan/5", 1, None, 0.5, 100.0, 0.0),), (figure,))
+        record = RunRecord(kind="generated", point="right_middle")
+        with ResultFolder(request.out) as folder, RunWriter(folder, record) as run:
+            run.note("<b> hears.")
+            figure = folder.path("steps.png")
+            figure.write_bytes(b"0")
+            run.file(figure)
+            run.finish("Measured it.")
 
     def click(self, *values: Any) -> list[dict[str, Any]]:
         return updates_of(self.runner, self.parts, *values)
@@ -62,26 +57,23 @@ def test_the_plot_of_what_steps_buy_is_shown(tmp_path):
     part = Measured(tmp_path, StepCurveRunner)
     updates = part.click(["gan/5"], "/up/s.wav")
     assert any("50%" in str(update.get("status")) for update in updates)
-    assert "Measured 1 motions." in updates[-1]["status"]
+    assert "Measured it." in updates[-1]["status"]
+    assert "<li>&lt;b&gt; hears.</li>" in updates[-1]["message"]["value"]
     assert updates[-1]["figure"]["visible"] and "<img" in updates[-1]["figure"]["value"]
     part.click(["gan/5"], None)
-    assert [each.ask.systems for each in part.asked] == [("gan/5",)] * 2
-    assert [each.ask.speech for each in part.asked] == [Path("/up/s.wav"), EXAMPLES[0]]
+    assert [each.systems for each in part.asked] == [("gan/5",)] * 2
+    assert [each.speech for each in part.asked] == [Path("/up/s.wav"), EXAMPLES[0]]
 
 
-def test_what_speech_decides_is_told_of_two_speeches_examples_where_one_is_missing(tmp_path):
+def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
     part = Measured(tmp_path, HearingRunner)
-    updates = part.click(["gan/5"], None, None, -1.0, False)
-    last = {name: value for update in updates for name, value in update.items()}
-    line = "<li>gan/5: speech decides 40% of the arms&#x27; speed and chance 20%"
-    assert last["message"]["visible"] and line in last["message"]["value"]
-    assert "of 1 system." in last["status"] and "<img" in last["figure"]["value"]
+    part.click(["gan/5"], None, None, -1.0, False)
     part.click(["gan/5"], None, "/up/a.wav", 1.0, True)
     first, second = part.asked
     assert first.speeches == EXAMPLES[:2] and first.seeds == 2
-    assert (first.ask.guidance, first.speakers) == (None, None)
+    assert (first.guidance, first.speakers) == (None, None)
     assert second.speeches == (Path("/up/a.wav"), EXAMPLES[1]), "another than the one of its name"
-    assert (second.ask.guidance, second.speakers) == (1.0, ("hana", "june"))
+    assert (second.guidance, second.speakers) == (1.0, ("hana", "june"))
 
 
 @pytest.mark.parametrize(
@@ -111,21 +103,21 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path, needs_video):
     asked: list[MechanismAsk] = []
 
-    def show(
-        request: MechanismAsk, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> tuple[Path | None, tuple[str, ...]]:
+    def show(request: MechanismAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         asked.append(request)
-        out = request.ask.out
+        out = request.out
         made_run(out.parent, jerk=dict.fromkeys(NAMES, 1.0))
-        on_event(Grown(out.parent / "results"))
+        on_event(Grown(out))
         on_event(Progress("numbers", 0.5))
-        out.write_bytes(b"0")
-        return out if request.ask.has_video else None, ("Moved by <1> cm.",)
+        (out / VIDEO).write_bytes(b"0")
+        with changed(out) as record:
+            record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
+            record.files += [VIDEO] if request.has_video else []
 
     *_, last = shown(show, tmp_path, 0.05, None, needs_video)
     (one,) = asked
-    assert (one.ask.motions, one.noise_rad) == ((CLEAN,), 0.05) and CLEAN.is_file()
-    assert one.played == one.ask.out.with_name("results") and one.ask.has_video == needs_video
+    assert (one.motions, one.noise_rad) == ((CLEAN,), 0.05) and CLEAN.is_file()
+    assert one.is_kept and one.has_video == needs_video
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]

@@ -92,17 +92,17 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
 
 
 def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkeypatch):
-    mine = zipped(folders / "mine", tmp_path / "mine.zip")
+    mine, theirs = (zipped(folders / "mine", tmp_path / f"{name}.zip") for name in ("mine", "gt"))
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.many.sets.MAX_BYTES", round(1.5 * held))
     asked = Ask(motions=(mine,), names=("mine",), out=tmp_path / "one")
     assert measure_sets(asked).told["clips"] == list(CLIPS)
     with pytest.raises(RunError, match="would unpack to"):
-        measure_sets(replace(asked, out=tmp_path / "two", reference=mine))
+        measure_sets(replace(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.many.sets.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.many.sets.MAX_BYTES", 10 * held)
     with pytest.raises(RunError, match="at most 1 are read"):
-        measure_sets(replace(asked, out=tmp_path / "three", reference=mine))
+        measure_sets(replace(asked, out=tmp_path / "three", reference=theirs))
 
 
 def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(folders, tmp_path):
