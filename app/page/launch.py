@@ -161,24 +161,22 @@ def launch(
     from app.page.player.first_look_shown import first_look
     from app.page.queue.jobs import Jobs
     from app.page.queue.worker import Limits, Worker
-    from app.page.results.kept_runs import KeptRuns, keep_own
-    from app.page.results.run_file import saving_route
-    from app.page.results.study_preview import preview_routes
+    from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
     from app.page.routes.guard import (
-        Framing,
         HostNames,
         guarded,
         quieten_sockets,
         tell_wrong_calls,
     )
     from app.page.routes.live_route import live_routes
-    from app.page.routes.media import MadeFiles, MediaAddresses, media_routes, motion_file_routes
+    from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
     from app.page.routes.stage_route import stage_routes
-    from app.page.tabs.services import Services, UploadCheck
+    from app.page.tabs.services import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import keep_swept
-    from app.page.visitors.researcher_part import Handover, study_routes
+    from app.page.visitors.kept import Kept
     from app.page.visitors.uploads import keep_uploads_tidy
+    from app.page.visitors.visitors import visitor_route
     from app.run.output.run_folder import save_run
 
     for sentence in left_out():
@@ -202,22 +200,22 @@ def launch(
     gate = make(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, videos, gate):
         atexit.register(each.close)
-    addresses = MediaAddresses()
+    media, private = Media(), Kept[Path]()
     kept, opened = KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
-        opened = (keep_own(kept, config.opened, config.temp / "opened", addresses, config.weights),)
+        opened = (keep_own(kept, config.opened, config.temp / "opened", media, config.weights),)
     services = Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
         worker=worker,
         videos=videos,
-        check=UploadCheck(gate, config.max_speech_s),
+        gate=gate,
         kept=kept,
-        handover=Handover(config.private_folder, config.keep_results_s),
         live=LiveSessions(config.weights),
-        addresses=addresses,
-        first_look=first_look(addresses) if is_warmed_up and config.opened is None else None,
+        media=media,
+        private=private,
+        first_look=first_look(media) if is_warmed_up and config.opened is None else None,
         opened=opened,
     )
     page = build_app(services)
@@ -226,15 +224,12 @@ def launch(
     routes = [
         saving_route(kept, made, ".zip", save_run),
         saving_route(kept, made, ".html", save_page, "/page"),
-        *media_routes(addresses),
-        *study_routes(services.handover),
-        *preview_routes(services.previews),
-    ]
-    routes += [
+        *media_routes(media, made),
+        researcher_route(private),
+        visitor_route(),
         *stage_routes(),
-        *motion_file_routes(addresses, made),
+        *live_routes(services.live, [example.path for example in catalogue.examples]),
     ]
-    routes += live_routes(services.live, [example.path for example in catalogue.examples])
     try:
         page.launch(
             server_name=config.host,
@@ -273,7 +268,7 @@ def launch(
                 "routes": routes,
                 "lifespan": guarded(
                     HostNames(config.host, config.host_names),
-                    Framing(config.embedders),
+                    config.embedders,
                     has_proxy=bool(config.proxies),
                 ),
             },

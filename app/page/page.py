@@ -7,20 +7,20 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click
-from app.page.results.result_parts import ResultParts, build_results
+from app.page.parts.html_parts import AT_ONCE, mount
+from app.page.results.result_parts import build_results
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
-from app.page.tabs.motion import FormParts, build_form
+from app.page.tabs.motion import build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.services import Services
 from app.page.tabs.study import build_analysis, build_study_tab
-from app.page.tabs.systems.hearing import build_hearing
-from app.page.tabs.systems.mechanism import build_mechanism
-from app.page.tabs.systems.step_curve import build_step_curve
+from app.page.tabs.systems.hearing import HearingRunner
+from app.page.tabs.systems.mechanism import MechanismRunner
+from app.page.tabs.systems.step_curve import StepCurveRunner
 from app.page.tabs.systems.systems import build_systems_tab
 from app.page.tabs.takes_run import TakesRunner
-from app.page.tabs.videos_run import SeenRunner, VideosBehind
+from app.page.tabs.videos_run import SeenRunner
 from app.page.visitors.visitors import VISITOR_ROUTE
 
 _ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
@@ -53,44 +53,19 @@ def build_app(services: Services) -> gr.Blocks:
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(page, services)
             with gr.Tab(text.LADDER_TAB) as systems_tab:
-                build_mechanism(systems_tab, services)
+                MechanismRunner(systems_tab, services)
                 build_systems_tab(services.catalogue.systems)
-                build_hearing(services)
-                build_step_curve(services)
+                HearingRunner(services)
+                StepCurveRunner(services)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(services)
                 build_analysis(services)
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
             SeenRunner(services, parts).wire(prefix)
-        videos = VideosBehind(services, results, "videos")
-        runner = GenerateRunner(services, form, results, videos)
         TakesRunner(services, results).wire()
-        _wire(page, form, results, runner, videos)
+        GenerateRunner(services, form, results).wire(page, form.fields, api_name="generate")
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_ASK_FOR_COOKIE)
         opening = Opening(services, tabs, places, form.fields)
         page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page
-
-
-def _wire(
-    page: gr.Blocks,
-    form: FormParts,
-    results: ResultParts,
-    runner: GenerateRunner,
-    videos: VideosBehind,
-) -> None:
-    reveal_on_click(form.generate, results.status)
-    # Listeners of a click are served in turn: this before the run.
-    form.generate.click(runner.waits, outputs=[results.status, form.cancel], **AT_ONCE)
-    outputs = [*results.all, form.generate, form.cancel]
-    run = form.generate.click(
-        named_fields(runner.run, form.fields),
-        inputs=[field.part for field in form.fields.values()],
-        outputs=outputs,
-        api_name="generate",
-        **in_turn(results.status),
-    )
-    videos.follow(run)
-    page.unload(videos.left)
-    form.cancel.click(runner.cancel, outputs=outputs, cancels=run, **AT_ONCE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.models import get_system
-from app.run.output.result_folder import held_folder
+from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
 from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
@@ -36,13 +37,15 @@ class ExportRequest:
     plan: Path
     out: Path
     options: ExportOptions
+    zips: tuple[Path, Path] | None = None
+    """Where the participants' part goes as a zip, and the researcher's with the plan."""
 
 
 def export_planned(
     request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel, draw: Draw = draw_videos
 ) -> Workspace:
     """As `export_study`."""
-    return export_study(
+    made = export_study(
         read_plan(request.plan),
         request.out,
         request.options,
@@ -50,6 +53,11 @@ def export_planned(
         should_cancel=should_cancel,
         draw=draw,
     )
+    if request.zips is not None:
+        shutil.copyfile(request.plan, made.private / request.plan.name)
+        for folder, out in zip((made.bundle, made.private), request.zips, strict=True):
+            zip_folder(folder, out)
+    return made
 
 
 def export_study(

@@ -19,8 +19,7 @@ from app.page.parts.catalogue import Catalogue, Example
 from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
-from app.page.tabs.services import Services, UploadCheck
-from app.page.visitors.researcher_part import Handover
+from app.page.tabs.services import Services
 from app.run.followed_point import choose_tip_source
 from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
@@ -99,9 +98,8 @@ def made_services(
         "jobs": Jobs(folder / "jobs"),
         "worker": worker,
         "videos": worker,
-        "check": UploadCheck(worker, 60.0),
+        "gate": worker,
         "kept": KeptRuns(60.0),
-        "handover": Handover(folder / "private"),
         "live": LiveSessions(folder),
     }
     return Services(**{**usual, **given})

@@ -112,7 +112,7 @@ def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> It
     give(page, "#plan", files[".json"])
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press(page, text.GENERATE)
-    page.locator("#bundle").wait_for()
+    page.locator("#downloads .bundle").wait_for()
     yield page
     context.close()
 
@@ -202,9 +202,8 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     figure = page.locator("#figures img").first
     page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     assert page.evaluate("document.querySelector('#player audio').duration") == LONG_S
-    page.locator("#files-fold button").first.click()
-    expect(page.locator("#files")).to_contain_text("diagnostics")
-    assert saved(page, page.locator("#bundle"), tmp_path).suffix == ".zip"
+    expect(page.locator("#downloads li")).to_contain_text(["diagnostics"])
+    assert saved(page, page.locator("#downloads .bundle"), tmp_path).suffix == ".zip"
 
     # What cannot be is refused in a sentence, and changes nothing.
     numbers = itertools.count(1)
@@ -412,8 +411,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     for figure in page.locator("#own-figures figure img").all():
         page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
-    page.locator("#own-files-fold button").first.click()
-    expect(page.locator("#own-files")).to_contain_text("figure6")
+    expect(page.locator("#own-downloads")).to_contain_text("figure6")
     page.wait_for_function(OWN_STAGED, arg=2)
     lanes = page.locator("#own-player .lane:has(.words)")  # gestures below the words, no rest
     expect(lanes).to_contain_text(["Words", "Gesture left"])
@@ -650,8 +648,7 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(page: Page) -> Non
     expect(page.locator("#live-status")).to_contain_text("Done in")
     expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
     page.wait_for_function(KEPT)
-    page.locator("#live-files-fold button").first.click()
-    expect(page.locator("#live-files")).to_contain_text("provenance")
+    expect(page.locator("#live-downloads")).to_contain_text("provenance")
     page.wait_for_function("() => document.querySelector('#live-player audio').duration > 2")
     expect(page.locator("#live-runs .link a")).to_have_attribute("href", re.compile(r"^\?run="))
     expect(page.locator("#live-runs li").first).to_contain_text("live:")
@@ -689,7 +686,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
         expect(page.get_by_label(name, exact=True)).to_be_checked(checked=is_checked)
     expect(page.locator("#study-speech")).to_contain_text("three_reasons")
     page.locator("#study-write").click()
-    plan = saved(page, page.locator("#study-plan"), tmp_path)
+    plan = saved(page, page.locator("#study-plan a"), tmp_path)
     written = tomllib.loads(plan.read_text())
     assert written["protocol"] == "rating"
     names = ["workbench/planned", "smaller", "larger"]
@@ -711,10 +708,10 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     page.locator("#study-make").click()
     researcher = page.locator("#study-researcher button")
     researcher.wait_for()
-    plan = tomllib.loads(saved(page, page.locator("#study-plan"), tmp_path).read_text())
+    plan = tomllib.loads(saved(page, page.locator("#study-plan a"), tmp_path).read_text())
     assert (plan["participants"], plan["length_s"], len(plan["systems"])) == (3, 0.5, 2)
     study = tmp_path / "study"
-    for link in (page.locator("#study-participants"), researcher):
+    for link in (page.locator("#study-participants a"), researcher):
         with zipfile.ZipFile(saved(page, link, tmp_path)) as archive:
             assert {info.date_time for info in archive.infolist()} == {(2000, 1, 1, 0, 0, 0)}
             archive.extractall(study)
@@ -742,7 +739,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     page.locator("#analysis-start").click()
     report = page.frame_locator("#analysis-report iframe")
     expect(report.locator("body")).to_contain_text("How people move when they talk")
-    expect(page.locator("#analysis-files")).to_contain_text("results")
+    expect(page.locator("#analysis-report .downloads")).to_contain_text("results")
     for look in LOOKS:
         turn_to(page, look)
         expect_fit(page, researcher)

@@ -14,10 +14,10 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs import live, own_motion
-from app.page.tabs.videos_run import Asked
 from app.run.body_motion import body_motion
 from app.run.pieces import frames_message
 from app.run.requests import display
+from app.run.videos.seen_video import Seen
 from model.motion.altered import exaggerate
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion
@@ -168,12 +168,11 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
 
     # What the browser tells of it is what the server reads.
     page.evaluate(f"{LOOK}.set('trailFrames', 12)")
-    told = Asked.of(page.evaluate("document.querySelector('.lockstep').seen()"))
-    told.seen.check(3)
-    assert told.seen.mode == "wipe" and told.seen.display.trail_frames == 12
-    assert [[panel.view for panel in each] for each in told.seen.panels] == 2 * [["body", "face"]]
-    assert (told.seen.build, told.seen.tone, told.seen.is_whole) == ("broad", "dark", True)
-    assert list(told.labels) == LABELS
+    seen = Seen.read(page.evaluate("document.querySelector('.lockstep').seen()"))
+    assert seen.mode == "wipe" and seen.look.display.trail_frames == 12
+    assert [[panel.view for panel in each] for each in seen.panels] == 2 * [[None, "face"]]
+    assert (seen.look.build, seen.look.tone, seen.look.is_whole) == ("broad", "dark", True)
+    assert [body.label for body in seen.bodies] == LABELS
     bar.locator(".more").click()
 
 

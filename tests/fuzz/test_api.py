@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,12 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.parts.asked import Fields, form_of, values_of
+from app.page.parts.asked import Fields, values_of
 from app.page.tabs.motion import ask_from_form, build_form
 from app.page.tabs.own_motion import build_own_form
 from app.page.tabs.own_motion_run import own_ask
-from app.page.tabs.study_run import StudyForm, plan_text
+from app.page.tabs.study import build_study_tab
+from app.page.tabs.study_run import plan_text
 from tests.app.fakes import CATALOGUE, made_services
 from tests.fuzz.clock import (
     FOR_EVER_S,
@@ -63,34 +63,28 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Fields, C
     """Fields, and what makes an ask of what they give."""
     services, config = made_services(tmp_path_factory.mktemp("page")), AppConfig()
     with gr.Blocks():
-        generate, own = build_form(services).fields, build_own_form(services.check).fields
+        generate, own = build_form(services).fields, build_own_form(services).fields
+        study = build_study_tab(services)
     return {
         "generate": (generate, lambda told: ask_from_form(told, Path("/job"), CATALOGUE, config)),
         "own": (own, lambda told: own_ask(told, Path("/job"), config)),
+        "study": (study, plan_text),
     }
 
 
-@pytest.mark.parametrize("name", ["generate", "own"])
+FILES = {"generate": {"speech": "/a.wav"}, "own": {"motions": ["a.npz"]}}
+FILES["study"] = {"speeches": ["a.wav"]}
+
+
+@pytest.mark.parametrize("name", FILES)
 def test_forms(forms: dict[str, tuple[Fields, Callable]], name: str) -> None:
     form, ask = forms[name]
-    usual = [field.part.value for field in form.values()]
-    usual[0] = "/a.wav" if name == "generate" else ["a.npz"]
+    usual = [FILES[name].get(key, field.part.value) for key, field in form.items()]
 
     @given(changes(len(form)))
     def check(changes: list[tuple[int, Any]]) -> None:
         values = changed(usual, changes)
         is_done_or_refused(lambda: ask(values_of(form, values)))
-
-    run_by_the_clock(check)
-
-
-def test_the_form_of_a_study() -> None:
-    form = StudyForm("A", "pairwise", ["a.wav"], ["a/b"], [], 2, 4, 0, ["front"], "")
-
-    @given(changes(len(fields(form))))
-    def check(changes: list[tuple[int, Any]]) -> None:
-        values = changed(astuple(form), changes)
-        is_done_or_refused(lambda: plan_text(form_of(StudyForm, values)))
 
     run_by_the_clock(check)
 

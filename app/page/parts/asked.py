@@ -6,16 +6,15 @@ A browser sends what the page's fields give; a program may send anything.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any
 
 import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
 
-FormType = TypeVar("FormType")
 LONGEST_TEXT = 5000
 _KINDS = {
     gr.CheckboxGroup: list[str],
@@ -60,21 +59,16 @@ def values_of(form: Fields, values: Sequence[Any]) -> dict[str, Any]:
     """
     sent = dict(zip(form, values, strict=False))
     sent = {name: sent.get(name, field.part.value) for name, field in form.items()}
-    _check({name: (field.kind, ...) for name, field in form.items()}, sent)
+    kinds: dict[str, Any] = {name: (field.kind, ...) for name, field in form.items()}
+    config = ConfigDict(strict=True, allow_inf_nan=False, str_max_length=LONGEST_TEXT)
+    try:
+        create_model("Form", __config__=config, **kinds)(**sent)
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False)[0]
+        raise RunError(
+            f"The field {found['loc'][0]} cannot be used: {found['msg'].lower()}."
+        ) from error
     return {name: field.read(sent[name]) for name, field in form.items()}
-
-
-def form_of(form: type[FormType], values: Sequence[Any]) -> FormType:
-    """The dataclass ``form`` of the values in the order of its fields.
-
-    Raises:
-        RunError: if a value has another type than its field, is NaN or is far too long.
-    """
-    named = dict(zip([field.name for field in fields(form)], values, strict=False))  # type: ignore[arg-type]
-    hints, told = get_type_hints(form), fields(form)  # type: ignore[arg-type]
-    usual = {each.name: ... if each.default is MISSING else each.default for each in told}
-    _check({name: (hints[name], default) for name, default in usual.items()}, named)
-    return form(**named)
 
 
 def whole(
@@ -89,20 +83,12 @@ def whole(
     def read(value: float | None) -> int | None:
         if value is None and usual is not None:
             return usual
-        return whole_number(value, what, least, most)
+        if value is None or value != int(value) or not least <= value <= most:
+            told = "nothing" if value is None else f"{value:.15g}"
+            raise RunError(NOT_WHOLE.format(what=what, least=least, most=most, value=told))
+        return int(value)
 
     return read
-
-
-def whole_number(value: float | None, what: str, least: int, most: int) -> int:
-    """
-    Raises:
-        RunError: for anything else.
-    """
-    if value is None or value != int(value) or not least <= value <= most:
-        told = "nothing" if value is None else f"{value:.15g}"
-        raise RunError(NOT_WHOLE.format(what=what, least=least, most=most, value=told))
-    return int(value)
 
 
 def a_file(value: str | None) -> Path | None:
@@ -110,12 +96,6 @@ def a_file(value: str | None) -> Path | None:
     return Path(value) if value else None
 
 
-def _check(kinds: Mapping[str, Any], named: Mapping[str, Any]) -> None:
-    config = ConfigDict(strict=True, allow_inf_nan=False, str_max_length=LONGEST_TEXT)
-    try:
-        create_model("Form", __config__=config, **kinds)(**named)
-    except ValidationError as error:
-        found = error.errors(include_url=False, include_input=False)[0]
-        raise RunError(
-            f"The field {found['loc'][0]} cannot be used: {found['msg'].lower()}."
-        ) from error
+def some_files(values: Sequence[str] | None) -> tuple[Path, ...]:
+    """Where uploads lie."""
+    return tuple(map(Path, values or ()))

@@ -75,7 +75,7 @@ def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
     return groups
 
 
-def two_steps_help(systems: Sequence[str]) -> str | None:
+def face_steps_help(systems: Sequence[str]) -> str | None:
     """What their families say of drawing the face by steps of its own."""
     told = dict.fromkeys(family_of(name).face_steps_help for name in systems)
     return " ".join(told) or None

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from inspect import Parameter, Signature
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import gradio as gr
 
-from app import text
-from app.page.parts import markup
 from app.page.parts.asked import Fields
 
 
@@ -56,38 +52,10 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
     )
 
 
-def results_parts(
-    prefix: str,
-) -> tuple[gr.HTML, gr.HTML, gr.Column, gr.Button, gr.File]:
-    """Figures, numbers and downloads of a run, hidden until there are any.
-
-    Args:
-        prefix: of their ids on the page, with its hyphen.
-    """
-    figures, numbers = (
-        gr.HTML(
-            "",
-            visible=False,
-            js_on_load=mount(module, function),
-            apply_default_css=False,
-            elem_id=prefix + name,
-        )
-        for name, module, function in (
-            ("figures", "figures.js", "mountFigures"),
-            ("numbers", "measures.js", "mountMeasures"),
-        )
-    )
-    with gr.Column(visible=False) as downloads:
-        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
-        bundle = gr.Button(text.ZIP_LABEL, variant="primary", elem_id=prefix + "bundle")
-        with gr.Accordion(text.FILES_LABEL, open=False, elem_id=prefix + "files-fold"):
-            files = gr.File(
-                show_label=False,
-                file_count="multiple",
-                interactive=False,
-                elem_id=prefix + "files",
-            )
-    return figures, numbers, downloads, bundle, files
+def told_part(elem_id: str | None = None, module: str = "", function: str = "") -> gr.HTML:
+    """HTML that is hidden until there is any, handed to a module where one is named."""
+    how = {"js_on_load": mount(module, function), "apply_default_css": False} if module else {}
+    return gr.HTML("", visible=False, elem_id=elem_id, **how)
 
 
 def shown(html: str) -> Any:
@@ -107,47 +75,25 @@ def player_part(prefix: str) -> gr.HTML:
     )
 
 
-Run = TypeVar("Run", bound=Callable[..., Any])
-
-
-def named_fields(run: Run, form: type | Fields, optional: tuple[str, ...] = ()) -> Run:
-    """``run`` with one parameter for each field of ``form``, in its order.
-
-    Gradio names the parameters of the page's API by them, and asks only for those without a
-    default and without a value on the page.
+def named_fields(run: Callable[..., Iterator[Any]], form: Fields) -> Callable[..., Iterator[Any]]:
+    """``run`` with one parameter for each field, of which all but the first may be left out:
+    Gradio names the parameters of the page's API by them.
 
     Args:
-        run: takes the request of the browser and the values of the fields; a generator or not.
-        form: a dataclass, or fields, of which all but the first may be left out.
-        optional: fields that may be left out though the dataclass has no default for them.
+        run: takes the request of the browser and the values of the fields.
     """
 
-    if inspect.isgeneratorfunction(run):
-
-        def named(request: gr.Request, *values: Any) -> Any:
-            yield from run(request, *values)
-    else:
-
-        def named(request: gr.Request, *values: Any) -> Any:
-            return run(request, *values)
+    def named(request: gr.Request, *values: Any) -> Iterator[Any]:
+        yield from run(request, *values)
 
     kind = Parameter.POSITIONAL_OR_KEYWORD
+    defaults = [Parameter.empty, *(field.part.value for field in list(form.values())[1:])]
     parameters = [Parameter("request", kind, annotation=gr.Request)]
-    if not isinstance(form, type):
-        defaults = [Parameter.empty, *(field.part.value for field in list(form.values())[1:])]
-        parameters += [
-            Parameter(name, kind, default=default)
-            for name, default in zip(form, defaults, strict=True)
-        ]
-    for field in fields(form) if isinstance(form, type) else ():
-        default = Parameter.empty
-        if field.name in optional:
-            default = None
-        elif parameters[-1].default is not Parameter.empty:
-            default = None if field.default is MISSING else field.default
-        parameters.append(Parameter(field.name, kind, default=default))
+    parameters += [
+        Parameter(name, kind, default=default) for name, default in zip(form, defaults, strict=True)
+    ]
     named.__dict__["__signature__"] = Signature(parameters)
-    return cast(Run, named)
+    return named
 
 
 PRIVATE: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}

@@ -8,14 +8,14 @@ from typing import Any
 
 from app import text
 from app.page.parts.html_parts import shown
-from app.page.player.player import Showing, browser_addresses
-from app.page.routes.media import MediaAddresses
+from app.page.player.player import Showing
+from app.page.routes.media import Media
 from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
 
 
-def first_look(addresses: MediaAddresses) -> tuple[dict[str, Any], Any]:
+def first_look(media: Media) -> tuple[dict[str, Any], Any]:
     """Of the player and of what stands in the place of results, for a page that opens."""
-    value = Showing(FIRST_LOOK, browser_addresses(addresses, "")).value()
+    value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
     plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
     return plays, shown(question(json.loads((FIRST_LOOK / FACTS).read_text())))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import page_sentence
 from app.findings.sentences import GRAVEST
-from app.page.routes.media import MediaAddresses
+from app.page.routes.media import Address
 from app.run.output.run_folder import (
     RUN,
     Row,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
 _SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")
-Address = Callable[[Path], str]
 
 
 @dataclass(eq=False)
@@ -39,7 +38,6 @@ class Showing:
 
     folder: Path
     address: Address
-    """Where a browser gets a file."""
     name: str = ""
     """By which an editor of gestures asks for it."""
     is_drawn: bool = False
@@ -163,16 +161,3 @@ def _assumed(row: Row) -> dict[str, Any]:
     """What chips are told: the kind of its file, as `Told` has it, and its reading."""
     read = [{**each, "why": page_sentence(str(each.get("why", "")))} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
-
-
-def browser_addresses(addresses: MediaAddresses, cookie: str) -> Address:
-    """One browser's: the same each time, until a file is replaced by another."""
-    known: dict[tuple[Path, int], str] = {}
-
-    def address(path: Path) -> str:
-        key = path, path.stat().st_ino
-        if key not in known:
-            known[key] = addresses.address(path, cookie)
-        return known[key]
-
-    return address

@@ -26,12 +26,16 @@ BEHIND: tuple[Tab, ...] = ("videos", "live_videos", "own_videos")
 class Job:
     """One visitor's run."""
 
-    def __init__(self, visitor: str, tab: Tab, folder: Path, uploads: Sequence[Path] = ()) -> None:
+    def __init__(
+        self, visitor: str, tab: Tab, folder: Path, cookie: str = "", uploads: Sequence[Path] = ()
+    ) -> None:
         self.visitor = visitor
         self.tab: Tab = tab
         self.folder = folder
-        self.uploads = uploads
-        """What the visitor has given it to work with."""
+        self.cookie = cookie
+        """Of the visitor's browser; empty for one that keeps none."""
+        self.beside = [*uploads]
+        """What is kept beside its folder: what the visitor has given it to work with."""
         self._stopped = threading.Event()
 
     def cancel(self) -> None:
@@ -55,7 +59,9 @@ class Jobs:
         self._changed = threading.Condition()
 
     @contextmanager
-    def opened(self, visitor: str, tab: Tab, values: Sequence[Any] = ()) -> Iterator[Job]:
+    def opened(
+        self, visitor: str, tab: Tab, cookie: str = "", values: Sequence[Any] = ()
+    ) -> Iterator[Job]:
         """A job in a folder that only this process's user can enter; it stays for the downloads.
 
         Args:
@@ -63,9 +69,9 @@ class Jobs:
                 long as a new one.
         """
         uploads = uploads_of(values, self._root.with_name("gradio"))
-        job = Job(visitor, tab, self._root / secrets.token_hex(16), uploads)
+        job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
-        touch(uploads)
+        touch(job.beside)
         with self._changed:
             self._jobs.append(job)
         try:
@@ -75,7 +81,7 @@ class Jobs:
             with self._changed:
                 self._jobs.remove(job)
                 self._changed.notify_all()
-            touch(uploads)
+            touch(job.beside)
 
     def cancel(self, visitor: str, tab: Tab) -> None:
         """Stop the runs that the visitor started in that tab."""
@@ -93,7 +99,7 @@ class Jobs:
     def in_use(self) -> list[Path]:
         """Folders and uploads of runs that have not ended."""
         with self._changed:
-            return [path for job in self._jobs for path in (job.folder, *job.uploads)]
+            return [path for job in self._jobs for path in (job.folder, *job.beside)]
 
     def is_anyone_waiting(self) -> bool:
         """Whether a run is at work that somebody waits for."""

@@ -6,44 +6,38 @@ import queue
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
+from functools import partial
+from typing import Any, ClassVar, TypeVar
 
 import gradio as gr
 
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
+from app.page.parts.asked import Fields
+from app.page.parts.html_parts import AT_ONCE, in_turn, named_fields
 from app.page.queue.jobs import Job, Jobs, Tab
+from app.page.queue.worker import Task, Worker
 from app.page.visitors.visitors import cookie_of, visitor_of
 from app.run.requests.request import Event, Grown, OnEvent, Progress, ShouldCancel
 
-Result = TypeVar("Result")
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
 _REFRESH_S = 0.25
 _SOON_S = 0.05
 Updates = dict[Any, Any]
 """By part of the page what it shows from now on."""
+Told = Callable[[list[Event]], Updates]
+"""What each batch of news shows, which may be empty; no updates leave the tab as it is."""
 
 
-class Work(Protocol[Result]):
-    """One run that was asked for, and what the tab shows of it."""
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Result:
-        """Do it; called in a thread of its own."""
-        ...
-
-    def progress(self, events: list[Event]) -> Updates:
-        """After each batch of news, which may be empty; no updates leave the tab as it is."""
-        ...
-
-    def finished(self, result: Result) -> Updates:
-        """At the end of a run that went well."""
-        ...
-
-
-def follow(work: Work[Any], job: Job, as_it_is: Updates) -> Iterator[Updates]:
-    """Do a run in a thread of its own; updates several times a second until it has ended.
+def follow(
+    do: Callable[[OnEvent, ShouldCancel], Found], job: Job, told: Told, as_it_is: Updates
+) -> Generator[Updates, None, Found]:
+    """Do a run in a thread of its own; updates several times a second until it has ended, then its
+    result.
 
     Whoever closes this, as Gradio does when the visitor has cancelled or gone, stops the run with
     its job.
@@ -57,24 +51,24 @@ def follow(work: Work[Any], job: Job, as_it_is: Updates) -> Iterator[Updates]:
     events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
     outcome: dict[str, Any] = {}
 
-    def do() -> None:
+    def run() -> None:
         try:
-            outcome["result"] = work.run(events.put, job.is_cancelled)
+            outcome["result"] = do(events.put, job.is_cancelled)
         except BaseException as error:
             outcome["error"] = error
         finally:
             events.put(None)
 
-    thread = threading.Thread(target=do, name="run", daemon=True)
+    thread = threading.Thread(target=run, name="run", daemon=True)
     thread.start()
     has_ended = False
     while not has_ended:
         batch, has_ended = _batch(events)
-        yield work.progress(batch) or as_it_is
+        yield told(batch) or as_it_is
     thread.join()
     if "error" in outcome:
         raise outcome["error"]
-    yield work.finished(outcome["result"])
+    return outcome["result"]
 
 
 def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
@@ -100,16 +94,36 @@ def last_share(events: Sequence[Event]) -> float | None:
     return shares[-1] if shares else None
 
 
-class TabRunner(ABC, Generic[Result]):
+class TabRunner(ABC):
     """Turns a click whose turn has come into a run, and the run into updates of the tab."""
 
     tab: ClassVar[Tab]
 
-    def __init__(self, jobs: Jobs, status: gr.HTML) -> None:
+    def __init__(self, jobs: Jobs, worker: Worker, status: gr.HTML) -> None:
         self._jobs = jobs
+        self._worker = worker
         self._status = status
         self._unfinished: set[str] = set()
         """Visitors whose tab shows a run that has begun."""
+
+    def begins_on(
+        self, event: Callable[..., Any], fields: Fields | Sequence[Any], **how: Any
+    ) -> Any:
+        """Run in its turn after an event, such as ``button.click``; returns Gradio's own of that.
+
+        Args:
+            fields: a form, as programs fill it in too, or parts.
+            how: of Gradio's; at least the ``outputs``.
+        """
+        run: Any = self.run
+        if isinstance(fields, dict):
+            run, fields = named_fields(run, fields), [field.part for field in fields.values()]
+        if "api_name" not in how:
+            how["api_visibility"] = "private"
+        return event(run, fields, **{**in_turn(self._status), **how})
+
+    def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> None:
+        button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
         """Updates of the tab while a run goes on, for one visitor.
@@ -122,11 +136,14 @@ class TabRunner(ABC, Generic[Result]):
         """
         cookie, visitor = cookie_of(request), visitor_of(request)
         try:
-            with self._jobs.opened(visitor, self.tab, values) as job:
-                with self.begin(job, cookie, values) as work:
-                    self._unfinished.add(visitor)
-                    yield self.blank()
-                    yield from follow(work, job, {self._status: gr.skip()})
+            with (
+                self._jobs.opened(visitor, self.tab, cookie, values) as job,
+                closing(self.steps(job, values)) as steps,
+            ):
+                blank = next(steps)
+                self._unfinished.add(visitor)
+                yield blank
+                yield from steps
             self._unfinished.discard(visitor)
         except CancelledRun:
             self._unfinished.discard(visitor)
@@ -153,21 +170,12 @@ class TabRunner(ABC, Generic[Result]):
         return {self._status: gr.skip()}
 
     @abstractmethod
-    def begin(
-        self, job: Job, cookie: str, values: tuple[Any, ...]
-    ) -> AbstractContextManager[Work[Result]]:
-        """Check the form.
-
-        Args:
-            cookie: of the visitor's browser; empty for one that keeps none.
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        """The tab as a run begins, and then as it goes on until its end.
 
         Raises:
-            RunError: when the form asks for what cannot be.
+            RunError: before any update when the form asks for what cannot be.
         """
-
-    @abstractmethod
-    def blank(self) -> Updates:
-        """As a run begins."""
 
     @abstractmethod
     def stopped(self, status: str, message: str) -> Updates:
@@ -177,3 +185,22 @@ class TabRunner(ABC, Generic[Result]):
             status: one line, as HTML.
             message: why it failed, as HTML; empty where it was cancelled.
         """
+
+    def done(
+        self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
+    ) -> Generator[Updates, None, Found]:
+        """A task of the worker's, and what the tab shows meanwhile.
+
+        Args:
+            told: or a sentence for the status, with ``share``.
+        """
+
+        def line(events: list[Event]) -> Updates:
+            share = last_share(events) if told else None
+            if share is None:
+                return {}
+            return {self._status: markup.sentence_status(str(told).format(share=share))}
+
+        do = partial(self._worker.do, task, asked)
+        shown = line if isinstance(told, str) else told
+        return follow(do, job, shown, {self._status: gr.skip()})

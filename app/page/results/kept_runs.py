@@ -1,32 +1,35 @@
 """Runs that have ended, as any browser can be shown them, each behind a link that opens it again.
 
-The link holds 256 random bits. Whoever has it sees the run; a browser's own runs are listed for it
-alone, by the page's cookie.
+The link holds 256 random bits. Whoever has it sees the run and can save it, as its folder in a zip
+or as a page of its own; a browser's own runs are listed for it alone, by the page's cookie.
 """
 
 from __future__ import annotations
 
-import secrets
-import threading
+import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
 
-import gradio as gr
+from fastapi import Response
+from fastapi.responses import PlainTextResponse
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
 
 from app import text
 from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.player import Showing, browser_addresses
+from app.page.player.player import Showing
 from app.page.queue.jobs import Job, Tab
 from app.page.queue.runner import Updates
 from app.page.results.measures_table import measures_table
-from app.page.results.result_parts import ResultParts, figures_html
-from app.page.routes.media import MediaAddresses
+from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.routes.media import GONE, MadeFiles, Media
+from app.page.visitors.kept import Kept
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import RunRecord, file_of
@@ -37,25 +40,22 @@ PARAMETER = "run"
 """Of the page's address."""
 RUN_ROUTE = "/media/run"
 """Below which a run is had as a file, by its token."""
-_TOKEN_BYTES = 32
+_MAX_STEM = 60
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class KeptRun:
     """One run that can be opened again."""
 
-    token: str
     job: Job
-    """The link is as good as its folder is there."""
-    cookie: str
-    """Of the browser that asked for it; empty for one that keeps none."""
     showing: Showing
-    """For that browser."""
+    """For the browser that asked for it."""
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
     asked: Ask | None = None
     """As which takes of its plans are made; None where none are."""
     ended: float = field(default_factory=time.time)
+    token: str = ""
 
     @property
     def is_there(self) -> bool:
@@ -88,17 +88,16 @@ class KeptRun:
             parts.status: markup.sentence_status(line),
             parts.message: shown(failed + markup.notes_folded(list(notes))),
             parts.player: showing.value() | {"begins": begins},
-            **self.downloads(parts),
+            parts.downloads: shown(self.downloads(showing)),
         }
 
-    def downloads(self, parts: ResultParts) -> Updates:
-        folder = self.showing.folder
-        files = [folder / name for name in self.record.files if "/" not in name]
-        return {
-            parts.downloads_part: gr.update(visible=True),
-            parts.bundle: gr.update(link=self.file_address),
-            parts.files: [str(path) for path in files if path.is_file()],
-        }
+    def downloads(self, showing: Showing) -> str:
+        """All of it in one zip, and its single files."""
+        files = [showing.folder / name for name in self.record.files if "/" not in name]
+        listed = files_listed(filter(Path.is_file, files), showing.address)
+        bundle = f'<a class="bundle" href="{self.file_address}" download>{text.ZIP_LABEL}</a>'
+        heading = markup.heading(text.DOWNLOADS_HEADING)
+        return f'{heading}<div class="downloads">{bundle}{listed}</div>'
 
 
 def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
@@ -116,53 +115,39 @@ def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
     }
 
 
-class KeptRuns:
-    """All runs that can be opened again. Safe to use from several threads."""
+class KeptRuns(Kept[KeptRun]):
+    """All runs that can be opened again."""
 
     def __init__(self, keep_s: float) -> None:
         """
         Args:
             keep_s: for as long files are kept; only to be told.
         """
+        super().__init__()
         self._keep_s = keep_s
-        self._runs: dict[str, KeptRun] = {}
-        self._lock = threading.Lock()
 
-    def keep(
+    def keep_run(
         self,
         job: Job,
-        cookie: str,
         showing: Showing,
         form: Mapping[str, Any] | None = None,
         asked: Ask | None = None,
     ) -> KeptRun:
-        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, showing, form or {}, asked)
+        run = KeptRun(job, showing, form or {}, asked)
         if asked is not None and showing.performed():
             showing.say()
-        with self._lock:
-            for token in [token for token, one in self._runs.items() if not one.is_there]:
-                del self._runs[token]
-            self._runs[kept.token] = kept
-        return kept
-
-    def find(self, token: str) -> KeptRun | None:
-        """None of a token that is none, or whose files are gone."""
-        with self._lock:
-            run = self._runs.get(token)
-        return run if run is not None and run.is_there else None
+        run.token = self.keep(run, job.folder, None)
+        return run
 
     def edited(self, name: str, cookie: str) -> KeptRun | None:
         """The run of that name whose plans this browser may edit."""
-        with self._lock:
-            runs = [run for run in self._runs.values() if run.showing.name == name]
-        mine = (run for run in runs if not run.cookie or is_same(run.cookie, cookie))
-        return next((run for run in mine if run.is_there and run.showing.editing), None)
+        runs = [run for run in self.all() if run.showing.name == name and run.showing.editing]
+        mine = (run for run in runs if not run.job.cookie or is_same(run.job.cookie, cookie))
+        return next(mine, None)
 
     def of(self, cookie: str) -> list[KeptRun]:
         """A browser's own, the newest first."""
-        with self._lock:
-            runs = list(self._runs.values())
-        mine = [run for run in runs if is_same(run.cookie, cookie) and run.is_there]
+        mine = [run for run in self.all() if is_same(run.job.cookie, cookie)]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
     def html(self, cookie: str, *opened: KeptRun) -> str:
@@ -196,9 +181,7 @@ class KeptRuns:
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def keep_own(
-    kept: KeptRuns, path: Path, temp: Path, addresses: MediaAddresses, weights: Path
-) -> str:
+def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path) -> str:
     """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
     token.
 
@@ -206,10 +189,10 @@ def keep_own(
         RunError: if it is none.
     """
     folder = copied_run(path, temp)
-    showing = Showing(folder, browser_addresses(addresses, ""), temp.name)
+    showing = Showing(folder, media.share(folder, ""), temp.name)
     tab: Tab = "generate" if showing.record.kind == "generated" else "own_motion"
     asked = asked_of(folder, showing.record, weights)
-    return kept.keep(Job("", tab, temp), "", showing, asked=asked).token
+    return kept.keep_run(Job("", tab, temp), showing, asked=asked).token
 
 
 def address_of(*runs: KeptRun) -> str:
@@ -257,3 +240,32 @@ def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
         f'<time data-at="{run.ended:.0f}"></time>'
         f'<a href="{escape(address_of(run))}"{here}>{title}</a></li>'
     )
+
+
+def saving_route(
+    kept: KeptRuns, made: MadeFiles, ending: str, task: Callable[..., object], below: str = ""
+) -> APIRoute:
+    """Serve runs in one form, of all that there is of them when they are asked for.
+
+    Args:
+        task: writes it, asked by the run's folder and the file.
+    """
+
+    def found(token: str) -> tuple[Path, str] | None:
+        run = kept.find(token)
+        return run and (run.showing.folder, file_name(run.record.title, ending))
+
+    async def answer(token: str) -> Response:
+        run = await run_in_threadpool(found, token)
+        if run is None:
+            return PlainTextResponse(GONE, status_code=404)
+        folder, name = run
+        return await made.answer(task, lambda out: (folder, out), name)
+
+    return APIRoute(f"{RUN_ROUTE}/{{token}}{below}", answer, methods=["GET"])
+
+
+def file_name(title: str, ending: str = ".zip") -> str:
+    """Of a run's file, from what the run is called."""
+    stem = re.sub(r"[^\w .,+-]+", "-", title).strip(" .-")[:_MAX_STEM]
+    return f"{stem or 'run'}{ending}"

@@ -5,10 +5,11 @@ app/page/web/measures.js turns the switch and saves the CSV.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
+from typing import Literal
 
 from app import text
 from app.findings.comparison import point_title
@@ -26,29 +27,30 @@ class Column:
     name: str
     label: str
     """What its head says."""
-    read: Callable[[Measure, Version], float | None]
-    is_reference: bool = False
-    is_difference: bool = False
+    numbers: Numbers
+    kind: Literal["", "reference", "difference"] = ""
 
-    @classmethod
-    def of(cls, name: str, label: str, numbers: Numbers, is_reference: bool = False) -> Column:
-        return cls(name, label, lambda measure, kind: numbers[kind].get(measure.key), is_reference)
+    def read(self, measure: Measure, version: Version) -> float | None:
+        return self.numbers[version].get(measure.key)
 
     def less(self, other: Column, name: str, label: str) -> Column:
         """By how much another motion has less."""
-
-        def read(measure: Measure, kind: Version) -> float | None:
-            own, others = self.read(measure, kind), other.read(measure, kind)
-            return None if own is None or others is None else own - others
-
-        return Column(name, label, read, is_difference=True)
+        differences = {
+            version: {
+                key: value - other.numbers[version][key]
+                for key, value in self.numbers[version].items()
+                if key in other.numbers[version]
+            }
+            for version in VERSIONS
+        }
+        return Column(name, label, differences, "difference")
 
 
 def measures_table(run: RunRecord) -> str:
     """The reference first, then the systems; a row for each measure that any of them has."""
     labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
     columns = [
-        Column.of(name, labels.get(name, name), numbers, name == REFERENCE_NAME)
+        Column(name, labels.get(name, name), numbers, "reference" if name == REFERENCE_NAME else "")
         for name, numbers in run.numbers.items()
     ]
     said = filter(None, (run.says.get("step"), run.says.get("beats")))
@@ -73,6 +75,8 @@ def table_of(
         above: what stands before the table, as HTML.
     """
     shown = [measure for measure in MEASURES if _is_known(measure, columns)]
+    about = text.NUMBERS_HELP.format(point=point.lower())
+    has_reference = any(column.kind == "reference" for column in columns)
     firsts = {measure.group for measure in shown if measure.is_first}
     head = "".join(_column_head(column) for column in columns)
     body = "".join(
@@ -82,17 +86,12 @@ def table_of(
     )
     return (
         '<div class="measures" data-filter="raw">'
-        f"{markup.heading(text.NUMBERS_HEADING, _explanation(point))}{above}"
-        f"{_bar(legend, any(column.is_reference for column in columns))}"
+        f"{markup.heading(text.NUMBERS_HEADING, about)}{above}{_bar(legend, has_reference)}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
         'tabindex="0"><table>'
         f'<thead><tr><th scope="col">Measure</th>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>{_more(shown)}</div>"
     )
-
-
-def _explanation(point: str) -> str:
-    return text.NUMBERS_HELP.format(point=point.lower())
 
 
 def _bar(legend: str, has_reference: bool) -> str:
@@ -125,8 +124,7 @@ def _column_head(column: Column) -> str:
 
 
 def _column_class(column: Column) -> str:
-    name = "reference" if column.is_reference else "difference" if column.is_difference else ""
-    return f' class="{name}"' if name else ""
+    return f' class="{column.kind}"' if column.kind else ""
 
 
 def _group_head(title: str, width: int, has_first: bool) -> str:
@@ -153,7 +151,7 @@ def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -
     data = "".join(
         f' data-{kind}="{value!r}"' for kind, value in values.items() if value is not None
     )
-    write = signed if column.is_difference else written
+    write = signed if column.kind == "difference" else written
     spans = "".join(
         f'<span class="{kind}{" near" if column.name in near[kind] else ""}">{write(value)}'
         f"{_NEAR_WORDS if column.name in near[kind] else ''}</span>"
@@ -166,10 +164,11 @@ _NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'
 
 
 def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Version) -> tuple[str, ...]:
-    target = next((each.read(measure, kind) for each in columns if each.is_reference), None)
+    recorded = (each.read(measure, kind) for each in columns if each.kind == "reference")
+    target = next(recorded, None)
     if not measure.has_target or target is None:
         return ()
-    motions = [each for each in columns if not each.is_reference and not each.is_difference]
+    motions = [each for each in columns if not each.kind]
     return nearest({each.name: each.read(measure, kind) for each in motions}, target)
 
 

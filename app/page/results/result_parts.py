@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,8 +12,9 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import mount, player_part, results_parts
+from app.page.parts.html_parts import player_part, told_part
 from app.page.parts.markup import explained
+from app.page.routes.media import Address
 
 
 @dataclass(frozen=True)
@@ -22,26 +23,24 @@ class ResultParts:
 
     message: gr.HTML
     status: gr.HTML
-    runs: gr.HTML
-    """The link to the run that is shown, and the visitor's others."""
     empty: gr.HTML
-    verdict: gr.HTML
     player: gr.HTML
     """Its value is a `Showing` as a dictionary; without rows it takes no room."""
     seen: gr.HTML
     """How far a video of what the stage shows is, and the way to it."""
+    seen_cancel: gr.Button
     seen_asked: gr.Textbox
     seen_start: gr.Button
     """Pressed by the stage."""
-    seen_cancel: gr.Button
     take_asked: gr.Textbox
     take_start: gr.Button
     """Pressed by the editor of gestures."""
+    verdict: gr.HTML
+    runs: gr.HTML
+    """The link to the run that is shown, and the visitor's others."""
     figures: gr.HTML
     numbers: gr.HTML
-    downloads_part: gr.Column
-    bundle: gr.Button
-    files: gr.File
+    downloads: gr.HTML
 
     @property
     def all(self) -> list[Any]:
@@ -57,12 +56,12 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
         empty: what stands in the place of results, as HTML; seen once it is known that there are
             none.
     """
-    message = gr.HTML("", visible=False, elem_id=prefix + "message")
+    message = told_part(prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
     empty_part = gr.HTML(empty, visible=False, elem_id=prefix + "empty")
     player = player_part(prefix)
     with gr.Row(elem_classes="seen-video"):
-        seen = gr.HTML("", visible=False, elem_id=prefix + "seen")
+        seen = told_part(prefix + "seen")
         seen_cancel = gr.Button(
             text.CANCEL,
             visible=False,
@@ -71,21 +70,18 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
             min_width=90,
             elem_id=prefix + "seen-cancel",
         )
-    seen_asked = gr.Textbox(visible=False)
-    seen_start = gr.Button(elem_classes="seen-start told-elsewhere")
-    take_asked = gr.Textbox(visible=False)
-    take_start = gr.Button(elem_classes="take-start told-elsewhere")
-    in_between = (seen, seen_asked, seen_start, seen_cancel, take_asked, take_start)
-    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
-    runs = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("runs.js", "mountRuns"),
-        apply_default_css=False,
-        elem_id=prefix + "runs",
+    return ResultParts(
+        *(message, status, empty_part, player, seen, seen_cancel),
+        seen_asked=gr.Textbox(visible=False),
+        seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
+        take_asked=gr.Textbox(visible=False),
+        take_start=gr.Button(elem_classes="take-start told-elsewhere"),
+        verdict=told_part(prefix + "verdict"),
+        runs=told_part(prefix + "runs", "runs.js", "mountRuns"),
+        figures=told_part(prefix + "figures", "figures.js", "mountFigures"),
+        numbers=told_part(prefix + "numbers", "measures.js", "mountMeasures"),
+        downloads=told_part(prefix + "downloads"),
     )
-    rest = results_parts(prefix)
-    return ResultParts(message, status, runs, empty_part, verdict, player, *in_between, *rest)
 
 
 _DOWNLOADS = ("png", "svg", "pdf")
@@ -93,12 +89,11 @@ NO_WORDS: Mapping[str, str] = {}
 
 
 def figures_html(
-    files: Iterable[Path], address: Callable[[Path], str], sentences: Mapping[str, str] = NO_WORDS
+    files: Iterable[Path], address: Address, sentences: Mapping[str, str] = NO_WORDS
 ) -> str:
     """The figures among some files, each with what the numbers say of it.
 
     Args:
-        address: gives a file its place for one browser.
         sentences: as of `app.findings.sentences.sentences_of`.
     """
     figures: dict[str, dict[str, Path]] = {}
@@ -118,10 +113,7 @@ def figures_html(
 
 def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
-    links = "".join(
-        f'<a href="{escape(urls[ending])}" download="{escape(stem)}.{ending}">{ending.upper()}</a>'
-        for ending in urls
-    )
+    links = "".join(saved_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
     said = "".join(
         f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
     )
@@ -137,3 +129,21 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], ca
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></button>'
         f'<figcaption>{said}{beside}<p class="links">{links}</p></figcaption></figure>'
     )
+
+
+def saved_link(url: str, name: str, words: str = "") -> str:
+    """To a file, under that name."""
+    return f'<a href="{escape(url)}" download="{escape(name)}">{escape(words or name)}</a>'
+
+
+def files_listed(paths: Iterable[Path], address: Address) -> str:
+    """Single files, folded away."""
+    items = "".join(
+        f"<li>{saved_link(address(path), path.name)}<span>{_size(path.stat().st_size)}</span></li>"
+        for path in paths
+    )
+    return f"<details><summary>{text.FILES_LABEL}</summary><ul>{items}</ul></details>"
+
+
+def _size(num_bytes: int) -> str:
+    return f"{num_bytes / 1e6:.1f} MB" if num_bytes >= 1e5 else f"{num_bytes / 1e3:.1f} kB"

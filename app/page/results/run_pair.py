@@ -6,21 +6,20 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import Any
 
-import gradio as gr
-
 from app import text
-from app.findings.comparison import plain, point_title
-from app.findings.measure_rows import JERK, Numbers
+from app.findings.comparison import point_title
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.player import Address, Showing
+from app.page.player.player import Showing
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
+from app.page.routes.media import Media
 from app.run.output.run_folder import RunRecord, colors_of
 from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.timeline import NUM_SECONDS
@@ -29,53 +28,177 @@ from conventions.names import REFERENCE_NAME, short_names
 MAX_VIDEOS = 12
 
 
-@dataclass(frozen=True)
+def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie: str) -> Updates:
+    """What a tab shows to a browser that opens both.
+
+    Args:
+        cookie: of that browser.
+    """
+    runs = a.showing, b.showing
+    pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
+    links = "".join(
+        f'<li><b>{letter}</b><a href="{escape(address_of(run))}">{escape(run.record.title)}</a>'
+        for letter, run in zip("AB", (a, b), strict=True)
+    )
+    updates: Updates = {
+        parts.status: markup.sentence_status(text.PAIR_STATUS),
+        parts.verdict: shown(f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'),
+        parts.player: pair.player(),
+        parts.numbers: shown(pair.table()),
+    }
+    return updates | {part: shown("") for part in (parts.message, parts.figures, parts.downloads)}
+
+
+@dataclass
 class RunPair:
     """The earlier run is A, the later one B."""
 
-    a: KeptRun
-    b: KeptRun
+    a: Showing
+    b: Showing
 
-    @classmethod
-    def of(cls, first: KeptRun, second: KeptRun) -> RunPair:
-        return cls(*sorted((first, second), key=lambda run: run.ended))
+    @cached_property
+    def runs(self) -> tuple[RunRecord, RunRecord]:
+        return self.a.record, self.b.record
 
     @property
     def has_one_speech(self) -> bool:
         """Whether both were given the same file of sound."""
-        first, second = self.a.record.speech_sha256, self.b.record.speech_sha256
+        first, second = (run.speech_sha256 for run in self.runs)
         return bool(first) and first == second
 
-    def updates(self, parts: ResultParts, address: Address) -> Updates:
-        """For a browser that opens both.
+    @property
+    def has_one_reference(self) -> bool:
+        """Whether both stand beside the same recording: its numbers are the same."""
+        first, second = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
+        return first is not None and first == second
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str]]:
+        """Names of what stands beside what, the reference last; one that is shared is A's."""
+        names = [[row.name for row in run.rows] for run in self.runs]
+        systems = [[name for name in own if name != REFERENCE_NAME] for own in names]
+        a, b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
+        return [*pairs_of(*systems), (a, "" if self.has_one_reference else b)]
+
+    def name(self, name: str, letter: str) -> str:
+        """Of a motion among those of both."""
+        is_shared = name == REFERENCE_NAME and self.has_one_reference
+        return name if is_shared else f"{name} ({letter})"
+
+    def head(self) -> str:
+        """The settings that differ, in one sentence, what the speech says of them, and all."""
+        return (
+            f"<b>{escape(told_settings(*self.runs))}</b><p>{escape(self.told_speech())}</p>"
+            f"{_settings_table(*self.runs)}"
+        )
+
+    def told_speech(self) -> str:
+        """Whether the speech is the same, and what that means."""
+        a, b = (run.settings for run in self.runs)
+        first, second = a.get(SPEECH, NONE), b.get(SPEECH, NONE)
+        if not self.has_one_speech:
+            return text.PAIR_OTHER_SPEECH.format(first=first, second=second)
+        only_chance = list(differing(a, b)) == [SEED]
+        return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
+
+    def table(self) -> str:
+        """The numbers of both and their difference, motion by motion."""
+        columns: list[Column] = []
+        *systems, references = self.pairs
+        for pair in (references, *systems):
+            labels = short_names(dict.fromkeys(filter(None, pair)))
+            found = [
+                Column(
+                    self.name(name, letter),
+                    self.name(labels[name], letter),
+                    run.numbers[name],
+                    "reference" if pair is references and self.has_one_reference else "",
+                )
+                for name, letter, run in zip(pair, "AB", self.runs, strict=True)
+                if name in run.numbers
+            ]
+            columns += found
+            if len(found) == 2 and pair is not references:
+                named = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
+                columns.append(found[1].less(found[0], named, text.PAIR_DIFFERENCE))
+        points = dict.fromkeys(point_title(run.point) for run in self.runs)
+        return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
+
+    def player(self) -> dict[str, Any]:
+        """Both in lock-step: under the one speech that they have, or under either's, as somebody
+        chooses."""
+        values = [showing.value() for showing in (self.a, self.b)]
+        lines = [showing.timeline() for showing in (self.a, self.b)]
+        rows = self._rows(values)
+        value = {
+            "run": " ".join(value["run"] for value in values),
+            "rows": rows,
+        }
+        if not all(lines):
+            return value
+        names = [row["name"] for row in rows]
+        heard = self._heard(lines)
+        sounds = [
+            {
+                "label": _sound_label(self.runs[i], "AB"[i]),
+                "audio": values[i]["audio"],
+                "timeline": _as_address(self._timeline(lines, i, names, len(heard) == 1)),
+            }
+            for i in heard
+        ]
+        first = {kind: sounds[0][kind] for kind in ("audio", "timeline")}
+        return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
+
+    def _rows(self, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """A beside B, motion by motion; of too many the first."""
+        rows: list[dict[str, Any]] = []
+        for names in self.pairs:
+            for name, letter, run, value in zip(names, "AB", self.runs, values, strict=True):
+                of_seed = f"of seed {run.settings.get(SEED, '')}"
+                rows += [
+                    {
+                        **row,
+                        "name": self.name(name, letter),
+                        "label": self.name(row["label"], letter),
+                        "stem": f"{row['stem']}-{letter}",
+                        "noise": row["noise"] and f"{row['noise']} {of_seed}",
+                        "run": value["run"],
+                    }
+                    for row in value["rows"]
+                    if row["name"] == name
+                ]
+        colors = colors_of(row["name"] for row in rows)
+        return [row | {"color": colors[row["name"]]} for row in rows][:MAX_VIDEOS]
+
+    def _heard(self, lines: Sequence[dict[str, Any]]) -> list[int]:
+        """Whose sound can be listened to: each that is another; of one speech, or of none, that of
+        whichever is longer."""
+        spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
+        if len(spoken) == 2 and not self.has_one_speech:
+            return spoken
+        longest_first = sorted((0, 1), key=lambda i: lines[i].get("duration_s", 0.0), reverse=True)
+        return [i for i in longest_first if i in spoken or not spoken][:1]
+
+    def _timeline(
+        self, lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], is_shared: bool
+    ) -> dict[str, Any]:
+        """One time line of both, of the motions that have a row, under the sound of one of them.
 
         Args:
-            address: gives it their files.
+            is_shared: whether that is the sound of both.
         """
-        a, b = self.a.record, self.b.record
-        return {
-            parts.status: markup.sentence_status(text.PAIR_STATUS),
-            parts.message: shown(""),
-            parts.verdict: shown(self._head()),
-            parts.player: joined(*(run.showing.for_browser(address) for run in (self.a, self.b))),
-            parts.figures: shown(""),
-            parts.numbers: shown(pair_table(a, b)),
-            parts.downloads_part: gr.update(visible=False),
+        curves, worst = {}, []
+        for line, letter in zip(lines, "AB", strict=True):
+            new = {name: self.name(name, letter) for name in line["curves"]}
+            curves |= {new[name]: curve for name, curve in line["curves"].items()}
+            worst += [each | {"name": new[each["name"]]} for each in line["worst"]]
+        words = [line["words"] for line in (lines[heard], *lines)[: 3 if is_shared else 1]]
+        return lines[heard] | {
+            "curves": {name: curve for name, curve in curves.items() if name in names},
+            "worst": worst_of_both([each for each in worst if each["name"] in names]),
+            "point": " and ".join(dict.fromkeys(line["point"] for line in lines)),
+            "words": next(filter(None, words), []),
         }
-
-    def _head(self) -> str:
-        a, b = self.a.record, self.b.record
-        links = "".join(
-            f'<li><b>{letter}</b><a href="{escape(address_of(kept))}">{escape(kept.record.title)}'
-            "</a></li>"
-            for letter, kept in (("A", self.a), ("B", self.b))
-        )
-        said = [told_speech(a, b, self.has_one_speech), jerk_line(a, b)]
-        below = "".join(f"<p>{escape(sentence)}</p>" for sentence in said if sentence)
-        return (
-            f'<div class="verdict pair-head"><ol>{links}</ol><b>{escape(told_settings(a, b))}</b>'
-            f"{below}{_settings_table(a, b)}</div>"
-        )
 
 
 def told_settings(a: RunRecord, b: RunRecord) -> str:
@@ -95,46 +218,6 @@ def _against(differ: Mapping[str, tuple[str, str]]) -> str:
     return f"{told[:1].upper()}{told[1:]}." if told else ""
 
 
-def told_speech(a: RunRecord, b: RunRecord, is_one: bool) -> str:
-    """Whether the speech is the same, and what that means."""
-    first, second = a.settings.get(SPEECH, NONE), b.settings.get(SPEECH, NONE)
-    if not is_one:
-        return text.PAIR_OTHER_SPEECH.format(first=first, second=second)
-    only_chance = list(differing(a.settings, b.settings)) == [SEED]
-    return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
-
-
-def jerk_line(a: RunRecord, b: RunRecord) -> str:
-    """The followed point's jerk in both; empty where the points are not the same."""
-    if a.point != b.point:
-        return ""
-    jerk = [
-        {
-            name: numbers["raw"][JERK]
-            for name, numbers in _systems(run).items()
-            if JERK in numbers["raw"]
-        }
-        for run in (a, b)
-    ]
-    told = "; ".join(_jerk_of(jerk, pair) for pair in pairs_of(list(jerk[0]), list(jerk[1])))
-    return f"{point_title(a.point)} jerk in m/s³: {told}." if told else ""
-
-
-def _systems(run: RunRecord) -> dict[str, Numbers]:
-    return {name: each for name, each in run.numbers.items() if name != REFERENCE_NAME}
-
-
-def _jerk_of(jerk: Sequence[Mapping[str, float]], names: tuple[str, str]) -> str:
-    """In both runs, of what stands beside each other there."""
-    labels = short_names(dict.fromkeys(name for name in names if name))
-    told = [
-        ("" if i and name == names[0] else f"{labels[name]} ") + f"{plain(jerk[i][name])} in {run}"
-        for i, (name, run) in enumerate(zip(names, "AB", strict=True))
-        if name
-    ]
-    return " and ".join(told)
-
-
 def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
     """What stands beside what: equal names, and of the others those that are the only one of their
     run; an empty name where there is nothing to stand beside."""
@@ -147,84 +230,6 @@ def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
     return [*pairs, *((name, "") for name in only_a), *(("", name) for name in only_b)]
 
 
-def pair_table(a: RunRecord, b: RunRecord) -> str:
-    """The numbers of both and their difference, motion by motion."""
-    columns: list[Column] = []
-    references = [run.numbers.get(REFERENCE_NAME) for run in (a, b)]
-    if is_one_reference(a, b) and references[0] is not None:
-        columns.append(Column.of(REFERENCE_NAME, REFERENCE_NAME, references[0], is_reference=True))
-    else:
-        for letter, reference in zip("AB", references, strict=True):
-            if reference is not None:
-                name = f"{REFERENCE_NAME} ({letter})"
-                columns.append(Column.of(name, name, reference))
-    runs = _systems(a), _systems(b)
-    for pair in pairs_of(list(runs[0]), list(runs[1])):
-        columns += _columns([run.get(name) for run, name in zip(runs, pair, strict=True)], pair)
-    points = dict.fromkeys(point_title(run.point) for run in (a, b))
-    return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
-
-
-def _columns(numbers: Sequence[Numbers | None], names: Sequence[str]) -> list[Column]:
-    labels = short_names(dict.fromkeys(name for name in names if name))
-    found = [
-        Column.of(lettered(name, letter), lettered(labels[name], letter), each)
-        for each, name, letter in zip(numbers, names, "AB", strict=True)
-        if each is not None
-    ]
-    if len(found) < 2:
-        return found
-    name = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
-    return [*found, found[1].less(found[0], name, text.PAIR_DIFFERENCE)]
-
-
-def lettered(name: str, letter: str) -> str:
-    return f"{name} ({letter})"
-
-
-def is_one_reference(a: RunRecord, b: RunRecord) -> bool:
-    """Whether both stand beside the same recording: its numbers are the same."""
-    first, second = a.numbers.get(REFERENCE_NAME), b.numbers.get(REFERENCE_NAME)
-    return first is not None and first == second
-
-
-def joined(a: Showing, b: Showing) -> dict[str, Any]:
-    """Both for one player, in lock-step: under the one speech that they have, or under either's, as
-    somebody chooses."""
-    runs = a.record, b.record
-    values = [run.value() for run in (a, b)]
-    lines = [run.timeline() for run in (a, b)]
-    rows = _rows(*runs, values)
-    value = {
-        "run": " ".join(value["run"] for value in values),
-        "rows": rows,
-    }
-    if not all(lines):
-        return value
-    names = [row["name"] for row in rows]
-    heard = _heard(runs, lines)
-    sounds = [
-        {
-            "label": _sound_label(runs[i], "AB"[i]),
-            "audio": values[i]["audio"],
-            "timeline": _as_address(_timeline(lines, i, names, has_one_speech=len(heard) == 1)),
-        }
-        for i in heard
-    ]
-    first = {kind: sounds[0][kind] for kind in ("audio", "timeline")}
-    return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
-
-
-def _heard(runs: Sequence[RunRecord], lines: Sequence[dict[str, Any]]) -> list[int]:
-    """Whose sound can be listened to: each that is another; of one speech, or of none, that of
-    whichever is longer."""
-    spoken = [i for i, run in enumerate(runs) if run.speech_sha256]
-    if len({runs[i].speech_sha256 for i in spoken}) == 2:
-        return spoken
-    longest_first = sorted((0, 1), key=lambda i: lines[i].get("duration_s", 0.0), reverse=True)
-    return [i for i in longest_first if i in spoken or not spoken][:1]
-
-
 def _sound_label(run: RunRecord, letter: str) -> str:
     speech = run.settings.get(SPEECH, NONE)
     return letter if speech == NONE else f"{letter}: {speech}"
@@ -235,73 +240,10 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
     return f"data:application/json;base64,{data}"
 
 
-def _rows(a: RunRecord, b: RunRecord, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A beside B, motion by motion; of too many the first."""
-    by_name = [{row["name"]: row for row in value["rows"]} for value in values]
-    seeds = [run.settings.get(SEED, "") for run in (a, b)]
-    is_one = is_one_reference(a, b)
-    systems = [[name for name in rows if name != REFERENCE_NAME] for rows in by_name]
-    last = [REFERENCE_NAME if REFERENCE_NAME in rows else "" for rows in by_name]
-    if is_one:
-        last[1] = ""
-    rows: list[dict[str, Any]] = []
-    for pair in [*pairs_of(*systems), last]:
-        for i, name in enumerate(pair):
-            if not name:
-                continue
-            row, letter = by_name[i][name], "AB"[i]
-            rows.append(
-                {
-                    **row,
-                    "name": _name(name, letter, is_one),
-                    "label": _name(row["label"], letter, is_one),
-                    "stem": f"{row['stem']}-{letter}",
-                    "noise": row["noise"] and f"{row['noise']} of seed {seeds[i]}",
-                    "run": values[i]["run"],
-                }
-            )
-    colors = colors_of(row["name"] for row in rows)
-    for row in rows:
-        row["color"] = colors[row["name"]]
-    return rows[:MAX_VIDEOS]
-
-
-def _name(name: str, letter: str, is_one_reference: bool) -> str:
-    return name if name == REFERENCE_NAME and is_one_reference else lettered(name, letter)
-
-
-def _timeline(
-    lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], *, has_one_speech: bool
-) -> dict[str, Any]:
-    """One time line of both, of the motions that have a row, under the sound of one of them."""
-    curves, worst = {}, []
-    for line, letter in zip(lines, "AB", strict=True):
-        new = {
-            name: next(each for each in (lettered(name, letter), name) if each in names)
-            for name in line["curves"]
-            if lettered(name, letter) in names or name in names
-        }
-        curves |= {new[name]: curve for name, curve in line["curves"].items() if name in new}
-        worst.append(
-            [each | {"name": new[each["name"]]} for each in line["worst"] if each["name"] in new]
-        )
-    points = dict.fromkeys(line["point"] for line in lines)
-    others = lines if has_one_speech else ()
-    words = next((line["words"] for line in (lines[heard], *others) if line["words"]), [])
-    return lines[heard] | {
-        "curves": curves,
-        "worst": worst_of_both(*worst),
-        "point": " and ".join(points),
-        "words": words,
-    }
-
-
-def worst_of_both(
-    first: list[dict[str, Any]], second: list[dict[str, Any]], count: int = NUM_SECONDS
-) -> list[dict[str, Any]]:
-    """The worst of two such lists, without overlap."""
+def worst_of_both(seconds: list[dict[str, Any]], count: int = NUM_SECONDS) -> list[dict[str, Any]]:
+    """The worst of them, without overlap."""
     kept: list[dict[str, Any]] = []
-    for each in sorted([*first, *second], key=lambda one: -one["jerk_m_s3"]):
+    for each in sorted(seconds, key=lambda one: -one["jerk_m_s3"]):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
             kept.append(each)
     return kept[:count]

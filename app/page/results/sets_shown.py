@@ -5,22 +5,14 @@ app/page/web/sets.js opens a clip on the stage.
 
 from __future__ import annotations
 
-import secrets
-import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.findings.measure_rows import MEASURES, written
 from app.page.parts import markup
-from app.page.visitors.visitors import is_same
 from app.run.many.distances import TITLE as DISTANCE
 from app.run.many.table import JERK, cells_of
-
-if TYPE_CHECKING:
-    from app.run.many.sets import Sets
 
 HEADING = "Results as sets"
 COUNTED = (
@@ -122,46 +114,3 @@ def _table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:
         f'<div class="measures all">{first}{star}'
         f"<details><summary>{MORE}</summary>{table(list(rows))}</details></div>"
     )
-
-
-_TOKEN_BYTES = 32
-
-
-@dataclass(frozen=True)
-class KeptSet:
-    """What was measured together."""
-
-    token: str
-    cookie: str
-    """Of the browser that brought it; empty for one that keeps none, whose page alone knows the
-    token."""
-    folder: Path
-    sets: Sets
-
-
-class KeptSets:
-    """All of them. Safe to use from several threads."""
-
-    def __init__(self) -> None:
-        self._kept: dict[str, KeptSet] = {}
-        self._lock = threading.Lock()
-
-    def keep(self, cookie: str, folder: Path, sets: Sets) -> KeptSet:
-        """
-        Args:
-            folder: with whose end the clips are gone.
-        """
-        kept = KeptSet(secrets.token_urlsafe(_TOKEN_BYTES), cookie, folder, sets)
-        with self._lock:
-            for token in [token for token, one in self._kept.items() if not one.folder.is_dir()]:
-                del self._kept[token]
-            self._kept[kept.token] = kept
-        return kept
-
-    def find(self, token: str, cookie: str) -> KeptSet | None:
-        """None of what is another browser's, or kept no longer."""
-        with self._lock:
-            kept = self._kept.get(token)
-        if kept is None or not kept.folder.is_dir():
-            return None
-        return kept if not kept.cookie or is_same(kept.cookie, cookie) else None

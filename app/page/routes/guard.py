@@ -11,7 +11,8 @@ import ipaddress
 import logging
 import os
 import traceback
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -49,14 +50,6 @@ UNUSED = "This page takes nothing there; upload files by the fields of its forms
 NO_PROXY = "This page fetches no pages of others; ask for them at their own address."
 
 
-class Refusal(Exception):
-    """A request that goes no further, with its sentence and status."""
-
-    def __init__(self, sentence: str, status: int) -> None:
-        super().__init__(sentence)
-        self.status = status
-
-
 class HostNames:
     """The names under which the page answers."""
 
@@ -86,29 +79,19 @@ def _space() -> str:
     return os.environ.get("SPACE_HOST") or "localhost"
 
 
-class Framing:
-    """Which sites may show the page in a frame: clicks in a frame can be led astray."""
+def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
+    """Headers that say which sites may show the page in a frame: clicks in a frame can be led
+    astray.
 
-    def __init__(self, embedders: Collection[str] = ()) -> None:
-        """
-        Args:
-            embedders: origins, besides the page's own.
-        """
-        hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
-        policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
-        self.headers = [(b"content-security-policy", policy.encode("ascii"))]
-        if not hosts and not embedders:  # it can name no others
-            self.headers.append((b"x-frame-options", b"SAMEORIGIN"))
-
-    def framed(self, send: Send) -> Send:
-        """Sends every response with it."""
-
-        async def told(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *self.headers]
-            await send(message)
-
-        return told
+    Args:
+        embedders: origins, besides the page's own.
+    """
+    hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
+    policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
+    headers = [(b"content-security-policy", policy.encode("ascii"))]
+    if not hosts and not embedders:  # it can name no others
+        headers.append((b"x-frame-options", b"SAMEORIGIN"))
+    return headers
 
 
 def _name_of(host: str) -> str:
@@ -119,78 +102,74 @@ def _name_of(host: str) -> str:
 
 
 def guarded(
-    names: HostNames, framing: Framing, *, has_proxy: bool = False
+    names: HostNames, embedders: Collection[str] = (), *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
     """A lifespan that puts the guard before all of an app, its CORS headers among it.
 
     Args:
-        has_proxy: whether who runs the page has named one; see `_forget_forwarded`.
+        embedders: see `framing`.
+        has_proxy: whether who runs the page has named one, which then says under which of the
+            page's names it was asked.
     """
     is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
-        app.middleware_stack = Guard(inner, app, names, framing, is_believed)
+        app.middleware_stack = Guard(inner, app, names, framing(embedders), is_believed)
         yield
 
     return lifespan
 
 
+@dataclass(frozen=True)
 class Guard:
     """Refuses what must not come in; everything else goes on to the app."""
 
-    def __init__(
-        self,
-        inner: ASGIApp,
-        app: Any,
-        names: HostNames,
-        framing: Framing,
-        is_believed: bool = False,
-    ) -> None:
-        """
-        Args:
-            is_believed: whether a proxy says under which of the page's names it was asked.
-        """
-        self._inner, self._app, self._names = inner, app, names
-        self._framing, self._is_believed = framing, is_believed
+    inner: ASGIApp
+    app: Any
+    names: HostNames
+    framing: Sequence[tuple[bytes, bytes]]
+    is_believed: bool
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
-            await self._inner(scope, receive, send)
+            await self.inner(scope, receive, send)
             return
-        send = self._framing.framed(send)
-        try:
-            self._check(scope)
-            self._forget_forwarded(scope)
-        except Refusal as refusal:
-            await _refuse(refusal, scope, receive, send)
-            return
-        with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
-            await self._inner(scope, receive, send)
 
-    def _check(self, scope: Scope) -> None:
-        """
-        Raises:
-            Refusal: of a foreign host or page, or of a visitor who must log in.
-        """
-        headers = Headers(scope=scope)
+        async def framed(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.framing]
+            await send(message)
+
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await _refuse(*refusal, scope, receive, framed)
+            return
+        self._forget_forwarded(scope)
+        with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
+            await self.inner(scope, receive, framed)
+
+    def _refusal(self, scope: Scope) -> tuple[str, int] | None:
+        """A sentence and its status, of a foreign host or page, or of a visitor who must log in."""
+        headers, path = Headers(scope=scope), scope["path"]
         host = headers.get("host", "")
-        if host not in self._names:
+        if host not in self.names:
             name = printable(_name_of(host))[:100] or "without a name"
-            raise Refusal(UNKNOWN_HOST.format(name=name), 421)
+            return UNKNOWN_HOST.format(name=name), 421
         origin = headers.get("origin")
         is_foreign = origin is not None and not is_from_page(origin, host)
         changes = scope.get("method", "GET") not in SAFE_METHODS
         if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
-            raise Refusal(FOREIGN, 403)
-        if scope["path"].rstrip("/").endswith(UNUSED_ROUTES):
-            raise Refusal(UNUSED, 404)
-        if PROXY_ROUTE in scope["path"]:
-            raise Refusal(NO_PROXY, 404)
-        if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
+            return FOREIGN, 403
+        if path.rstrip("/").endswith(UNUSED_ROUTES):
+            return UNUSED, 404
+        if PROXY_ROUTE in path:
+            return NO_PROXY, 404
+        if self.app.auth is not None and path.startswith(OWN_ROUTES):
             if not self._is_logged_in(HTTPConnection(scope)):
-                raise Refusal(LOG_IN, 401)
+                return LOG_IN, 401
+        return None
 
     def _forget_forwarded(self, scope: Scope) -> None:
         """Take out what anyone may claim of the page's address: Gradio makes links of it."""
@@ -199,9 +178,9 @@ class Guard:
         def is_good(name: bytes, value: bytes) -> bool:
             if name == b"x-forwarded-host":
                 host = value.decode("latin-1").split(",")[0].strip()
-                return self._is_believed and host in self._names
+                return self.is_believed and host in self.names
             if name == b"x-forwarded-proto":
-                return self._is_believed or is_https
+                return self.is_believed or is_https
             return name != b"x-gradio-server"
 
         scope["headers"] = [
@@ -209,9 +188,9 @@ class Guard:
         ]
 
     def _is_logged_in(self, asked: HTTPConnection) -> bool:
-        names = (f"access-token-{self._app.cookie_id}",)
-        names += (f"access-token-unsecure-{self._app.cookie_id}",)
-        return any(self._app.tokens.get(asked.cookies.get(name)) is not None for name in names)
+        names = (f"access-token-{self.app.cookie_id}",)
+        names += (f"access-token-unsecure-{self.app.cookie_id}",)
+        return any(self.app.tokens.get(asked.cookies.get(name)) is not None for name in names)
 
 
 def is_from_page(origin: str | None, host: str | None) -> bool:
@@ -223,13 +202,12 @@ def is_from_page(origin: str | None, host: str | None) -> bool:
     return bool(origin and host) and netloc.lower() == (host or "").lower()
 
 
-async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, send: Send) -> None:
     if scope["type"] == "websocket":
-        await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
+        await WebSocketClose(code=4000 + status)(scope, receive, send)
         return
     headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
-    response = PlainTextResponse(str(refusal), status_code=refusal.status, headers=headers)
-    await response(scope, receive, send)
+    await PlainTextResponse(sentence, status_code=status, headers=headers)(scope, receive, send)
 
 
 UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."

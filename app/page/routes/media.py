@@ -1,9 +1,10 @@
 """Files of a run that the player fetches, and a motion as other programs read it, made when asked
 for.
 
-A browser must be able to ask for a part of a file, or it cannot seek in a video. The address holds
-256 random bits and no path. It is told to the page that started the run alone; where that browser
-keeps the page's cookie, the cookie is asked for as well. It dies with the run's folder.
+A browser must be able to ask for a part of a file, or it cannot seek in a video. The address begins
+with 256 random bits, which are those of one folder. It is told to the page that started the run
+alone; where that browser keeps the page's cookie, the cookie is asked for as well. It dies with the
+folder.
 
 Files for other programs are made of one that the page has given an address, motion always with the
 open body: the mesh of a licensed one is not handed to visitors.
@@ -13,20 +14,21 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import quote, unquote
 
 import anyio
 import anyio.to_thread
 from fastapi import Request, Response
-from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.background import BackgroundTask
+from starlette.concurrency import run_in_threadpool
 
 from app.errors import visitor_sentence
-from app.page.visitors.token_files import TokenFiles
+from app.page.visitors.kept import Kept
 from app.page.visitors.visitors import cookie_of
 from app.run.videos.export import MARKERS_ENDING, RenderAsk, render_motion, write_plan
 
@@ -34,7 +36,7 @@ MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
 WEB_FOLDER = Path(__file__).parents[1] / "web"
 GONE = "There is no such file, or it is kept no longer."
-_SHOWN_TYPES = {
+SHOWN_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".wav": "audio/wav",
     ".frames": "application/octet-stream",
@@ -43,74 +45,56 @@ _SHOWN_TYPES = {
 }
 """What a page shows; everything else is only ever downloaded."""
 _WEB_TYPES = {".js": "text/javascript", ".css": "text/css"}
+PAGE_TYPES: Mapping[str, str] = {".mp4": "video/mp4", ".html": "text/html", **_WEB_TYPES}
+"""Of a page for participants, which opens as one."""
+_UNSNIFFED = {"X-Content-Type-Options": "nosniff"}
+Address = Callable[[Path], str]
+"""Where a browser gets a file, relative to the page."""
 
 
-class MediaAddresses:
-    """Gives a run's files their addresses."""
+class _Shared(NamedTuple):
+    folder: Path
+    types: Mapping[str, str]
 
-    def __init__(self) -> None:
-        self._token_files = TokenFiles()
 
-    def address(self, path: Path, cookie: str) -> str:
-        """The address, relative to the page, of a file for one browser.
+class Media(Kept[_Shared]):
+    """Folders whose files one browser may fetch."""
+
+    def share(self, folder: Path, cookie: str, types: Mapping[str, str] = SHOWN_TYPES) -> Address:
+        """Gives its files, now and later, their addresses; of one that is replaced by another file
+        it changes.
 
         Args:
             cookie: empty for a browser that keeps none; the address alone is asked of it.
+            types: of what is shown rather than saved.
         """
-        self._token_files.forget_ended()
-        return f"{MEDIA_ROUTE.lstrip('/')}/{self._token_files.add(path, cookie or None)}"
+        token = self.keep(_Shared(folder, types), folder, cookie or None)
 
-    def find(self, token: str, cookie: str) -> Path | None:
-        """The file, or None when there is none for this browser."""
-        return self._token_files.find(token, cookie)
+        def address(path: Path) -> str:
+            name = quote(path.relative_to(folder).as_posix())
+            return f"{MEDIA_ROUTE.lstrip('/')}/{token}/{name}?{path.stat().st_ino}"
 
+        return address
 
-def media_routes(addresses: MediaAddresses) -> list[APIRoute]:
-    """Serve the player's files and the page's own modules."""
-    modules = {
-        path.relative_to(WEB_FOLDER).as_posix(): path
-        for path in WEB_FOLDER.rglob("*")
-        if path.suffix in _WEB_TYPES
-    }
+    def at(self, address: str, cookie: str) -> Path | None:
+        """The file of an address that the page has given this browser."""
+        path, _, _ = address.partition("?")
+        route, _, rest = path.partition("/")
+        token, _, name = rest.partition("/")
+        found = self.file(token, unquote(name), cookie) if f"/{route}" == MEDIA_ROUTE else None
+        return found and found[0]
 
-    def media(token: str, request: Request) -> Response:
-        path = addresses.find(token, cookie_of(request))
-        if path is None:
-            return PlainTextResponse(GONE, status_code=404)
-        media_type = _SHOWN_TYPES.get(path.suffix)
-        return FileResponse(
-            path,
-            media_type=media_type or "application/octet-stream",
-            filename=None if media_type else path.name,
-            headers={"Cache-Control": "private", "X-Content-Type-Options": "nosniff"},
-        )
-
-    def web(name: str) -> Response:
-        if name not in modules:
-            return PlainTextResponse(GONE, status_code=404)
-        path = modules[name]
-        headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
-        return FileResponse(path, media_type=_WEB_TYPES[path.suffix], headers=headers)
-
-    methods = ["GET", "HEAD"]
-    return [
-        APIRoute(MEDIA_ROUTE + "/{token}", media, methods=methods, include_in_schema=False),
-        APIRoute(WEB_ROUTE + "/{name:path}", web, methods=methods, include_in_schema=False),
-    ]
-
-
-ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
-"""By what stands behind the address of a motion; app/page/web/stage/files.js has them too."""
-
-PLAN_ENDINGS = {
-    "json": ".json",
-    "textgrid": ".TextGrid",
-    "elan": ".eaf",
-    "markers": MARKERS_ENDING,
-}
-"""The same of a plan."""
-PLAN_SUFFIX = ".tiers.json"
-"""Of plans as the page shows them."""
+    def file(self, token: str, name: str, cookie: str) -> tuple[Path, str | None] | None:
+        """The file, with its type where it is shown; None where there is none for this browser."""
+        shared = self.find(token, cookie)
+        if shared is None:
+            return None
+        try:
+            path = (shared.folder / name).resolve()
+            is_there = path.is_relative_to(shared.folder.resolve()) and path.is_file()
+        except (OSError, ValueError):
+            return None
+        return (path, shared.types.get(path.suffix)) if is_there else None
 
 
 class MadeFiles:
@@ -149,27 +133,108 @@ class MadeFiles:
             out,
             media_type="application/octet-stream",
             filename=out.name,
-            headers={"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"},
+            headers={"Cache-Control": "no-store", **_UNSNIFFED},
             background=BackgroundTask(shutil.rmtree, folder, ignore_errors=True),
         )
 
 
-def _as_file(file: Path, out: Path) -> RenderAsk:
-    return RenderAsk(motions=(file,), out=out)
+ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
+"""By what is asked for behind the address of a motion; app/page/web/stage/files.js has them too."""
+PLAN_ENDINGS = {
+    "json": ".json",
+    "textgrid": ".TextGrid",
+    "elan": ".eaf",
+    "markers": MARKERS_ENDING,
+}
+"""The same of a plan."""
+PLAN_SUFFIX = ".tiers.json"
+"""Of plans as the page shows them."""
 
 
-def motion_file_routes(addresses: MediaAddresses, made: MadeFiles) -> list[APIRoute]:
-    """Serve motions and plans as other programs read them."""
+def media_routes(media: Media, made: MadeFiles) -> list[APIRoute]:
+    """Serve the player's files, as they are or as other programs read them, and the page's own
+    modules."""
+    modules = {
+        path.relative_to(WEB_FOLDER).as_posix(): path
+        for path in WEB_FOLDER.rglob("*")
+        if path.suffix in _WEB_TYPES
+    }
 
-    async def motion_file(token: str, kind: str, request: Request) -> Response:
-        file = addresses.find(token, cookie_of(request))
-        is_plan = file is not None and file.name.endswith(PLAN_SUFFIX)
-        endings = PLAN_ENDINGS if is_plan else ENDINGS
-        if file is None or not (is_plan or file.suffix == ".npz") or kind not in endings:
+    async def file(token: str, name: str, request: Request) -> Response:
+        found = await run_in_threadpool(media.file, token, name, cookie_of(request))
+        if found is None:
             return PlainTextResponse(GONE, status_code=404)
-        stem = file.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
-        task = write_plan if is_plan else render_motion
-        return await made.answer(task, partial(_as_file, file), f"{stem}{endings[kind]}")
+        path, media_type = found
+        kind = request.query_params.get("as")
+        if kind is not None:
+            return await made_of(path, kind)
+        return FileResponse(
+            path,
+            media_type=media_type or "application/octet-stream",
+            filename=None if media_type else path.name,
+            headers={"Cache-Control": "private", **_UNSNIFFED},
+        )
 
-    route = MEDIA_ROUTE + "/{token}/{kind}"
-    return [APIRoute(route, motion_file, methods=["GET"], include_in_schema=False)]
+    async def made_of(path: Path, kind: str) -> Response:
+        is_plan = path.name.endswith(PLAN_SUFFIX)
+        endings = PLAN_ENDINGS if is_plan else ENDINGS
+        if not (is_plan or path.suffix == ".npz") or kind not in endings:
+            return PlainTextResponse(GONE, status_code=404)
+        stem = path.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
+        task = write_plan if is_plan else render_motion
+
+        def asked(out: Path) -> RenderAsk:
+            return RenderAsk(motions=(path,), out=out)
+
+        return await made.answer(task, asked, f"{stem}{endings[kind]}")
+
+    def web(name: str) -> Response:
+        if name not in modules:
+            return PlainTextResponse(GONE, status_code=404)
+        path = modules[name]
+        headers = {"Cache-Control": "no-cache", **_UNSNIFFED}
+        return FileResponse(path, media_type=_WEB_TYPES[path.suffix], headers=headers)
+
+    methods = ["GET", "HEAD"]
+    return [
+        APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=methods),
+        APIRoute(WEB_ROUTE + "/{name:path}", web, methods=methods),
+    ]
+
+
+RESEARCHER_ROUTE = "/study/researcher"
+RESEARCHER_FILE = "researcher_only.zip"
+_BLOCK_BYTES = 1 << 16
+FETCHED = (
+    "There is nothing to fetch here: each study's researcher part can be fetched once, in the "
+    "browser that made it."
+)
+
+
+def researcher_route(private: Kept[Path]) -> APIRoute:
+    """Serve the researcher's part of a study once, to the browser that made it: never an output of
+    Gradio, whose files anyone with the address may read, and deleted before its first byte is
+    sent.
+
+    Args:
+        private: folders that hold such a file and nothing else.
+    """
+
+    def researcher(token: str, request: Request) -> Response:
+        folder = private.take(token, cookie_of(request))
+        if folder is None:
+            return PlainTextResponse(FETCHED, status_code=404)
+        file = (folder / RESEARCHER_FILE).open("rb")
+        shutil.rmtree(folder, ignore_errors=True)
+        return StreamingResponse(
+            iter(lambda: file.read(_BLOCK_BYTES), b""),
+            media_type="application/zip",
+            headers={
+                "Content-Disposition": f'attachment; filename="{RESEARCHER_FILE}"',
+                "Cache-Control": "no-store",
+                **_UNSNIFFED,
+            },
+            background=BackgroundTask(file.close),
+        )
+
+    return APIRoute(RESEARCHER_ROUTE + "/{token}", researcher, methods=["POST"])

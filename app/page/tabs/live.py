@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,14 +10,13 @@ import gradio as gr
 
 from app import text
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import AT_ONCE, in_turn, mount, reveal_on_click
+from app.page.parts.html_parts import mount
 from app.page.queue.jobs import Job
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import PAGE_SIZE_PX, FormParts
-from app.page.tabs.motion_run import GenerateRunner
+from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.services import Services
-from app.page.tabs.videos_run import VideosBehind
 from app.run.requests.display import Display
 from app.run.requests.request import Ask
 from conventions.views import CLOSE_UPS
@@ -25,15 +25,12 @@ from model.systems.registry import family_of, usual_systems
 _MAX_TOKEN = 100
 
 
-class LiveRunner(GenerateRunner):
+class LiveRunner(RunRunner):
     """Keeps what a visitor has spoken and seen."""
 
-    tab = "live"
+    tab, videos_tab = "live", "live_videos"
 
-    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
-        return {}  # the form of the tab "Motion" cannot ask for it again
-
-    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Ask:
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         """Sound, motion and plan of the last minute, laid into the job's folder.
 
         Raises:
@@ -41,7 +38,7 @@ class LiveRunner(GenerateRunner):
         """
         config = self._services.config
         token = values[0] if isinstance(values[0], str) else ""
-        kept = self._services.live.keep(token[:_MAX_TOKEN], cookie, job.folder)
+        kept = self._services.live.keep(token[:_MAX_TOKEN], job.cookie, job.folder)
         return replace(
             kept,
             weights=config.weights,
@@ -64,10 +61,7 @@ NOTHING_KEPT = "Keep makes a run of the last minute: sound, video, figures, meas
 _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 
-def build_live_tab(
-    page: gr.Blocks,
-    services: Services,
-) -> ResultParts:
+def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
     """Lay out the tab inside the current context and wire it; returns where it shows the last
     minute."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
@@ -85,23 +79,8 @@ def build_live_tab(
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )
     results = build_results("live-", NOTHING_KEPT)
-    form = FormParts({}, keep, cancel)
-    videos = VideosBehind(services, results, "live_videos")
-    runner = LiveRunner(services, form, results, videos)
-    reveal_on_click(keep, results.status)
-    keep.click(runner.waits, outputs=[results.status, cancel], **AT_ONCE)
-    outputs = [*results.all, keep, cancel]
-    run = keep.click(
-        runner.run,
-        inputs=[token],
-        outputs=outputs,
-        js=_TOKEN_OF_PAGE,
-        api_visibility="private",
-        **in_turn(results.status),
-    )
-    videos.follow(run)
-    page.unload(videos.left)
-    cancel.click(runner.cancel, outputs=outputs, cancels=run, **AT_ONCE)
+    runner = LiveRunner(services, FormParts({}, keep, cancel), results)
+    runner.wire(page, [token], js=_TOKEN_OF_PAGE)
     return results
 
 

@@ -23,11 +23,11 @@ from app.page.parts.catalogue import (
     Example,
     about_systems,
     default_systems,
+    face_steps_help,
     groups_of,
     point_choices,
     strength_choices,
     strength_of,
-    two_steps_help,
 )
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
 from app.page.tabs.services import Services
@@ -37,10 +37,8 @@ from app.run.requests.request import (
     MAX_SAMPLES,
     MAX_STEPS,
     Ask,
-    Steps,
     WordsAsked,
     parse_steps,
-    steps_of,
 )
 from conventions.names import POST_FILTERS
 from conventions.views import CLOSE_UPS
@@ -90,11 +88,12 @@ def ask_from_form(
             )
         )
     apart = [name for name in systems if name in catalogue.with_face_steps]
-    steps = _steps(told["steps"], told["body_steps"], systems, catalogue)
+    steps, named = told["steps"], dict(catalogue.system_choices)
+    if isinstance(steps, dict):  # by name, whole or as the form shows it
+        steps = {named.get(name, name): count for name, count in steps.items()}
     face_steps = dict.fromkeys(apart, told["face_steps"]) if told["face_steps"] else None
-    others = {name: value for name, value in told.items() if name != "body_steps"}
     ask = Ask(
-        **{**others, "systems": systems, "steps": steps, "face_steps": face_steps},
+        **{**told, "systems": systems, "steps": steps, "face_steps": face_steps},
         out=folder / "results",
         weights=config.weights,
         body=config.body,
@@ -122,37 +121,18 @@ def _counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def _steps(
-    written: Steps, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue
-) -> Steps:
-    """What is written by name, whole or as the form shows it, then the slider of the systems that
-    it is for, then the rest."""
-    if isinstance(written, dict):
-        whole = dict(catalogue.system_choices)
-        written = {whole.get(name, name): count for name, count in written.items()}
-    if not body_steps:
-        return written
-    asked = {name: steps_of(written, name) for name in systems}
-    own = written if isinstance(written, Mapping) else {}
-    for name in systems:
-        if name in catalogue.with_face_steps and name not in own:
-            asked[name] = body_steps
-    return {name: count for name, count in asked.items() if count is not None}
-
-
 @dataclass(frozen=True)
 class FormParts:
-    """The left column."""
+    """The fields by what they ask for (`Ask`), and the buttons."""
 
     fields: Fields
-    """By what they ask for (`Ask`)."""
-    generate: gr.Button
+    start: gr.Button
     cancel: gr.Button
 
 
 def build_form(services: Services) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
-    catalogue, config, check = services.catalogue, services.config, services.check
+    catalogue, config = services.catalogue, services.config
     gr.HTML(markup.step(1, text.STEP_SPEECH))
     speech = gr.Audio(
         label=text.SPEECH_LABEL,
@@ -164,7 +144,7 @@ def build_form(services: Services) -> FormParts:
         ),
         buttons=[],
     )
-    check.watch(speech, "speech")
+    services.watch(speech, "speech")
     limits = text.SPEECH_HELP.format(
         min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
     )
@@ -205,18 +185,14 @@ def build_form(services: Services) -> FormParts:
         info=text.GUIDANCE_HELP,
         elem_id="guidance",
     )
-    with gr.Column(visible=False, elem_id="two-steps") as two_steps:
-        body_steps, face_steps = (
-            gr.Slider(0, 50, value=0, step=1, label=label, info=help_, buttons=[])
-            for label, help_ in (
-                (text.BODY_STEPS_LABEL, two_steps_help(catalogue.with_face_steps)),
-                (text.FACE_STEPS_LABEL, None),
-            )
-        )
+    face_steps = gr.Slider(
+        *(0, 50), value=0, step=1, label=text.FACE_STEPS_LABEL, buttons=[], visible=False,
+        info=face_steps_help(catalogue.with_face_steps), elem_id="face-steps",
+    )  # fmt: skip
     systems.change(
         lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
         systems,
-        two_steps,
+        face_steps,
         **PRIVATE,
     )
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
@@ -237,13 +213,13 @@ def build_form(services: Services) -> FormParts:
             label=text.SAMPLER_LABEL,
             info=text.SAMPLER_HELP,
         )
-        reference = check.file(
+        reference = services.file(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
         )
-        transcript = check.file(
+        transcript = services.file(
             "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
         )
-        plan = check.file(
+        plan = services.file(
             "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150
         )
         has_words = gr.Checkbox(
@@ -251,13 +227,11 @@ def build_form(services: Services) -> FormParts:
         )
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
-    reason = check.reason()
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
-    check.guard(start, reason)
     asked = {
         "speech": Field(speech, a_file),
         "systems": Field(systems, tuple),
@@ -271,7 +245,6 @@ def build_form(services: Services) -> FormParts:
         "joint": Field(point, lambda name: name or TIP),
         "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
         "transcript": Field(transcript, a_file),
-        "body_steps": Field(body_steps, whole(text.BODY_STEPS_LABEL, 0, MAX_STEPS)),
         "face_steps": Field(face_steps, whole(text.FACE_STEPS_LABEL, 0, MAX_STEPS)),
         "guidance": Field(guidance, strength_of),
         "words": Field(has_words, words_of),

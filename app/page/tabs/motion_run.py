@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from abc import abstractmethod
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,29 +15,20 @@ from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
-from app.page.parts.html_parts import shown
-from app.page.player.player import NOTHING, Showing, browser_addresses
-from app.page.queue.jobs import Job
+from app.page.parts.html_parts import AT_ONCE, reveal_on_click, shown
+from app.page.player.player import NOTHING, Showing
+from app.page.queue.jobs import Job, Tab
 from app.page.queue.runner import TabRunner, Updates
 from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
-from app.page.results.run_pair import RunPair
-from app.page.routes.media import MediaAddresses
+from app.page.results.run_pair import updates_of
 from app.page.tabs.motion import FormParts, ask_from_form, kept_values
 from app.page.tabs.services import Services
-from app.page.tabs.videos_run import VideosBehind, Wanted
+from app.page.tabs.videos_run import VideosBehind
 from app.page.visitors.visitors import cookie_of, is_same
 from app.run.many.opened import do_in_folder
 from app.run.output.run_folder import end_run
-from app.run.requests.request import (
-    Ask,
-    Event,
-    Grown,
-    OnEvent,
-    Progress,
-    ShouldCancel,
-    Stage,
-)
+from app.run.requests.request import Ask, Event, Grown, Progress, Stage
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
@@ -70,159 +61,159 @@ class StageLine:
         return f"{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
 
 
-class GenerateRunner(TabRunner[None]):
-    """Generates motion for a visitor's speech."""
+class RunRunner(TabRunner):
+    """Does runs, of generated motion or of given, and shows them in the results of a tab."""
 
-    tab = "generate"
+    videos_tab: Tab
 
-    def __init__(
-        self,
-        services: Services,
-        form: FormParts,
-        results: ResultParts,
-        videos: VideosBehind,
-    ) -> None:
-        """
-        Args:
-            videos: draws a run's videos once it has ended.
-        """
-        super().__init__(services.jobs, results.status)
+    def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
+        super().__init__(services.jobs, services.worker, parts.status)
         self._services = services
-        self._videos = videos
+        self._videos = VideosBehind(services, parts, self.videos_tab)
         self._form = form
-        self._results = results
+        self._parts = parts
+        self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[RunWork]:
-        ask = self.asked(job, cookie, values)
-        self._videos.give_up(job.visitor)
-        form = self._kept_values(job, values)
-        speech = form.get("speech")  # which stays as long as the run, under its own name
-        lasting = replace(ask, speech=Path(speech)) if speech else None
-        showing = showing_of(job, self._services.addresses, cookie, is_drawn=ask.has_video)
-        yield RunWork(
-            *(ask, self._services, self._videos, self._results, job, cookie, showing),
-            *(form, lasting, self._buttons(is_running=False)),
-        )
+    def wire(
+        self,
+        page: gr.Blocks,
+        fields: Fields | Sequence[Any],
+        also: Sequence[Callable[..., Any]] = (),
+        **how: Any,
+    ) -> None:
+        """Have the form's buttons begin and end runs.
 
-    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
+        Args:
+            also: other events on which the same run begins.
+        """
+        form = self._form
+        reveal_on_click(form.start, self._status)
+        # Listeners of a click are served in turn: this before the run.
+        form.start.click(self.waits, outputs=[self._status, form.cancel], **AT_ONCE)
+        begun = [self.after(form.start.click, fields, **how)]
+        inputs = [field.part for field in form.fields.values()]
+        begun += [self.after(event, inputs) for event in also]
+        self.ends_on(form.cancel, begun, self.outputs)
+        page.unload(self._videos.left)
+
+    def after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
+        """Run, and then draw what is to be drawn behind the stage."""
+        run = self.begins_on(event, fields, outputs=self.outputs, **how)
+        self._videos.follow(run)
+        return run
+
+    @abstractmethod
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        """
+        Raises:
+            RunError: when the form asks for what cannot be.
+        """
+
+    def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
         """Of the form, for whoever opens the run by its link."""
-        return kept_values(self._form.fields, values, job.folder)
+        return {}
 
-    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Ask:
-        """The run that the form asks for; arguments and errors as of `begin`."""
-        services = self._services
-        told = values_of(self._form.fields, values)
-        return ask_from_form(told, job.folder, services.catalogue, services.config)
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        ask = self.asked(job, values)
+        self._videos.give_up(job.visitor)
+        form = self.kept_form(job, values)
+        yield self.blank()
+        yield from self.perform(job, ask, form)
 
-    def blank(self) -> Updates:
-        parts = self._results
-        return {
-            parts.message: shown(""),
-            parts.status: markup.status(text.STARTING_SYSTEMS, {}, {}),
-            parts.empty: gr.update(visible=False),
-            parts.runs: shown(""),
-            **self._without_results(),
-            parts.files: None,
-            **self._buttons(is_running=True),
-        }
-
-    def stopped(self, status: str, message: str) -> Updates:
-        parts = self._results
-        return {
-            parts.message: shown(message),
-            parts.status: status,
-            parts.empty: shown(parts.empty.value),  # an example that played went with its player
-            **self._without_results(),
-            **self._buttons(is_running=False),
-        }
-
-    def _without_results(self) -> Updates:
-        parts = self._results
-        return {
-            parts.verdict: shown(""),
-            parts.player: NOTHING,
-            parts.seen: shown(""),
-            parts.figures: shown(""),
-            parts.numbers: shown(""),
-            parts.downloads_part: gr.update(visible=False),
-        }
-
-    def waits(self) -> Updates:
-        """From the click until its turn has come."""
-        line = markup.sentence_status(text.WAITING)
-        return {self._results.status: line, self._form.cancel: gr.update(visible=True)}
-
-    def idle(self) -> Updates:
-        ready = markup.idle_status(text.READY)
-        return {self._results.status: ready, **self._buttons(is_running=False)}
-
-    def _buttons(self, is_running: bool) -> Updates:
-        return {
-            self._form.generate: gr.update(interactive=not is_running),
-            self._form.cancel: gr.update(visible=is_running),
-        }
-
-
-def showing_of(job: Job, addresses: MediaAddresses, cookie: str, *, is_drawn: bool) -> Showing:
-    """What a job's run is going to show to its browser."""
-    address = browser_addresses(addresses, cookie)
-    return Showing(job.folder / "results", address, job.folder.name, is_drawn)
-
-
-@dataclass
-class RunWork:
-    """One run, of generated motion or of given, and what the page has been shown of it."""
-
-    ask: Ask
-    """Its videos are drawn behind the stage, once it has ended."""
-    services: Services
-    videos: VideosBehind
-    parts: ResultParts
-    job: Job
-    cookie: str
-    showing: Showing
-    form: Mapping[str, Any] = field(default_factory=dict)
-    lasting: Ask | None = None
-    """As `KeptRun` has it."""
-    at_the_end: Updates = field(default_factory=dict)
-    _shown: Updates = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        is_made = not self.ask.motions
-        self._line = StageLine([each for each in STAGES_OF_STAGE if is_made or each != "motion"])
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def perform(
+        self, job: Job, ask: Ask, form: Mapping[str, Any]
+    ) -> Generator[Updates, None, None]:
         """A run that fails keeps what it has, if that is any motion.
 
         Raises:
             Exception: of a run that has left nothing.
         """
-        self._line.started = time.monotonic()  # now, after the waiting
-        ask = replace(self.ask, has_video=False, is_kept=True)
+        services, parts = self._services, self._parts
+        address = services.media.share(job.folder, job.cookie)
+        showing = Showing(job.folder / "results", address, job.folder.name, ask.has_video)
+        line = StageLine([each for each in STAGES_OF_STAGE if not ask.motions or each != "motion"])
+        so_far: Updates = {}
+
+        def told(events: list[Event]) -> Updates:
+            updates: Updates = {parts.status: line.html(events)}
+            if any(isinstance(event, Grown) for event in events) and showing.record.is_moving:
+                updates |= told_so_far(showing, parts)
+            new = {part: each for part, each in updates.items() if so_far.get(part) != each}
+            so_far.update(new)
+            return new
+
         try:
-            self.services.worker.do(do_in_folder, ask, on_event, should_cancel)
+            asked = replace(ask, has_video=False, is_kept=True)
+            yield from self.done(job, do_in_folder, asked, told)
         except CancelledRun:
             raise
         except Exception as error:
-            if not end_run(self.showing.folder, visitor_sentence(error)):
+            if not end_run(showing.folder, visitor_sentence(error)):
                 raise
-
-    def progress(self, events: list[Event]) -> Updates:
-        updates: Updates = {self.parts.status: self._line.html(events)}
-        if any(isinstance(event, Grown) for event in events) and self.showing.record.is_moving:
-            updates |= told_so_far(self.showing, self.parts)
-        new = {part: each for part, each in updates.items() if self._shown.get(part) != each}
-        self._shown |= new
-        return new
-
-    def finished(self, result: None) -> Updates:
-        kept = self.services.kept.keep(self.job, self.cookie, self.showing, self.form, self.lasting)
-        ask = self.ask
+        speech = form.get("speech")  # which stays as long as the run, under its own name
+        lasting = replace(ask, speech=Path(speech)) if speech else None
+        kept = services.kept.keep_run(job, showing, form, lasting)
         if ask.has_video and kept.record.state == "done":
-            self.videos.want(self.job.visitor, Wanted(kept, ask))
-        runs = {self.parts.runs: shown(self.services.kept.html(self.cookie, kept))}
-        return {**kept.updates(self.parts, begins=True), **runs, **self.at_the_end}
+            self._videos.want(job.visitor, kept, ask)
+        yield {
+            **kept.updates(parts, begins=True),
+            parts.runs: shown(services.kept.html(job.cookie, kept)),
+            **self._buttons(is_running=False),
+        }
+
+    def blank(self) -> Updates:
+        return {
+            **self._without_results(),
+            self._parts.status: markup.sentence_status(text.STARTING_SYSTEMS),
+            self._parts.message: shown(""),
+            self._parts.empty: gr.update(visible=False),
+            self._parts.runs: shown(""),
+            **self._buttons(is_running=True),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        empty = self._parts.empty
+        return {
+            **self._without_results(),
+            self._parts.status: status,
+            self._parts.message: shown(message),
+            empty: shown(empty.value),  # an example that played went with its player
+            **self._buttons(is_running=False),
+        }
+
+    def _without_results(self) -> Updates:
+        parts = self._parts
+        told = (parts.verdict, parts.seen, parts.figures, parts.numbers, parts.downloads)
+        return {parts.player: NOTHING, **{part: shown("") for part in told}}
+
+    def waits(self) -> Updates:
+        """From the click until its turn has come."""
+        line = markup.sentence_status(text.WAITING)
+        return {self._status: line, self._form.cancel: gr.update(visible=True)}
+
+    def idle(self) -> Updates:
+        ready = markup.idle_status(text.READY)
+        return {self._status: ready, **self._buttons(is_running=False)}
+
+    def _buttons(self, is_running: bool) -> Updates:
+        return {
+            self._form.start: gr.update(interactive=not is_running),
+            self._form.cancel: gr.update(visible=is_running),
+        }
+
+
+class GenerateRunner(RunRunner):
+    """Generates motion for a visitor's speech."""
+
+    tab, videos_tab = "generate", "videos"
+
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        services = self._services
+        told = values_of(self._form.fields, values)
+        return ask_from_form(told, job.folder, services.catalogue, services.config)
+
+    def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
+        return kept_values(self._form.fields, values, job.folder)
 
 
 class Opening:
@@ -247,7 +238,7 @@ class Opening:
         self._tabs = tabs
         self._places = places
         self._first_look = services.first_look
-        self._addresses = services.addresses
+        self._media = services.media
         self._opened = services.opened
         self._form = form
 
@@ -263,7 +254,7 @@ class Opening:
         tokens = request.query_params.getlist(PARAMETER)[:2] or self._opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
-            return {**updates, **self._pair_opened(RunPair.of(*runs), cookie)}
+            return {**updates, **self._pair_opened(runs, cookie)}
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
@@ -275,18 +266,19 @@ class Opening:
             updates[parts.message] = shown(markup.notes_message([gone]))
         return updates
 
-    def _pair_opened(self, pair: RunPair, cookie: str) -> Updates:
+    def _pair_opened(self, runs: Sequence[KeptRun], cookie: str) -> Updates:
         parts = next(iter(self._places.values()))
+        a, b = sorted(runs, key=lambda run: run.ended)
         return {
-            **pair.updates(parts, browser_addresses(self._addresses, cookie)),
-            parts.runs: shown(self._kept.html(cookie, pair.a, pair.b)),
+            **updates_of(a, b, parts, self._media, cookie),
+            parts.runs: shown(self._kept.html(cookie, a, b)),
         }
 
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         parts, showing = self._places[tab], run.showing
-        if run.job.visitor and not is_same(run.cookie, cookie):  # of nobody, it is everybody's
-            showing = showing.for_browser(browser_addresses(self._addresses, cookie))
+        if run.job.visitor and not is_same(run.job.cookie, cookie):  # of nobody: everybody's
+            showing = showing.for_browser(self._media.share(showing.folder, cookie))
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gradio as gr
 
 from app import text
-from app.page.parts.asked import Field, Fields, whole
+from app.page.parts.asked import Field, some_files, whole
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, named_fields, reveal_on_click
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.results.sets_shown import KeptSets
-from app.page.tabs.motion import LAST_FRAME, words_of
-from app.page.tabs.own_motion_run import (
-    ClipRunner,
-    OwnMotionRunner,
-    display_names,
-)
-from app.page.tabs.own_sets_run import SetsTools, build_sets
-from app.page.tabs.services import Services, UploadCheck
-from app.page.tabs.videos_run import VideosBehind
+from app.page.tabs.motion import LAST_FRAME, FormParts, words_of
+from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner, display_names
+from app.page.tabs.own_sets_run import build_sets
+from app.page.tabs.services import Services
 from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
-from app.run.many.sets import measure_sets
 from app.run.many.unpacked import stem_of
 from app.run.requests.request import MAX_COMPARED, read_assumptions, read_channel
 from app.run.requests.upload_check import kind_of
@@ -69,73 +60,45 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            form = build_own_form(services.check)
+            planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
+            form = build_own_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = build_sets()
             parts = build_results("own-")
-    videos = VideosBehind(services, parts, "own_videos")
-    sets = SetsTools(partial(services.worker.do, measure_sets), of_sets, KeptSets())
-    runner, opener = (
-        kind(services, parts, videos, sets, form.fields) for kind in (OwnMotionRunner, ClipRunner)
+    runner = OwnMotionRunner(services, form, parts, of_sets.shown)
+    motions, recorded, assume = (
+        form.fields[each].part for each in ("motions", "reference", "told")
     )
-    asks: dict[str, Any] = {
-        "inputs": [field.part for field in form.fields.values()],
-        "outputs": [*parts.all, of_sets.shown],
-        **in_turn(parts.status),
-    }
-    for button in (form.start, form.planted):
-        reveal_on_click(button, parts.status)
-    started = form.start.click(
-        named_fields(runner.run, form.fields),
-        **asks,
-        api_name="own_motion",
-    )
-    planted = form.planted.click(
+    reveal_on_click(planted, parts.status)
+    filled = planted.click(
         lambda: (planted_files(services.config.temp / "planted"), RECORDED),
-        outputs=asks["inputs"][:2],
+        outputs=[motions, recorded],
         **PRIVATE,
         trigger_mode="once",
-    ).then(runner.run, **asks, api_visibility="private")
-    otherwise = form.otherwise.click(
+    )
+    # Pressed by the chips of a row: says one thing otherwise, and runs anew.
+    otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
+    said = otherwise.click(
         None,
-        form.assume,
-        form.assume,
+        assume,
+        assume,
         js="(said) => document.querySelector('#own-player .lockstep').said(said)",
         api_visibility="private",
-    ).then(runner.run, **asks, api_visibility="private")
-    for run in (started, planted, otherwise):
-        videos.follow(run)
-    reveal_on_click(of_sets.start, parts.status)
-    of_sets.start.click(
-        opener.run,
-        inputs=[of_sets.asked],
-        outputs=parts.all,
-        js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
-        api_visibility="private",
-        **in_turn(parts.status),
     )
-    page.unload(videos.left)
-    form.cancel.click(runner.cancel, outputs=asks["outputs"], cancels=[started, planted], **AT_ONCE)
+    runner.wire(page, form.fields, (filled.then, said.then), api_name="own_motion")
+    reveal_on_click(of_sets.start, parts.status)
+    opener = ClipRunner(services, form, parts, runner.sets)
+    opener.after(
+        of_sets.start.click,
+        [of_sets.asked],
+        js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
+    )
     return parts
 
 
-@dataclass(frozen=True)
-class FormParts:
-    """The fields by what they ask for (`Ask`), and the buttons."""
-
-    fields: Fields
-    start: gr.Button
-    cancel: gr.Button
-    planted: gr.Button
-    assume: gr.Textbox
-    otherwise: gr.Button
-    """Pressed by the chips of a row: says one thing otherwise, and runs anew."""
-
-
-def build_own_form(check: UploadCheck) -> FormParts:
+def build_own_form(services: Services) -> FormParts:
     """The left column."""
-    planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
-    motions = check.file(
+    motions = services.file(
         "files",
         FILES_LABEL,
         [".npz", ".npy", ".bvh", ".TextGrid", ".txt", "audio", *SETS],
@@ -186,13 +149,11 @@ def build_own_form(check: UploadCheck) -> FormParts:
             window = gr.Number(value=None, minimum=0, label="Frames of a window")
             a_window = whole("Frames of a window", 0, LAST_FRAME, 0)
             overlap = gr.Number(value=None, minimum=0, label="Shared by two")
-    reason = check.reason()
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
-        cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
-    check.guard(start, reason)
+        cancel = gr.Button(text.CANCEL, elem_id="own-cancel", visible=False, min_width=110)
     fields = {
-        "motions": Field(motions, lambda paths: tuple(map(Path, paths or ()))),
+        "motions": Field(motions, some_files),
         "reference": Field(reference),
         "joint": Field(point, lambda name: name or TIP),
         "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
@@ -204,8 +165,7 @@ def build_own_form(check: UploadCheck) -> FormParts:
         "told": Field(assume, read_assumptions),
         "channel": Field(channel, lambda side: read_channel(side) if side else None),
     }
-    otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
-    return FormParts(fields, start, cancel, planted, assume, otherwise)
+    return FormParts(fields, start, cancel)
 
 
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:

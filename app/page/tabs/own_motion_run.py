@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gradio as gr
 
-from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.page.parts import markup
-from app.page.parts.asked import Fields, values_of
+from app.page.parts.asked import values_of
 from app.page.parts.html_parts import shown
-from app.page.player.player import NOTHING
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner, Updates, Work
+from app.page.queue.runner import Updates
 from app.page.results.result_parts import ResultParts
-from app.page.tabs.motion_run import RunWork, showing_of
-from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools
+from app.page.tabs.motion import FormParts
+from app.page.tabs.motion_run import RunRunner
+from app.page.tabs.own_sets_run import (
+    MEASURING_SETS,
+    MIXED,
+    NO_SETS,
+    REFERENCE_TOO,
+    clip_of,
+    sets_updates,
+)
 from app.page.tabs.services import Services
-from app.page.tabs.videos_run import VideosBehind
+from app.page.visitors.kept import Kept
 from app.run.many.opened import is_one_run
+from app.run.many.sets import Sets, measure_sets
 from app.run.many.unpacked import is_packed, stem_of
 from app.run.requests.display import Display
 from app.run.requests.request import MAX_COMPARED, Ask
@@ -152,89 +157,59 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-class OwnMotionRunner(TabRunner[Any]):
+class OwnMotionRunner(RunRunner):
     """Measures motion files that a visitor brings, or zips of many."""
 
-    tab = "own_motion"
+    tab, videos_tab = "own_motion", "own_videos"
 
     def __init__(
-        self,
-        services: Services,
-        parts: ResultParts,
-        videos: VideosBehind,
-        sets: SetsTools,
-        fields: Fields,
+        self, services: Services, form: FormParts, parts: ResultParts, sets_part: gr.HTML
     ) -> None:
-        super().__init__(services.jobs, parts.status)
-        self._fields = fields
-        self._services = services
-        self._videos = videos
-        self._sets = sets
-        self._parts = parts
+        super().__init__(services, form, parts)
+        self._sets_part = sets_part
+        self.outputs.append(sets_part)
+        self.sets: Kept[Sets] = Kept()
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work[Any]]:
-        ask = own_ask(
-            values_of(self._fields, values), job.folder / "results", self._services.config
-        )
-        self._videos.give_up(job.visitor)
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        told = values_of(self._form.fields, values)
+        return own_ask(told, job.folder / "results", self._services.config)
+
+    def perform(
+        self, job: Job, ask: Ask, form: Mapping[str, Any]
+    ) -> Generator[Updates, None, None]:
         if not has_sets(ask.motions):
-            yield self._work(ask, job, cookie)
+            yield from super().perform(job, ask, form)
             return
-        addresses = self._services.addresses
-        with self._sets.work(ask, job, cookie, addresses, self._parts) as work:
-            yield work
-
-    def _work(self, ask: Ask, job: Job, cookie: str) -> RunWork:
-        showing = showing_of(job, self._services.addresses, cookie, is_drawn=ask.has_video)
-        return RunWork(ask, self._services, self._videos, self._parts, job, cookie, showing)
-
-    def blank(self) -> Updates:
-        return {
-            **self._without_results(),
-            self._parts.status: markup.sentence_status(text.STARTING),
-            self._parts.message: shown(""),
-            self._parts.runs: shown(""),
-        }
-
-    def stopped(self, status: str, message: str) -> Updates:
-        return {
-            **self._without_results(),
-            self._parts.status: status,
-            self._parts.message: shown(message),
+        found = yield from self.done(job, measure_sets, ask, MEASURING_SETS)
+        address = self._services.media.share(job.folder, job.cookie)
+        token = self.sets.keep(found, job.folder, job.cookie or None)
+        yield {
+            **sets_updates(found, token, address, self._parts, self._sets_part),
+            **self._buttons(is_running=False),
         }
 
     def _without_results(self) -> Updates:
-        return {
-            self._sets.parts.shown: shown(""),
-            self._parts.player: NOTHING,
-            self._parts.seen: shown(""),
-            self._parts.figures: shown(""),
-            self._parts.numbers: shown(""),
-            self._parts.downloads_part: gr.update(visible=False),
-        }
+        return {**super()._without_results(), self._sets_part: shown("")}
 
 
-class ClipRunner(OwnMotionRunner):
+class ClipRunner(RunRunner):
     """Opens a clip of measured sets: a run like any other, under the sets that stay."""
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work[Any]]:
-        clip = self._sets.clip_of(values[0] if values else None, cookie)
-        self._videos.give_up(job.visitor)
+    tab, videos_tab = "own_motion", "own_videos"
+
+    def __init__(
+        self, services: Services, form: FormParts, parts: ResultParts, sets: Kept[Sets]
+    ) -> None:
+        super().__init__(services, form, parts)
+        self._sets = sets
+
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        clip = clip_of(self._sets, values[0] if values else None, job.cookie)
         config = self._services.config
         asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
         told = clip.ask.told.known(asked.motions, *asked.names)
         title = f"{clip.name} of {', '.join(asked.names)}"
-        asked = replace(asked, told=told, channel=clip.ask.channel, title=title)
-        yield self._work(asked, job, cookie)
-
-    def _without_results(self) -> Updates:
-        return {
-            part: update
-            for part, update in super()._without_results().items()
-            if part is not self._sets.parts.shown
-        }
+        return replace(asked, told=told, channel=clip.ask.channel, title=title)
 
 
 def asked_of(files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig) -> Ask:

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import gradio as gr
 
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.html_parts import mount, shown
-from app.page.player.player import NOTHING
-from app.page.queue.jobs import Job
-from app.page.queue.runner import Updates, last_share
-from app.page.results.result_parts import ResultParts, figures_html
-from app.page.results.sets_shown import KeptSets, number_of, sets_html
-from app.page.routes.media import MediaAddresses
-from app.run.output.result_folder import zip_files
-from app.run.requests.request import Ask, Event, OnEvent, ShouldCancel
-
-if TYPE_CHECKING:
-    from app.run.many.sets import Sets
+from app.page.parts.html_parts import shown, told_part
+from app.page.queue.runner import Updates
+from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.results.sets_shown import number_of, sets_html
+from app.page.routes.media import Address
+from app.page.visitors.kept import Kept
+from app.run.many.sets import Sets
+from app.run.requests.request import Ask
 
 MIXED = "Give zips of results only, or motion files only; a zip is measured as one set."
 REFERENCE_TOO = (
@@ -36,10 +28,7 @@ MEASURING_SETS = "Measuring clips: {share:.0%}"
 MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
 CLIP_GONE = "These clips are kept no longer; give the zips again."
 CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again."
-SETS_ZIP = "Tables and figures as one zip"
 MAX_ASKED = 2000
-
-MeasureSets = Callable[[Ask, OnEvent, ShouldCancel], "Sets"]
 
 
 @dataclass(frozen=True)
@@ -54,60 +43,12 @@ class SetsParts:
 
 def build_sets() -> SetsParts:
     """Lay them out; hidden until there are any."""
-    part = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("sets.js", "mountSets"),
-        apply_default_css=False,
-        elem_id="own-sets",
-    )
+    part = told_part("own-sets", "sets.js", "mountSets")
     return SetsParts(
         part,
         gr.Textbox(visible=False),
         gr.Button(elem_classes="clip-start told-elsewhere", elem_id="own-clip-start"),
     )
-
-
-@dataclass(frozen=True)
-class SetsTools:
-    """What the tab needs for sets."""
-
-    measure: MeasureSets
-    parts: SetsParts
-    kept: KeptSets
-
-    @contextmanager
-    def work(
-        self,
-        ask: Ask,
-        job: Job,
-        cookie: str,
-        addresses: MediaAddresses,
-        parts: ResultParts,
-    ) -> Iterator[SetsWork]:
-        """One measuring of them."""
-        yield SetsWork(self, ask, job, cookie, addresses, parts)
-
-    def clip_of(self, told: object, cookie: str) -> Clip:
-        """What app/page/web/sets.js asks for.
-
-        Raises:
-            RunError: where it is none of what this browser has brought.
-        """
-        try:
-            if not isinstance(told, str) or len(told) > MAX_ASKED:
-                raise ValueError
-            known = json.loads(told)
-            token, clip = str(known["sets"]), str(known["clip"])
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise RunError(CLIP_DAMAGED) from error
-        kept = self.kept.find(token, cookie)
-        if kept is None:
-            raise RunError(CLIP_GONE)
-        if clip not in kept.sets.told["clips"]:
-            raise RunError(CLIP_DAMAGED)
-        motions = {name: files[clip] for name, files in kept.sets.clips.items()}
-        return Clip(clip, motions, kept.sets.sounds.get(clip), kept.sets.ask)
 
 
 @dataclass(frozen=True)
@@ -122,41 +63,45 @@ class Clip:
     """Of which it is one."""
 
 
-@dataclass(frozen=True)
-class SetsWork:
-    """One run over zips."""
+def clip_of(kept: Kept[Sets], told: object, cookie: str) -> Clip:
+    """What app/page/web/sets.js asks for.
 
-    tools: SetsTools
-    ask: Ask
-    job: Job
-    cookie: str
-    addresses: MediaAddresses
-    parts: ResultParts
+    Raises:
+        RunError: where it is none of what this browser has brought.
+    """
+    try:
+        if not isinstance(told, str) or len(told) > MAX_ASKED:
+            raise ValueError
+        known = json.loads(told)
+        token, clip = str(known["sets"]), str(known["clip"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise RunError(CLIP_DAMAGED) from error
+    sets = kept.find(token, cookie)
+    if sets is None:
+        raise RunError(CLIP_GONE)
+    if clip not in sets.told["clips"]:
+        raise RunError(CLIP_DAMAGED)
+    motions = {name: files[clip] for name, files in sets.clips.items()}
+    return Clip(clip, motions, sets.sounds.get(clip), sets.ask)
 
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
-        return self.tools.measure(self.ask, on_event, should_cancel)
 
-    def progress(self, events: list[Event]) -> Updates:
-        share = last_share(events)
-        if share is None:
-            return {}
-        line = MEASURING_SETS.format(share=share)
-        return {self.parts.status: markup.sentence_status(line)}
+def sets_updates(
+    sets: Sets, token: str, address: Address, parts: ResultParts, sets_part: gr.HTML
+) -> Updates:
+    """All that a tab shows of sets.
 
-    def finished(self, result: Sets) -> Updates:
-        kept = self.tools.kept.keep(self.cookie, self.job.folder, result)
-        figures = figures_html(result.files, lambda path: self.addresses.address(path, self.cookie))
-        bundle = zip_files(result.files, self.job.folder / "own-sets.zip")
-        address = escape(self.addresses.address(bundle, self.cookie))
-        link = f'<a href="{address}" download="{bundle.name}">{SETS_ZIP}</a>'
-        line = MEASURED_SETS.format(
-            clips=number_of(len(result.told["clips"]), "clip"),
-            sets=number_of(len(result.clips), "set"),
-        )
-        told = sets_html(kept.token, result.told, list(result.clips), figures, link)
-        return {
-            self.parts.status: markup.sentence_status(line),
-            self.parts.message: shown(markup.notes_folded(list(result.notes))),
-            self.parts.player: NOTHING,
-            self.tools.parts.shown: shown(told),
-        }
+    Args:
+        token: by which their browser asks for a clip.
+        address: gives it their files.
+    """
+    figures = figures_html(sets.files, address)
+    clips, names = sets.told["clips"], list(sets.clips)
+    line = MEASURED_SETS.format(
+        clips=number_of(len(clips), "clip"), sets=number_of(len(names), "set")
+    )
+    told = sets_html(token, sets.told, names, figures, files_listed(sets.files, address))
+    return {
+        parts.status: markup.sentence_status(line),
+        parts.message: shown(markup.notes_folded(list(sets.notes))),
+        sets_part: shown(told),
+    }

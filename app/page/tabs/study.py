@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Generator, Sequence
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -16,32 +12,24 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import form_of
+from app.page.parts.asked import Field, Fields, a_file, some_files, values_of, whole
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.html_parts import (
-    AT_ONCE,
-    PRIVATE,
-    in_turn,
-    mount,
-    named_fields,
-    reveal_on_click,
-    shown,
-)
+from app.page.parts.html_parts import PRIVATE, reveal_on_click, shown, told_part
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates
-from app.page.tabs.motion import fresh_copy
-from app.page.tabs.services import Services, UploadCheck
+from app.page.results.result_parts import files_listed
+from app.page.tabs.motion import SEED_LIMIT, fresh_copy
+from app.page.tabs.services import Services
 from app.page.tabs.study_run import (
     CHANGES,
     PROTOCOLS,
     QUESTIONS,
     SEPARATOR,
-    StudyForm,
+    PlanRunner,
     StudyParts,
     StudyRunner,
 )
 from app.page.visitors.uploads import MAX_FILES
-from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import wording
 from conventions.views import VIEWS
@@ -53,25 +41,34 @@ INTRODUCTION = (
 )
 
 
-def build_study_tab(services: Services) -> None:
-    """Lay out the tab inside the current context and wire it."""
+def build_study_tab(services: Services) -> Fields:
+    """Lay out the tab inside the current context and wire it; returns its form."""
     catalogue = services.catalogue
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
             ready = _build_questions(catalogue)
-            materials, changed = _build_materials(catalogue, services.check)
+            fields = _build_materials(services)
         with gr.Column(scale=5, min_width=320):
-            settings = _build_settings()
-            told = _build_told()
+            fields |= _build_settings()
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Make the study", variant="primary", elem_id="study-make")
                 write = gr.Button("Plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             with gr.Column(elem_classes="results"):
-                results = _build_results()
-    fields = [*materials, *settings, changed, *told]
-    _, protocol, speeches, systems, _ = materials
+                parts = StudyParts(
+                    gr.HTML(markup.idle_status(text.READY), elem_id="study-status"),
+                    told_part("study-made", "study_key.js", "mountKey"),
+                )
+    protocol, speeches, systems, changed = (
+        fields[name].part for name in ("protocol", "speeches", "systems", "changed")
+    )
+
+    def examples(given: list[str] | None) -> list[str] | None:
+        """Where there is no speech yet."""
+        folder = services.config.cache_folder / "examples"
+        return given or [str(fresh_copy(each.path, folder)) for each in catalogue.examples] or None
+
     for button in ready:
         asked, changes = QUESTIONS[button.value]
         filled = json.dumps([asked, [usual_planner()], changes])
@@ -82,44 +79,16 @@ def build_study_tab(services: Services) -> None:
             js=f"() => {filled}",
             api_visibility="private",
         )
-        button.click(
-            _SpeechOrExamples(catalogue, services.config.cache_folder / "examples").given,
-            speeches,
-            speeches,
-            **PRIVATE,
-        )
-    runner = StudyRunner(services, results)
-    optional = ("speeches", "motions")
-    write.click(
-        named_fields(runner.write_plan, StudyForm, optional),
-        fields,
-        results.all,
-        api_name="study_plan",
-        show_progress="hidden",
-    )
-    reveal_on_click(start, results.status)
-    run = start.click(
-        named_fields(runner.run, StudyForm, optional),
-        fields,
-        results.all,
-        api_name="study",
-        **in_turn(results.status),
-    )
-    cancel.click(runner.cancel, outputs=results.all, cancels=run, **AT_ONCE)
-
-
-@dataclass(frozen=True)
-class _SpeechOrExamples:
-    """Speech of a study that is ready to be made."""
-
-    catalogue: Catalogue
-    folder: Path
-    """Of copies of the examples."""
-
-    def given(self, speeches: list[str] | None) -> list[str] | None:
-        """The examples where none is there yet."""
-        examples = self.catalogue.examples
-        return speeches or [str(fresh_copy(each.path, self.folder)) for each in examples] or None
+        button.click(examples, speeches, speeches, **PRIVATE)
+    outputs = [parts.status, parts.made]
+    only_plan = PlanRunner(services, parts, fields)
+    at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
+    only_plan.begins_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
+    runner = StudyRunner(services, parts, fields)
+    reveal_on_click(start, parts.status)
+    run = runner.begins_on(start.click, fields, outputs=outputs, api_name="study")
+    runner.ends_on(cancel, run, outputs)
+    return fields
 
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
@@ -131,13 +100,12 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
         return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
 
 
-def _build_materials(
-    catalogue: Catalogue, check: UploadCheck
-) -> tuple[list[Any], gr.CheckboxGroup]:
-    """What is compared: the first fields of `StudyForm`, and `StudyForm.changed`."""
+def _build_materials(services: Services) -> dict[str, Field]:
+    """What is compared."""
+    catalogue, planner = services.catalogue, usual_planner()
     title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
-    speeches = check.file(
+    speeches = services.file(
         "speech",
         "Speech, one file for each clip",
         ["audio"],
@@ -151,7 +119,6 @@ def _build_materials(
         label="Systems",
         info=text.STUDY_SYSTEMS_HELP,
     )
-    planner = usual_planner()
     changed = gr.CheckboxGroup(
         list(CHANGES),
         value=[],
@@ -160,7 +127,7 @@ def _build_materials(
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
-    motions = check.file(
+    motions = services.file(
         "motion",
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
         [".npz", ".npy", ".bvh"],
@@ -168,11 +135,18 @@ def _build_materials(
         height=150,
         file_count="multiple",
     )
-    return [title, protocol, speeches, systems, motions], changed
+    return {
+        "title": Field(title, str.strip),
+        "protocol": Field(protocol, lambda name: PROTOCOLS.get(name or "", name or "")),
+        "speeches": Field(speeches, some_files),
+        "systems": Field(systems),
+        "motions": Field(motions, some_files),
+        "changed": Field(changed),
+    }
 
 
-def _build_settings() -> list[Any]:
-    """How it is shown: the other fields of `StudyForm`."""
+def _build_settings() -> dict[str, Field]:
+    """How it is shown, and what participants read before they begin."""
     with gr.Row(elem_classes="pair"):
         length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
         people = gr.Number(28, label="Participants", minimum=1, min_width=100)
@@ -187,11 +161,6 @@ def _build_settings() -> list[Any]:
         info="Participants go there at the end, for example Prolific's or SONA's link with its "
         "code.",
     )
-    return [length, people, seed, views, post_to, return_to]
-
-
-def _build_told() -> list[Any]:
-    """What participants read before they begin: the last fields of `StudyForm`."""
     with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
         with gr.Row(elem_classes="pair"):
             researchers = gr.Textbox("", label="Researchers", min_width=140)
@@ -200,28 +169,15 @@ def _build_told() -> list[Any]:
         consent = gr.Textbox(
             "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
         )
-    return [researchers, contact, ethics, consent]
-
-
-def _build_results() -> StudyParts:
-    return StudyParts(
-        status=gr.HTML(markup.idle_status(text.READY), elem_id="study-status"),
-        researcher=gr.HTML(
-            "",
-            visible=False,
-            js_on_load=mount("study_key.js", "mountKey"),
-            apply_default_css=False,
-            elem_id="study-researcher",
-        ),
-        preview=gr.HTML("", visible=False, elem_id="study-preview"),
-        participants=gr.DownloadButton(
-            "For participants: the page and its videos (zip)",
-            variant="secondary",
-            visible=False,
-            elem_id="study-participants",
-        ),
-        plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
-    )
+    texts = {"post_to": post_to, "return_to": return_to, "researchers": researchers}
+    texts |= {"contact": contact, "ethics": ethics, "consent": consent}
+    return {
+        "length_s": Field(length),
+        "participants": Field(people, whole("Participants", 1, 1000)),
+        "seed": Field(seed, whole("The seed of the order", 0, SEED_LIMIT, 0)),
+        "views": Field(views),
+        **{name: Field(part, str.strip) for name, part in texts.items()},
+    }
 
 
 TITLE = "Analyse the answers"
@@ -234,31 +190,6 @@ NO_ANSWERS = "There are no answers yet: drop in at least one file that a partici
 NO_KEY = "The key is missing: drop in key.json from the researcher's zip."
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
 ANALYSED = "Analysed. The report stands below; its files are the ones to keep."
-
-Analyse = Callable[[AnalysisRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
-"""Answers, key and folder to the files written there, the report first."""
-
-
-@dataclass(frozen=True)
-class AnalysisForm:
-    """What the visitor has filled in, as Gradio hands it over."""
-
-    answers: list[str] | None
-    key: str | None
-
-
-@dataclass(frozen=True)
-class AnalysisParts:
-    """Where the tab shows what comes of it."""
-
-    status: gr.HTML
-    message: gr.HTML
-    report: gr.HTML
-    files: gr.File
-
-    @property
-    def all(self) -> list[Any]:
-        return [self.status, self.message, self.report, self.files]
 
 
 def build_analysis(services: Services) -> None:
@@ -284,81 +215,46 @@ def build_analysis(services: Services) -> None:
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Analyse", variant="primary", elem_id="analysis-start")
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            parts = AnalysisParts(
-                gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status"),
-                gr.HTML("", visible=False),
-                gr.HTML("", visible=False, elem_id="analysis-report"),
-                gr.File(
-                    label=text.FILES_LABEL,
-                    file_count="multiple",
-                    interactive=False,
-                    visible=False,
-                    elem_id="analysis-files",
-                ),
-            )
-    runner = AnalysisRunner(services, parts)
-    reveal_on_click(start, parts.status)
-    asks = in_turn(parts.status)
-    start.click(runner.run, [answers, key], parts.all, api_visibility="private", **asks)
+            status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
+            report = told_part("analysis-report")
+    fields = {"answers": Field(answers, some_files), "key": Field(key, a_file)}
+    reveal_on_click(start, status)
+    runner = AnalysisRunner(services, fields, status, report)
+    runner.begins_on(start.click, [answers, key], outputs=[status, report])
 
 
-class AnalysisRunner(TabRunner[tuple[Path, ...]]):
+class AnalysisRunner(TabRunner):
     """Analyses answers for a researcher."""
 
     tab = "analysis"
 
-    def __init__(self, services: Services, parts: AnalysisParts) -> None:
-        super().__init__(services.jobs, parts.status)
-        self._analyse: Analyse = partial(services.worker.do, analyse)
-        self._parts = parts
+    def __init__(
+        self, services: Services, fields: Fields, status: gr.HTML, report: gr.HTML
+    ) -> None:
+        super().__init__(services.jobs, services.worker, status)
+        self._fields = fields
+        self._media = services.media
+        self._report = report
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        form = form_of(AnalysisForm, values)
-        if not form.answers:
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        told = values_of(self._fields, values)
+        answers, key = told["answers"], told["key"]
+        if not answers:
             raise RunError(NO_ANSWERS)
-        if not form.key:
+        if not key:
             raise RunError(NO_KEY)
-        if len(form.answers) > MAX_FILES:
-            raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(form.answers)))
-        answers = [Path(path) for path in form.answers]
-        asked = AnalysisRequest(answers, Path(form.key), job.folder / "results")
-        yield _Work(self._analyse, asked, self._parts)
-
-    def blank(self) -> Updates:
-        return self.stopped(markup.sentence_status(text.STARTING), "")
+        if len(answers) > MAX_FILES:
+            raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(answers)))
+        yield {self._status: markup.sentence_status(text.STARTING), self._report: shown("")}
+        asked = AnalysisRequest(list(answers), key, job.folder / "results")
+        files = yield from self.done(job, analyse, asked)
+        report, *_ = files
+        links = files_listed(files, self._media.share(job.folder, job.cookie))
+        html = f'{framed(report.read_text("utf-8"))}<div class="downloads">{links}</div>'
+        yield {self._status: markup.sentence_status(ANALYSED), self._report: shown(html)}
 
     def stopped(self, status: str, message: str) -> Updates:
-        parts = self._parts
-        return {
-            parts.status: status,
-            parts.message: shown(message),
-            parts.report: shown(""),
-            parts.files: gr.update(visible=False),
-        }
-
-
-@dataclass(frozen=True)
-class _Work:
-    """One analysis."""
-
-    analyse: Analyse
-    asked: AnalysisRequest
-    parts: AnalysisParts
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
-        return self.analyse(self.asked, on_event, should_cancel)
-
-    def progress(self, events: list[Event]) -> Updates:
-        return {}
-
-    def finished(self, result: tuple[Path, ...]) -> Updates:
-        report, *_ = result
-        return {
-            self.parts.status: markup.sentence_status(ANALYSED),
-            self.parts.report: shown(framed(report.read_text("utf-8"))),
-            self.parts.files: gr.update(value=[str(path) for path in result], visible=True),
-        }
+        return {self._status: message or status, self._report: shown("")}
 
 
 def framed(report: str) -> str:

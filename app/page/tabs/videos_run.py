@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -16,29 +14,26 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, shown
+from app.page.parts.html_parts import PRIVATE, shown
 from app.page.queue.jobs import Job, Tab
 from app.page.queue.runner import TabRunner, Updates, follow, last_share
 from app.page.results.kept_runs import KeptRun
-from app.page.results.result_parts import ResultParts
-from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
+from app.page.results.result_parts import ResultParts, saved_link
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
 from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
-from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo, draw_seen
+from app.run.videos.seen_video import Seen, SeenRequest, draw_seen
 from app.run.videos.videos import draw_behind
-
-DrawSeen = Callable[[SeenRequest, OnEvent, ShouldCancel], SeenVideo]
-"""As `app.run.videos.seen_video.draw_seen`."""
+from conventions.rates import FPS
 
 
-class SeenRunner(TabRunner[SeenVideo]):
+class SeenRunner(TabRunner):
     """Makes videos of one tab's stage."""
 
     tab = "seen"
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
-        super().__init__(services.jobs, parts.seen)
+        super().__init__(services.jobs, services.worker, parts.seen)
         self._services = services
         self._parts = parts
 
@@ -49,29 +44,49 @@ class SeenRunner(TabRunner[SeenVideo]):
             prefix: of the ids of the tab's parts, with its hyphen.
         """
         parts = self._parts
-        run = parts.seen_start.click(
-            self.run,
-            inputs=[parts.seen_asked],
-            outputs=[parts.seen, parts.seen_cancel],
-            js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
-            api_visibility="private",
-            **in_turn(parts.status),
-        )
         outputs = [parts.seen, parts.seen_cancel]
-        parts.seen_cancel.click(self.cancel, outputs=outputs, cancels=run, **AT_ONCE)
+        run = self.begins_on(
+            parts.seen_start.click,
+            [parts.seen_asked],
+            outputs=outputs,
+            js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
+            show_progress_on=parts.status,
+        )
+        self.ends_on(parts.seen_cancel, run, outputs)
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_SeenWork]:
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = Seen.read(values[0])
         request = SeenRequest(
             seen,
-            tuple(self._file(body.motion, cookie, ".npz") for body in seen.bodies),
+            tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
-            speech=self._file(seen.sound, cookie, ".wav") if seen.sound else None,
+            speech=self._file(seen.sound, job.cookie, ".wav") if seen.sound else None,
             body=self._services.config.body,
         )
-        draw = partial(self._services.worker.do, draw_seen)
-        yield _SeenWork(draw, request, self._parts, self._services.addresses, cookie)
+        yield {
+            self._parts.seen: shown(line_of(text.SEEN_STARTING)),
+            self._parts.seen_cancel: gr.update(visible=True),
+        }
+
+        def told(events: list[Event]) -> Updates:
+            share = last_share(events)
+            if share is None:
+                return {}
+            return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
+
+        video = yield from self.done(job, draw_seen, request, told)
+        count = len(seen.shown)
+        line = text.SEEN_DONE.format(
+            bodies="one body" if count == 1 else f"{count} bodies",
+            seconds=video.num_frames / FPS,
+            megabytes=video.path.stat().st_size / 1e6,
+        )
+        address = self._services.media.share(job.folder, job.cookie)(video.path)
+        link = saved_link(address, video.path.name, text.SEEN_SAVE)
+        yield {
+            self._parts.seen: shown(line_of(" ".join((line, *video.notes)), more=link)),
+            self._parts.seen_cancel: gr.update(visible=False),
+        }
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """What the page has given an address.
@@ -79,18 +94,10 @@ class SeenRunner(TabRunner[SeenVideo]):
         Raises:
             RunError: if it has not, or it is kept no longer.
         """
-        route, _, token = address.partition("/")
-        is_ours = route == MEDIA_ROUTE.strip("/")
-        path = self._services.addresses.find(token, cookie) if is_ours else None
+        path = self._services.media.at(address, cookie)
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
         return path
-
-    def blank(self) -> Updates:
-        return {
-            self._parts.seen: shown(told(text.SEEN_STARTING)),
-            self._parts.seen_cancel: gr.update(visible=True),
-        }
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
@@ -99,45 +106,7 @@ class SeenRunner(TabRunner[SeenVideo]):
         }
 
 
-@dataclass
-class _SeenWork:
-    """One video."""
-
-    draw: DrawSeen
-    asked: SeenRequest
-    parts: ResultParts
-    addresses: MediaAddresses
-    cookie: str
-    share: float = field(default=0.0)
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
-        return self.draw(self.asked, on_event, should_cancel)
-
-    def progress(self, events: list[Event]) -> Updates:
-        share = last_share(events)
-        if share is None:
-            return {}
-        line = text.SEEN_COMING.format(share=share)
-        return {self.parts.seen: shown(told(line, share))}
-
-    def finished(self, result: SeenVideo) -> Updates:
-        from conventions.rates import FPS
-
-        count = len(self.asked.seen.shown)
-        line = text.SEEN_DONE.format(
-            bodies="one body" if count == 1 else f"{count} bodies",
-            seconds=result.num_frames / FPS,
-            megabytes=result.path.stat().st_size / 1e6,
-        )
-        address = escape(self.addresses.address(result.path, self.cookie))
-        link = f'<a href="{address}" download="{escape(result.path.name)}">{text.SEEN_SAVE}</a>'
-        return {
-            self.parts.seen: shown(told(" ".join((line, *result.notes)), more=link)),
-            self.parts.seen_cancel: gr.update(visible=False),
-        }
-
-
-def told(line: str, share: float | None = None, more: str = "") -> str:
+def line_of(line: str, share: float | None = None, more: str = "") -> str:
     """One line under the stage.
 
     Args:
@@ -146,15 +115,6 @@ def told(line: str, share: float | None = None, more: str = "") -> str:
     """
     bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be drawn of a run, and what was said when that had ended."""
-
-    kept: KeptRun
-    ask: Ask
-    """Of that."""
 
 
 _PATIENCE_S = 1.0
@@ -174,14 +134,14 @@ class VideosBehind:
         self._jobs = services.jobs
         self._parts = parts
         self._tab: Tab = tab
-        self._wanted: dict[str, Wanted] = {}
+        self._wanted: dict[str, tuple[KeptRun, Ask]] = {}
         self._lock = threading.Lock()
 
-    def want(self, visitor: str, wanted: Wanted) -> None:
-        """Have these drawn as soon as the page asks."""
+    def want(self, visitor: str, run: KeptRun, ask: Ask) -> None:
+        """Have a run's videos drawn, as it was asked for, as soon as the page asks."""
         with self._lock:
-            there = {who: each for who, each in self._wanted.items() if each.kept.is_there}
-            self._wanted = {**there, visitor: wanted}  # some left before they asked
+            there = {who: each for who, each in self._wanted.items() if each[0].is_there}
+            self._wanted = {**there, visitor: (run, ask)}  # some left before they asked
 
     def give_up(self, visitor: str) -> None:
         """Another run begins: nobody wants the videos of the one before any more."""
@@ -195,19 +155,15 @@ class VideosBehind:
 
     def follow(self, run: Any) -> None:
         """Draw after each run of a button's, whose event is ``run``."""
+        parts = self._parts
         run.then(
             self.run,
-            outputs=self._outputs,
+            outputs=[parts.status, parts.player, parts.downloads],
             **PRIVATE,
             trigger_mode="multiple",
             concurrency_id="videos",
             concurrency_limit=1,
         )
-
-    @property
-    def _outputs(self) -> list[Any]:
-        parts = self._parts
-        return [parts.status, parts.player, parts.downloads_part, parts.bundle, parts.files]
 
     def run(self, request: gr.Request) -> Iterator[Updates]:
         """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
@@ -217,64 +173,48 @@ class VideosBehind:
         if wanted is None:
             yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
             return
+        run, ask = wanted
         try:
             with self._jobs.opened(visitor, self._tab) as job:
-                yield from self._drawn(job, wanted)
+                yield from self._drawn(job, run, ask)
         except CancelledRun:
             return  # another run of the visitor has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
-            sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
-            yield {self._parts.status: _line(wanted, sentence)}
+            yield self._line(run, text.VIDEOS_FAILED.format(why=visitor_sentence(error)))
 
-    def _drawn(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
-        run, out = wanted.kept.showing.folder, job.folder / "drawn"
-        request = replace(wanted.ask, motions=(run,), out=out)
-        work = _StandardWork(self._services, wanted, request, self._parts)
+    def _drawn(self, job: Job, run: KeptRun, ask: Ask) -> Iterator[Updates]:
+        request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")
+
+        def draw(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+            def gives_way() -> bool:
+                return should_cancel() or self._jobs.is_anyone_waiting()
+
+            self._services.videos.do(draw_behind, request, on_event, gives_way)
+
+        def told(events: list[Event]) -> Updates:
+            updates: Updates = {}
+            if any(isinstance(event, Grown) for event in events):
+                updates[self._parts.player] = run.showing.value()
+            share = last_share(events)
+            if share is not None:
+                updates |= self._line(run, text.VIDEOS_COMING.format(share=share))
+            return updates
+
         while True:
             while not self._jobs.wait_for_rest(_PATIENCE_S):
                 if job.is_cancelled():
                     raise CancelledRun
-                yield {self._parts.status: _line(wanted, text.VIDEOS_WAIT)}
+                yield self._line(run, text.VIDEOS_WAIT)
             try:
-                yield from follow(work, job, {self._parts.status: gr.skip()})
-                return
+                yield from follow(draw, job, told, {self._parts.status: gr.skip()})
+                break
             except CancelledRun:
                 if job.is_cancelled():
                     raise
+        downloads = shown(run.downloads(run.showing))
+        yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
-
-@dataclass(frozen=True)
-class _StandardWork:
-    """The videos of one run."""
-
-    services: Services
-    wanted: Wanted
-    request: Ask
-    parts: ResultParts
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-        jobs = self.services.jobs
-
-        def gives_way() -> bool:
-            return should_cancel() or jobs.is_anyone_waiting()
-
-        self.services.videos.do(draw_behind, self.request, on_event, gives_way)
-
-    def progress(self, events: list[Event]) -> Updates:
-        updates: Updates = {}
-        if any(isinstance(event, Grown) for event in events):
-            updates[self.parts.player] = self.wanted.kept.showing.value()
-        share = last_share(events)
-        if share is not None:
-            updates[self.parts.status] = _line(self.wanted, text.VIDEOS_COMING.format(share=share))
-        return updates
-
-    def finished(self, result: None) -> Updates:
-        return {
-            **self.wanted.kept.downloads(self.parts),
-            self.parts.status: _line(self.wanted, text.VIDEOS_DONE),
-        }
-
-
-def _line(wanted: Wanted, sentence: str) -> str:
-    return markup.sentence_status(f"{wanted.kept.record.sentence} {sentence}")
+    def _line(self, run: KeptRun, sentence: str) -> Updates:
+        """Beside how the run went."""
+        line = markup.sentence_status(f"{run.record.sentence} {sentence}")
+        return {self._parts.status: line}

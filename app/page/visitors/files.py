@@ -75,7 +75,7 @@ def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
     """Delete what was last touched longer ago than it is kept, but for what is in use."""
     before = time.time() - keep_s
     kept = set(in_use)
-    for folder in _entries(root / "jobs"):
+    for folder in (*_entries(root / "jobs"), *_entries(root / "private")):
         if folder not in kept and _last_touched(folder) < before:
             shutil.rmtree(folder, ignore_errors=True)
     for file in sorted(_below(root / "gradio"), reverse=True):

@@ -36,7 +36,7 @@ def test_a_tabs_cancel_stops_its_own_run_alone(speech, tmp_path):
     forms = (
         (str(speech), systems, "ann", 0, 1, "10", "euler", False, None, "right_middle", 0, None),
         (["/up/a.npz"], None, "right_middle", 0),
-        ("A study", protocol, [str(speech)], systems, None, 1, 4, 0, ["front"], ""),
+        ("A study", protocol, [str(speech)], systems, None, [], 1, 4, 0, ["front"], ""),
     )
     started = [
         handler(page, button)(VISITOR, *form) for button, form in zip(TABS, forms, strict=True)

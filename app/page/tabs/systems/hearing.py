@@ -9,14 +9,11 @@ import gradio as gr
 
 from app import text
 from app.errors import RunError
-from app.page.parts import markup
 from app.page.parts.asked import Field, Fields, a_file
 from app.page.parts.catalogue import USUAL, strength_choices, strength_of
-from app.page.tabs.services import Services
-from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
+from app.page.tabs.systems.measured_figure import FigureRunner
 from app.run.experiments.hearing import HearingAsk, measure_hearing
 from model.storage.cards import CALM_AND_LIVELY
-from model.systems.registry import usual_systems
 
 TITLE = "Does it hear?"
 INTRODUCTION = (
@@ -28,55 +25,45 @@ NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
 
 
-def build_hearing(services: Services) -> None:
-    """Lay out the part inside the current context and wire it."""
-    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    sheet = build_measuring_sheet(
-        "hearing", services.catalogue, usual_systems("hearing-tab"), hearing_fields, "Compare"
-    )
-    HearingRunner(services, measure_hearing, sheet).wire()
-
-
-def hearing_fields() -> Fields:
-    """Lay them out."""
-    with gr.Row(elem_classes="pair"):
-        speeches = [
-            gr.File(
-                label=f"Speech {letter} (optional: an example otherwise)",
-                file_types=["audio"],
-                type="filepath",
-                height=110,
-                min_width=140,
-            )
-            for letter in "AB"
-        ]
-    strength = gr.Radio(
-        strength_choices((1.0, 2.0, 3.0)),
-        value=USUAL,
-        label=text.GUIDANCE_LABEL,
-        elem_id="hearing-strength",
-    )
-    calm, lively = CALM_AND_LIVELY
-    speakers = gr.Checkbox(
-        label=f"Compare {calm} and {lively}, too",
-        info="A calm speaker and a lively one, with the first speech and the same seeds.",
-        elem_id="hearing-speakers",
-    )
-    return {
-        "first": Field(speeches[0], a_file),
-        "second": Field(speeches[1], a_file),
-        "guidance": Field(strength, strength_of),
-        "speakers": Field(speakers, lambda is_on: CALM_AND_LIVELY if is_on else None),
-    }
-
-
 class HearingRunner(FigureRunner):
     """Compares two speeches by two seeds."""
 
-    tab = "hearing"
+    tab, verb = "hearing", "Compare"
+    title, introduction, usual = TITLE, INTRODUCTION, "hearing-tab"
+    measure = staticmethod(measure_hearing)
+
+    def more_fields(self) -> Fields:
+        with gr.Row(elem_classes="pair"):
+            speeches = [
+                gr.File(
+                    label=f"Speech {letter} (optional: an example otherwise)",
+                    file_types=["audio"],
+                    type="filepath",
+                    height=110,
+                    min_width=140,
+                )
+                for letter in "AB"
+            ]
+        strength = gr.Radio(
+            strength_choices((1.0, 2.0, 3.0)),
+            value=USUAL,
+            label=text.GUIDANCE_LABEL,
+            elem_id="hearing-strength",
+        )
+        calm, lively = CALM_AND_LIVELY
+        speakers = gr.Checkbox(
+            label=f"Compare {calm} and {lively}, too",
+            info="A calm speaker and a lively one, with the first speech and the same seeds.",
+            elem_id="hearing-speakers",
+        )
+        return {
+            "first": Field(speeches[0], a_file),
+            "second": Field(speeches[1], a_file),
+            "guidance": Field(strength, strength_of),
+            "speakers": Field(speakers, lambda is_on: CALM_AND_LIVELY if is_on else None),
+        }
 
     def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> HearingAsk:
-        """See `FigureRunner.request`."""
         if not told["systems"]:
             raise RunError(NO_SYSTEM)
         given = [path for path in (told["first"], told["second"]) if path is not None]

@@ -8,12 +8,9 @@ from typing import Any
 import gradio as gr
 
 from app.errors import RunError
-from app.page.parts import markup
 from app.page.parts.asked import Field, Fields, a_file
-from app.page.tabs.services import Services
-from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
+from app.page.tabs.systems.measured_figure import FigureRunner
 from app.run.experiments.step_curve import StepsAsk, measure_step_curve
-from model.systems.registry import usual_systems
 
 TITLE = "What steps buy, measured here"
 INTRODUCTION = (
@@ -25,33 +22,23 @@ NO_SYSTEM = "Tick at least one system to measure."
 NO_SPEECH = "Upload speech to measure with; this installation has no examples."
 
 
-def build_step_curve(services: Services) -> None:
-    """Lay out the part inside the current context and wire it."""
-    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    sheet = build_measuring_sheet(
-        "steps", services.catalogue, usual_systems("steps"), step_fields, "Measure"
-    )
-    StepCurveRunner(services, measure_step_curve, sheet).wire()
-
-
-def step_fields() -> Fields:
-    """Lay them out."""
-    speech = gr.File(
-        label="Speech (optional: an example otherwise; ten seconds are used)",
-        file_types=["audio"],
-        type="filepath",
-        height=110,
-    )
-    return {"speech": Field(speech, a_file)}
-
-
 class StepCurveRunner(FigureRunner):
     """Measures ticked systems with few and with many steps."""
 
-    tab = "steps"
+    tab, verb = "steps", "Measure"
+    title, introduction, usual = TITLE, INTRODUCTION, "steps"
+    measure = staticmethod(measure_step_curve)
+
+    def more_fields(self) -> Fields:
+        speech = gr.File(
+            label="Speech (optional: an example otherwise; ten seconds are used)",
+            file_types=["audio"],
+            type="filepath",
+            height=110,
+        )
+        return {"speech": Field(speech, a_file)}
 
     def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> StepsAsk:
-        """See `FigureRunner.request`."""
         path = told["speech"] or next(iter(self.examples), None)
         if not told["systems"]:
             raise RunError(NO_SYSTEM)

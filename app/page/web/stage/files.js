@@ -2,7 +2,7 @@
 
 import { icon, make, popUp } from "../dom.js";
 
-/** By what stands behind the address of a motion, as app/page/routes/media.py has them. */
+/** By what is asked for behind the address of a motion, as app/page/routes/media.py has them. */
 const KINDS = {
   glb: [".glb", "moving body, for 3D viewers (GLB)"],
   bvh: [".bvh", "skeleton, for animation programs (BVH)"],
@@ -30,9 +30,9 @@ export function filesOf(row) {
   if (row.video) items.push(link(row.video, ".mp4", "video"));
   if (row.motion) {
     items.push(link(row.motion, ".npz", "motion, as this page reads it"));
-    for (const [kind, [ending, words]] of Object.entries(KINDS)) items.push(link(`${row.motion}/${kind}`, ending, words));
+    for (const [kind, [ending, words]] of Object.entries(KINDS)) items.push(link(`${row.motion}&as=${kind}`, ending, words));
   }
-  if (row.plan) for (const [kind, [ending, words]] of Object.entries(PLAN_KINDS)) items.push(link(`${row.plan}/${kind}`, ending, words));
+  if (row.plan) for (const [kind, [ending, words]] of Object.entries(PLAN_KINDS)) items.push(link(`${row.plan}&as=${kind}`, ending, words));
   const box = popUp("files", make("summary", { title: `Save ${name}`, "aria-label": `Save ${name}` }, icon("save")), make("ul", {}, ...items));
   return box;
 }

@@ -6,7 +6,7 @@ import pytest
 
 from app.errors import RunError
 from app.page.player.first_look_shown import first_look
-from app.page.routes.media import MediaAddresses
+from app.page.routes.media import Media
 from app.run.examples import STEADY, TREMBLING
 from app.run.requests.request import Ask, Event, Grown
 from model.motion.motion import save_motion
@@ -18,12 +18,12 @@ NAMES = ("globaldiff/local", "globaldiff/global", "reference")
 
 
 def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path):
-    addresses, reference = MediaAddresses(), tmp_path / "recorded.npz"
+    media, reference = Media(), tmp_path / "recorded.npz"
     save_motion(made_motion(60), reference)
     (tmp_path / "job").mkdir()
     out = tmp_path / "job/results"
     asked = Ask(speech=speech, out=out, systems=NAMES[:2], reference=reference, is_kept=True)
-    showing = showing_in(tmp_path / "job", addresses, "mine")
+    showing = showing_in(tmp_path / "job", media, "mine")
     values: list[dict] = []
 
     def noted(event: Event) -> None:
@@ -46,11 +46,10 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     last = values[-1]
     assert not last["running"] and all(value["running"] for value in values[:-1])
     assert last["run"] == "job"
-    found = addresses.find(last["timeline"].rsplit("/", 1)[-1], "mine")
-    assert found is not None and addresses.find(last["audio"].rsplit("/", 1)[-1], "") is None
+    assert media.at(last["timeline"], "mine") and not media.at(last["audio"], "")
     origins = []
     for row in last["rows"][:2]:
-        path = addresses.find(row["plan"].rsplit("/", 1)[-1], "mine")
+        path = media.at(row["plan"], "mine")
         assert path is not None
         origins.append(json.loads(path.read_text())["origin"])
     assert origins == ["planned", "found"] and showing.performed() == [NAMES[0]]
@@ -66,14 +65,14 @@ def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path)
 
 
 def test_the_example_is_shown_to_every_visitor_without_a_cookie():
-    media = MediaAddresses()
+    media = Media()
     value, told = first_look(media)
     assert value["plays"] and not value["running"]
     assert [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
-        assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
+        assert media.at(row["frames"], "of anybody") is not None
         assert not row["is_drawn"]
-    assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
+    assert media.at(value["timeline"], "") is not None
     told = told["value"]
     before, after = told.split("<summary>")
     assert "Which hand trembles?" in told, "the answer is folded away and has the numbers"

@@ -3,10 +3,8 @@
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import gradio as gr
@@ -32,35 +30,34 @@ VISITOR = browser("cookie")
 Do = Callable[[OnEvent, ShouldCancel], str]
 
 
-class Runner(TabRunner[str]):
+class Runner(TabRunner):
     """Does a run of the test's own."""
 
     tab = "study"
 
     def __init__(self, jobs: Jobs, do: Do, status: Any = "status", message: Any = "message"):
-        super().__init__(jobs, status)
-        self.run_it, self.message = do, message
+        super().__init__(jobs, fakes.FakeWorker(does={"do": lambda _, *how: do(*how)}), status)
+        self.message = message
         self.begun: list[Any] = []
         self.has_ended = False
 
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Any]:
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         if not values:
             raise RunError("The form is empty.")
-        self.begun.append((cookie, values))
+        self.begun.append((job.cookie, values))
 
         def shares(events: list[Event]) -> Updates:
             found = [event.fraction for event in events if isinstance(event, Progress)]
             return {self._status: found} if events else {}
 
+        def do(*_: object) -> str:
+            return ""
+
         try:
-            finished = {"finished": lambda result: {self._status: result}}
-            yield SimpleNamespace(run=self.run_it, progress=shares, **finished)
+            yield {self._status: "blank"}
+            yield {self._status: (yield from self.done(job, do, None, shares))}
         finally:
             self.has_ended = True
-
-    def blank(self) -> Updates:
-        return {self._status: "blank"}
 
     def stopped(self, status: str, message: str) -> Updates:
         return {self._status: status, self.message: message}
@@ -140,12 +137,12 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             fakes.make_generate()(asked, on_event, should_cancel)
             return "done"
 
-        work = SimpleNamespace(
-            run=do, progress=lambda events: {"news": events}, finished=lambda done: done
-        )
-        *news, result = follow(work, job, {})
-        assert result == "done"
-        events = [event for batch in news for event in batch["news"]]
+        news: list[Event] = []
+        following = follow(do, job, lambda events: {"news": news.extend(events)}, {})
+        with pytest.raises(StopIteration, match="done"):
+            while True:
+                next(following)
+        events = news
         assert Grown in {type(event) for event in events}
         last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
         assert set(last.values()) == {1.0} and not job.is_cancelled()
@@ -179,7 +176,7 @@ def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
         sweep(tmp_path, 1000, jobs.in_use())
         return upload.exists()
 
-    with jobs.opened("visitor", "generate", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
+    with jobs.opened("visitor", "generate", "", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
         assert jobs.in_use() == [job.folder, upload] and aged()
     sweep(tmp_path, 1000, jobs.in_use())
     assert upload.exists() and not aged()

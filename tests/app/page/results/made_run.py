@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from app.page.player.player import Showing, browser_addresses
+from app.page.player.player import Showing
 from app.page.queue.jobs import Job, Tab
 from app.page.results.kept_runs import KeptRun, KeptRuns
-from app.page.routes.media import MediaAddresses
+from app.page.routes.media import Media
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
+from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
 from model.speech.transcript import NOTHING_SAID, Transcript
 from tests.app.fakes import made_motion, measures
@@ -38,7 +39,7 @@ def made_run(
     job.mkdir(exist_ok=True)
     with ResultFolder(job / out, is_kept=True) as folder:
         run = RunWriter(folder, RunRecord(**{**values, **changes}))
-        run.rows(jerk)
+        run.rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
         run.sound(made_waveform(round(16_000 * duration_s)))
         for name in jerk:
             run.motion(name, made_motion(8))
@@ -57,10 +58,9 @@ def made_run(
     return showing_in(job)
 
 
-def showing_in(job: Path, addresses: MediaAddresses | None = None, cookie: str = "") -> Showing:
+def showing_in(job: Path, media: Media | None = None, cookie: str = "") -> Showing:
     """Of the run that a job's folder holds."""
-    address = browser_addresses(addresses or MediaAddresses(), cookie)
-    return Showing(job / "results", address, job.name)
+    return Showing(job / "results", (media or Media()).share(job, cookie), job.name)
 
 
 def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:
@@ -78,4 +78,4 @@ def keep(
     form: dict[str, Any] | None = None,
     **made: Any,
 ) -> KeptRun:
-    return runs.keep(Job("visitor", tab, job), cookie, made_run(job, **made), form)
+    return runs.keep_run(Job("visitor", tab, job, cookie), made_run(job, **made), form)

@@ -21,15 +21,7 @@ from app.page.player.player import Showing
 from app.page.results.kept_runs import KeptRuns, address_of
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import NO_WORDS, figures_html
-from app.page.results.run_pair import (
-    RunPair,
-    jerk_line,
-    joined,
-    pair_table,
-    pairs_of,
-    told_settings,
-    told_speech,
-)
+from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.requests.request import Ask
@@ -216,11 +208,12 @@ def test_the_settings_that_differ_are_told_in_one_sentence(run):
     own = a.model_copy(update={"settings": {"motions": "mine", "words": "said.txt"}})
     told = f"{text.PAIR_BROUGHT.format(run='B')} Words none against said.txt."
     assert told_settings(run({"words": "none"}).record, own) == told
-    usual, other = run().record, run({"speech": "another"}).record
-    assert told_settings(usual, other) == text.PAIR_SAME_SETTINGS  # told apart from the settings
-    assert told_speech(usual, run({"seed": "1"}).record, True) == text.PAIR_ONLY_SEED
-    assert "play together" in told_speech(usual, run({"steps": "9"}).record, True)
-    told = told_speech(usual, other, False)
+    usual, other = run(), run({"speech": "another"}, speech_sha256=OTHER)
+    told = told_settings(usual.record, other.record)
+    assert told == text.PAIR_SAME_SETTINGS  # told apart from the settings
+    assert RunPair(usual, run({"seed": "1"})).told_speech() == text.PAIR_ONLY_SEED
+    assert "play together" in RunPair(usual, run({"steps": "9"})).told_speech()
+    told = RunPair(usual, other).told_speech()
     assert "speech against another" in told and "choose whose sound plays" in told
 
 
@@ -239,9 +232,8 @@ def test_equal_names_stand_beside_each_other(a, b, pairs):
 
 def test_the_table_has_both_and_their_difference(run):
     jerk = {"globaldiff/local": 120.0, "globaldiff/full": 90.0}
-    a = run(reference=104.0, jerk=jerk).record
-    b = run(reference=104.0, jerk={"globaldiff/local": 100.0}).record
-    table = pair_table(a, b)
+    a, b = (run(reference=104.0, jerk=each) for each in (jerk, {"globaldiff/local": 100.0}))
+    table = RunPair(a, b).table()
     heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)</th>", table)
     minus = text.PAIR_DIFFERENCE
     assert heads == ["Measure", "reference", "local (A)", "local (B)", minus, "full (A)"]
@@ -252,11 +244,8 @@ def test_the_table_has_both_and_their_difference(run):
     near = ["near" in cell for cell in re.findall("<td.*?</td>", jerk)]
     assert near == [False, False, True, False, False]
     assert "<button" not in jerk  # columns keep their places
-    start = "Right middle fingertip jerk in m/s³:"
-    assert jerk_line(a, b) == f"{start} local 120 in A and 100 in B; full 90 in A."
-    full = run(reference=105.0, jerk={"globaldiff/full": 100.0}).record
-    assert jerk_line(b, full) == f"{start} local 100 in A and full 100 in B."
-    table = pair_table(b, full)
+    full = run(reference=105.0, jerk={"globaldiff/full": 100.0})
+    table = RunPair(b, full).table()
     assert "reference (A)" in table and "reference (B)" in table, "they are not the same"
     assert 'class="raw near"' not in table
 
@@ -264,7 +253,7 @@ def test_the_table_has_both_and_their_difference(run):
 def test_both_are_in_one_player_with_one_time_line(run):
     a = run(jerk={"f/x": 5.0, "f/y": 9.0})
     b = run({"seed": "1"}, jerk={"f/x": 7.0}, duration_s=3.0)
-    value = joined(a, b)
+    value = RunPair(a, b).player()
     assert [row["name"] for row in value["rows"]] == ["f/x (A)", "f/x (B)", "f/y (A)"]
     assert [row["label"] for row in value["rows"]] == ["x (A)", "x (B)", "y (A)"]
     noise = [row["noise"] for row in value["rows"]]
@@ -277,9 +266,11 @@ def test_both_are_in_one_player_with_one_time_line(run):
     assert [each["name"] for each in line["worst"]] == ["f/y (A)"]  # the others overlap it
     own = run({"speech": NONE}, speech_sha256="", jerk={"take": 7.0}, duration_s=9.0)
     for first, second in ((a, own), (own, a)):  # what has no speech moves under the other's
-        value = joined(first, second)
+        value = RunPair(first, second).player()
         assert "sounds" not in value and line_of(value["timeline"])["duration_s"] == 2.0
-    assert line_of(joined(own, own)["timeline"])["duration_s"] == 9.0  # silence of either will do
+    assert (
+        line_of(RunPair(own, own).player()["timeline"])["duration_s"] == 9.0
+    )  # silence of either will do
 
 
 def line_of(address: str) -> dict[str, Any]:
@@ -290,7 +281,7 @@ def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run):
     said = [[0.1, 0.4, "hello"]]
     a = run(jerk={"f/x": 5.0}, said=Transcript((Word(0.1, 0.4, "hello"),)))
     b = run({"speech": "another"}, speech_sha256=OTHER, jerk={"f/x": 7.0}, duration_s=3.0)
-    value = joined(a, b)
+    value = RunPair(a, b).player()
     assert [sound["label"] for sound in value["sounds"]] == ["A: speech", "B: another"]
     first, second = value["sounds"]
     assert (value["audio"], value["timeline"]) == (first["audio"], first["timeline"])
@@ -301,14 +292,13 @@ def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run):
     assert lines[0]["curves"].keys() == lines[1]["curves"].keys() == {"f/x (A)", "f/x (B)"}
 
 
-def test_the_earlier_is_a_and_only_one_speech_plays_together(tmp_path):
-    runs = KeptRuns(3600.0)
-    first = keep(runs, tmp_path / "1", "")
-    second = keep(runs, tmp_path / "2", "", settings={"seed": "1"})
-    other = keep(runs, tmp_path / "3", "", speech_sha256=OTHER)
-    silent = keep(runs, tmp_path / "4", "", speech_sha256="")
-    assert RunPair.of(second, first) == RunPair(first, second)
+def test_only_one_speech_plays_together(run, tmp_path):
+    first, second, other, silent = (
+        run(speech_sha256=each) for each in ("ab" * 32, "ab" * 32, OTHER, "")
+    )
     assert RunPair(first, second).has_one_speech
     assert not RunPair(first, other).has_one_speech
     assert not RunPair(silent, silent).has_one_speech
-    assert address_of(first, second) == f"?run={first.token}&run={second.token}"
+    runs = KeptRuns(3600.0)
+    a, b = (keep(runs, tmp_path / name, "") for name in ("kept", "other"))
+    assert address_of(a, b) == f"?run={a.token}&run={b.token}"

@@ -11,8 +11,7 @@ from starlette.testclient import TestClient
 from app.errors import RunError
 from app.notebook import show
 from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
-from app.page.results.kept_runs import KeptRuns
-from app.page.results.run_file import file_name, saving_route
+from app.page.results.kept_runs import KeptRuns, file_name, saving_route
 from app.page.routes.media import MadeFiles
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import changed, is_run_zip, save_run

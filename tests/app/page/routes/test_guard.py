@@ -8,7 +8,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.errors import RunError
 from app.page.launch import parse_config
-from app.page.routes.guard import Framing, HostNames, is_from_page
+from app.page.routes.guard import HostNames, framing, is_from_page
 from tests.app.page.conftest import ADDRESS, UPLOAD, Served, served_page
 
 HOSTS = {
@@ -110,10 +110,10 @@ def test_no_other_site_shows_the_page_in_a_frame(client, monkeypatch):
         assert headers["x-frame-options"] == "SAMEORIGIN"
     refused = client.get("/", headers={"Host": "evil.example"})
     assert refused.headers["content-security-policy"] == "frame-ancestors 'self'"
-    told = dict(Framing(("https://lab.example",)).headers)
+    told = dict(framing(("https://lab.example",)))
     assert told == {b"content-security-policy": b"frame-ancestors 'self' https://lab.example"}
     monkeypatch.setenv("SPACE_HOST", "us-page.hf.space")
-    told = dict(Framing().headers)
+    told = dict(framing())
     assert told[b"content-security-policy"].endswith(b"https://huggingface.co https://*.hf.space")
     assert b"x-frame-options" not in told
     assert "us-page.hf.space" in HostNames("0.0.0.0")

@@ -1,7 +1,9 @@
 """Files behind addresses that nobody can guess: each for one browser and for a while."""
 
 import shutil
+import urllib.parse
 from collections.abc import Callable
+from http.cookies import SimpleCookie
 from pathlib import Path
 
 import numpy as np
@@ -9,29 +11,30 @@ import pytest
 from fastapi import FastAPI
 from starlette.testclient import TestClient
 
-from app.page.results.study_preview import StudyPreviews, preview_routes
 from app.page.routes.media import (
     ENDINGS,
+    PAGE_TYPES,
+    RESEARCHER_FILE,
     WEB_FOLDER,
     MadeFiles,
-    MediaAddresses,
+    Media,
     media_routes,
-    motion_file_routes,
+    researcher_route,
 )
-from app.page.visitors.token_files import TokenFiles
-from app.page.visitors.visitors import COOKIE
+from app.page.visitors.kept import Kept
+from app.page.visitors.visitors import COOKIE, visitor_route
 from model.motion.motion import load_motion, save_motion
 from tests.app.fakes import does, made_motion
 
 
 @pytest.fixture
-def addresses() -> MediaAddresses:
-    return MediaAddresses()
+def media() -> Media:
+    return Media()
 
 
 @pytest.fixture
-def previews() -> StudyPreviews:
-    return StudyPreviews()
+def private() -> Kept[Path]:
+    return Kept()
 
 
 @pytest.fixture
@@ -45,10 +48,10 @@ Browser = Callable[[str], TestClient]
 
 
 @pytest.fixture
-def browser(addresses: MediaAddresses, previews: StudyPreviews, temp: Path) -> Browser:
+def browser(media: Media, private: Kept[Path], temp: Path) -> Browser:
     """By its cookie; empty for one that keeps none."""
-    app = FastAPI(routes=[*media_routes(addresses), *preview_routes(previews)])
-    app.router.routes.extend(motion_file_routes(addresses, MadeFiles(temp, does)))
+    routes = [*media_routes(media, MadeFiles(temp, does)), researcher_route(private)]
+    app = FastAPI(routes=[*routes, visitor_route()])
     return lambda cookie: TestClient(app, cookies={COOKIE: cookie} if cookie else None)
 
 
@@ -70,95 +73,92 @@ def job(tmp_path: Path) -> Path:
 STRANGERS = ("", "min", "mine2", "yours")
 
 
-def test_a_file_is_for_the_browser_with_the_cookie(job):
-    files, path = TokenFiles(), job / "a.mp4"
-    token, other = files.add(path, "mine"), files.add(path, "mine")
+def test_a_thing_is_for_the_browser_with_the_cookie_as_long_as_its_files_are_there(job):
+    kept, path = Kept[str](), job / "a.mp4"
+    token, other = (kept.keep(each, path, "mine") for each in ("one", "other"))
     assert token != other and len(token) >= 43  # 256 bits
     for cookie in (*STRANGERS, "\u00e9"):
-        assert files.find(token, cookie) is None and files.take(token, cookie) is None
-    assert files.find(token, "mine") == path and files.find(token.swapcase(), "mine") is None
-    assert files.find(files.add(path, None), "any") == path, "no cookie is asked of none"
-    assert files.find(files.add(path, ""), "") is None, "an empty one lets nobody in"
-    assert files.take(token, "mine") == path, "once"
-    assert files.find(token, "mine") is None and files.take(token, "mine") is None
-    assert files.find(other, "mine") == path
-
-
-def test_what_is_over_or_deleted_is_had_by_nobody_and_forgotten_once(job):
-    files, path, deleted = TokenFiles(), job / "a.mp4", job / "figure6.svg"
-    tokens = [
-        files.add(path, "mine", keep_s=-1.0),
-        files.add(deleted, "mine"),
-        files.add(path, "mine", keep_s=600.0),
-    ]
-    deleted.unlink()
-    assert [files.find(token, "mine") for token in tokens] == [None, None, path]
-    assert files.forget_ended() == [path, deleted] and files.forget_ended() == []
-    assert files.find(tokens[2], "mine") == path
+        assert kept.find(token, cookie) is None and kept.take(token, cookie) is None
+    assert kept.find(token, "mine") == "one" and kept.find(token.swapcase(), "mine") is None
+    assert kept.find(kept.keep("all's", path, None), "any") == "all's", "no cookie is asked of none"
+    assert kept.find(kept.keep("nobody's", path, ""), "") is None
+    assert kept.take(token, "mine") == "one", "once"
+    assert kept.find(token, "mine") is None and kept.take(token, "mine") is None
+    assert kept.find(other, "mine") == "other" and len(kept.all()) == 3
+    path.unlink()
+    assert kept.find(other, "mine") is None and kept.all() == []
+    kept.keep("new", job, "mine")
+    assert len(kept._kept) == 1, "and the others are forgotten"
 
 
 def test_another_browser_gets_nothing_of_a_run_and_nobody_once_its_folder_has_gone(
-    addresses, previews, browser, job, temp
+    media, browser, job, temp
 ):
-    motion = addresses.address(job / "globaldiff-local.npz", "mine")
+    mine, all_of = (media.share(job, cookie) for cookie in ("mine", ""))
     found = [
-        addresses.address(job / "a.mp4", "mine"),
-        f"{motion}/bvh",
-        previews.address(job / "bundle", "mine"),
+        mine(job / "a.mp4"),
+        f"{mine(job / 'globaldiff-local.npz')}&as=bvh",
+        media.share(job / "bundle", "mine", PAGE_TYPES)(job / "bundle" / "index.html"),
     ]
     for address in found:
-        assert "a.mp4" not in address and "bundle" not in address
         for cookie in STRANGERS:
             assert browser(cookie).get(f"/{address}").status_code == 404, (address, cookie)
         assert browser("mine").get(f"/{address}").status_code == 200
-    open_to_all = addresses.address(job / "a.mp4", "")
+    open_to_all = all_of(job / "a.mp4")
     assert browser("").get(f"/{open_to_all}").status_code == 200
-    nobodys = previews.address(job / "bundle", "")
-    assert all(browser(cookie).get(f"/{nobodys}").status_code == 404 for cookie in ("", "mine"))
+    assert mine(job / "a.mp4") == found[0], "the same each time"
+    (job / "a.mp4").rename(job / "b.mp4")
+    (job / "a.mp4").write_bytes(b"another")
+    assert mine(job / "a.mp4") != found[0]
     shutil.rmtree(job)
-    for address in (*found, open_to_all, f"media/{'x' * 43}", "media/guess/glb"):
+    for address in (*found, open_to_all, f"media/{'x' * 43}", "media/guess/a.npz?as=glb"):
         assert browser("mine").get(f"/{address}").status_code == 404
     assert not list(temp.iterdir()), "nothing stays behind"
 
 
-def test_a_part_of_a_file_can_be_asked_for(addresses, previews, browser, job):
+def test_a_part_of_a_file_can_be_asked_for(media, browser, job):
     mine, part = browser("mine"), {"Range": "bytes=2-4"}
-    answer = mine.get(f"/{addresses.address(job / 'a.mp4', 'mine')}", headers=part)
+    answer = mine.get(f"/{media.share(job, 'mine')(job / 'a.mp4')}", headers=part)
     assert (answer.status_code, answer.content) == (206, bytes([2, 3, 4]))
     assert answer.headers["content-type"] == "video/mp4"
     assert answer.headers["content-range"] == "bytes 2-4/200"
-    page = previews.address(job / "bundle", "mine")
-    base = page.partition("index.html")[0]
-    answer = mine.get(f"/{base}media/0123.mp4", headers=part)
-    assert (answer.status_code, answer.content) == (206, b"234")
 
 
-def test_only_what_belongs_to_it_is_served(addresses, previews, browser, job, temp):
+def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
     mine = browser("mine")
-    start = previews.address(job / "bundle", "mine")
+    start = media.share(job / "bundle", "mine", PAGE_TYPES)(job / "bundle" / "index.html")
     page = mine.get(f"/{start}")
     assert "A study" in page.text and page.headers["content-type"].startswith("text/html")
     base = start.partition("index.html")[0]
-    for name in ("notes.txt", "../key.json", "%2e%2e/key.json", "media", "", "nothing.html"):
+    assert mine.get(f"/{base}media/0123.mp4").content == b"0123456789"
+    (job / "bundle" / "link.txt").symlink_to(job / "key.json")
+    secret = str(job / "key.json")
+    for name in ("../key.json", "%2e%2e/key.json", "..%2fkey.json", "media", "", "nothing.html",
+                 "link.txt", "%00", "a" * 5000, secret, urllib.parse.quote(secret, safe=""),
+                 f"/{secret}", "media/../../key.json"):  # fmt: skip
         assert mine.get(f"/{base}{name}").status_code == 404, name
+        assert media.at(f"{base}{name}", "mine") is None
     module = mine.get("/web/player/player.js")
     assert module.content == (WEB_FOLDER / "player" / "player.js").read_bytes()
     assert module.headers["content-type"].startswith("text/javascript")
     for name in ("..%2Fpage.py", "%2e%2e/page.py", "player/../../page.py", "absent.js", "player"):
         assert mine.get(f"/web/{name}").status_code == 404, name
-    motion = addresses.address(job / "globaldiff-local.npz", "mine")
-    video = addresses.address(job / "a.mp4", "mine")
-    for address in (f"{motion}/exe", f"{motion}/json", f"{motion}/..%2fa.npz", f"{video}/glb"):
-        assert mine.get(f"/{address}").status_code == 404, address
-    picture = mine.get(f"/{addresses.address(job / 'figure6.svg', 'mine')}").headers
+    address = media.share(job, "mine")
+    motion, video = address(job / "globaldiff-local.npz"), address(job / "a.mp4")
+    for asked in (f"{motion}&as=exe", f"{motion}&as=json", f"{motion}&as=..", f"{video}&as=glb"):
+        assert mine.get(f"/{asked}").status_code == 404, asked
+    picture = mine.get(f"/{address(job / 'figure6.svg')}").headers
+    page = mine.get(f"/{address(job / 'bundle' / 'index.html')}").headers
+    assert page["content-disposition"].startswith("attachment"), "of a run it is no page"
     assert picture["content-disposition"].startswith("attachment"), "a browser could run it"
     assert picture["x-content-type-options"] == "nosniff"
     assert not list(temp.iterdir())
 
 
-def test_a_motion_comes_as_each_program_reads_it(addresses, browser, job, temp):
-    address = addresses.address(job / "globaldiff-local.npz", "mine")
-    came = {kind: browser("mine").get(f"/{address}/{kind}") for kind in ENDINGS}
+def test_a_motion_comes_as_each_program_reads_it(media, browser, job, temp):
+    address = media.share(job, "mine")
+    motion = address(job / "globaldiff-local.npz")
+    came = {kind: browser("mine").get(f"/{motion}&as={kind}") for kind in ENDINGS}
     for kind, answer in came.items():
         assert answer.status_code == 200, answer.text
         name = f"globaldiff-local{ENDINGS[kind]}"
@@ -172,6 +172,55 @@ def test_a_motion_comes_as_each_program_reads_it(addresses, browser, job, temp):
     assert load_motion(job / "globaldiff-local.npz").num_frames == 8
     damaged = job / "damaged.npz"
     damaged.write_bytes(b"PK nothing of the kind")
-    answer = browser("mine").get(f"/{addresses.address(damaged, 'mine')}/bvh")
+    answer = browser("mine").get(f"/{address(damaged)}&as=bvh")
     assert answer.status_code == 400 and "damaged.npz" in answer.text
     assert str(job) not in answer.text and not list(temp.iterdir())
+
+
+SECRET = b"which video is whose"
+
+
+def test_the_maker_gets_the_researchers_part_once_and_nobody_else_gets_it_or_takes_it_away(
+    browser, private, tmp_path
+):
+    maker, other, nobody = browser(""), browser("yours"), browser("")
+    assert maker.post("/visitor").status_code == 204
+    folder = tmp_path / "private"
+    folder.mkdir()
+    (folder / RESEARCHER_FILE).write_bytes(SECRET)
+    token = private.keep(folder, folder, maker.cookies[COOKIE])
+    address = f"/study/researcher/{token}"
+    forged = TestClient(maker.app, headers={b"cookie": f"{COOKIE}=\u00e9".encode("latin-1")})
+    for client in (other, nobody, forged):
+        reply = client.post(address)
+        assert reply.status_code == 404 and SECRET not in reply.content
+    for guess in ("0", "../key.json", "%00", "a" * 43, "a" * 5000, token[:-1], token.swapcase()):
+        assert maker.post(f"/study/researcher/{guess}").status_code == 404
+    assert maker.get(address).status_code == 405, "no link to another site's picture fetches it"
+    reply = maker.post(address)
+    assert (reply.status_code, reply.content) == (200, SECRET)
+    assert RESEARCHER_FILE in reply.headers["content-disposition"]
+    assert reply.headers["cache-control"] == "no-store"
+    assert not folder.exists() and maker.post(address).status_code == 404
+
+
+def test_the_page_serves_no_file_of_the_private_folder(served):
+    archive = served.temp / "private" / "abc" / RESEARCHER_FILE
+    archive.parent.mkdir(parents=True)
+    archive.write_bytes(SECRET)
+    client = served.visitor()
+    for path in (str(archive), f"../private/abc/{RESEARCHER_FILE}"):
+        quoted = urllib.parse.quote(path)
+        for route in ("gradio_api/file=", "file=", "gradio_api/file/"):
+            reply = client.get(f"/{route}{quoted}")
+            assert reply.status_code in (403, 404) and SECRET not in reply.content
+
+
+def test_the_cookie_is_kept_from_scripts_and_other_sites(browser):
+    reply = browser("").post("/visitor")
+    cookie = SimpleCookie(reply.headers["set-cookie"])[COOKIE]
+    assert cookie["httponly"] and cookie["samesite"].lower() == "strict" and not cookie["secure"]
+    assert len(cookie.value) >= 43
+    assert "set-cookie" not in browser(cookie.value).post("/visitor").headers
+    reply = TestClient(browser("").app, base_url="https://lab.example").post("/visitor")
+    assert SimpleCookie(reply.headers["set-cookie"])[COOKIE]["secure"]

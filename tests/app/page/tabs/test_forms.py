@@ -18,7 +18,8 @@ from app.page.tabs.motion_run import StageLine
 from app.page.tabs.own_motion import build_own_form
 from app.page.tabs.own_motion_run import MAX_NAME, display_names, has_sets, own_ask
 from app.page.tabs.services import Services
-from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, StudyForm, collect_files, plan_text
+from app.page.tabs.study import build_study_tab
+from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, collect_files, plan_text
 from app.run.made import row_names
 from app.run.requests.display import Display
 from app.run.requests.request import Ask, Progress
@@ -61,7 +62,13 @@ def form(services: Services) -> Fields:
 @pytest.fixture(scope="module")
 def own_form(services: Services) -> Fields:
     with gr.Blocks():
-        return build_own_form(services.check).fields
+        return build_own_form(services).fields
+
+
+@pytest.fixture(scope="module")
+def study_form(services: Services) -> Fields:
+    with gr.Blocks():
+        return build_study_tab(services)
 
 
 def told(form: Fields, **sent: Any) -> dict[str, Any]:
@@ -126,7 +133,7 @@ def test_every_field_of_the_form_reaches_the_run(form):
         ({"sampler": ["euler"]}, "The field sampler cannot be used"),
         ({"joint": ["right_middle"]}, "The field joint cannot be used"),
         ({"guidance": "much"}, "The field guidance cannot be used"),
-        ({"body_steps": float("nan")}, "The field body_steps cannot be used"),
+        ({"face_steps": float("nan")}, "The field face_steps cannot be used"),
         ({"samples": float("nan")}, "The field samples cannot be used"),
         ({"speaker": "a" * 5001}, "The field speaker cannot be used"),
     ],
@@ -136,20 +143,15 @@ def test_a_form_that_cannot_be_done_gives_a_sentence(form, changes, words):
         read(form, **changes)
 
 
-def test_steps_of_face_and_body_go_to_the_systems_that_have_them(form):
+def test_steps_go_to_the_systems_that_have_them(form):
     catalogue = replace(fakes.CATALOGUE, with_face_steps=("globaldiff/global",))
 
     def asked(**fields: object) -> tuple[object, object]:
         ask = read(form, catalogue, **fields)
         return ask.steps, ask.face_steps
 
-    both = {"globaldiff/local": 7, "globaldiff/global": 9}
-    assert asked() == (7, None)
-    assert asked(body_steps=9.0, face_steps=3.0) == (both, {"globaldiff/global": 3})
-    assert asked(steps="", body_steps=9) == ({"globaldiff/global": 9}, None)
-    by_name = {"globaldiff/global": 5}
-    assert asked(steps="globaldiff/global=5", body_steps=9) == (by_name, None)
-    assert asked(steps="global=5", body_steps=9) == (by_name, None), "as the form calls it"
+    assert asked(face_steps=3.0) == (7, {"globaldiff/global": 3})
+    assert asked(steps="global=5") == ({"globaldiff/global": 5}, None), "as the form calls it"
 
 
 def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(form, tmp_path):
@@ -240,29 +242,28 @@ def test_own_motion_that_cannot_be_measured_gives_a_sentence(own_form, motions, 
         own(own_form, *motions, **changes)
 
 
-STUDY = StudyForm(
-    title='A "title" with\nlines',
-    protocol="ranking",
-    speeches=["/cache/1/one.wav", "/cache/2/two.wav"],
-    systems=["globaldiff/local"],
-    motions=["/cache/3/theirs--one.npz", "/cache/4/theirs--two.npz"],
-    length_s=8,
-    participants=12,
-    seed=3,
-    views=["front", "side"],
-    post_to="",
-)
+STUDY: dict[str, Any] = {
+    "title": 'A "title" with\nlines',
+    "protocol": "ranking",
+    "speeches": ["/cache/1/one.wav", "/cache/2/two.wav"],
+    "systems": ["globaldiff/local"],
+    "motions": ["/cache/3/theirs--one.npz", "/cache/4/theirs--two.npz"],
+    "length_s": 8,
+    "participants": 12,
+    "seed": 3,
+    "views": ["front", "side"],
+}
 
 
-def planned(folder: Path, form: StudyForm) -> Plan:
+def planned(form: Fields, folder: Path, **changes: Any) -> Plan:
     path = folder / "plan.toml"
-    path.write_text(plan_text(form), "utf-8")
+    path.write_text(plan_text(told(form, **STUDY | changes)), "utf-8")
     return read_plan(path)
 
 
-def test_the_form_of_a_study_becomes_a_plan(tmp_path):
-    plan = planned(tmp_path, STUDY)
-    assert plan.title == STUDY.title
+def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
+    plan = planned(study_form, tmp_path)
+    assert plan.title == STUDY["title"]
     assert (plan.protocol, plan.participants, plan.seed) == ("ranking", 12, 3)
     assert (plan.length_s, plan.views) == (8.0, ("front", "side"))
     assert [clip.speech for clip in plan.clips] == [tmp_path / "one.wav", tmp_path / "two.wav"]
@@ -271,12 +272,12 @@ def test_the_form_of_a_study_becomes_a_plan(tmp_path):
         "two": tmp_path / "theirs--two.npz",
     }
     link = "https://app.prolific.com/submissions/complete?cc=C0DE"
-    told = replace(STUDY, return_to=f" {link} ", contact="a@lab.example", consent="Yes?\nNo?")
-    plan = planned(tmp_path, told)
+    told = {"return_to": f" {link} ", "contact": "a@lab.example", "consent": "Yes?\nNo?"}
+    plan = planned(study_form, tmp_path, **told)
     assert (plan.return_to, plan.contact, plan.consent) == (link, "a@lab.example", "Yes?\nNo?")
-    bare = planned(tmp_path, replace(STUDY, title=None, seed=None, post_to=None))
+    bare = planned(study_form, tmp_path, title=" ", seed=None)
     assert (bare.seed, bare.post_to, bare.return_to) == (0, None, None)
-    evil = planned(tmp_path, replace(STUDY, title='x"\nface = "moving"\ny = "'))
+    evil = planned(study_form, tmp_path, title='x"\nface = "moving"\ny = "')
     assert evil.face == "still", "a text cannot become settings"
 
 
@@ -292,17 +293,16 @@ def test_the_form_of_a_study_becomes_a_plan(tmp_path):
         ({"changed": ["slower"]}, "There is no change 'slower'; there are on wrong words, "),
     ],
 )
-def test_a_study_that_cannot_be_made_gives_a_sentence(changes, words):
+def test_a_study_that_cannot_be_made_gives_a_sentence(study_form, changes, words):
     with pytest.raises(RunError, match=words):
-        plan_text(replace(STUDY, **changes))
+        plan_text(told(study_form, **STUDY | changes))
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
-def test_changes_of_gestures_become_systems(tmp_path, question):
+def test_changes_of_gestures_become_systems(study_form, tmp_path, question):
     protocol, changed = QUESTIONS[question]
-    speeches = ["/cache/one.wav", "/cache/two.wav"]
-    values = ["t", protocol, speeches, [PLANNED], None, 8, 4, 0, ["front"], "", "", changed]
-    plan = planned(tmp_path, StudyForm.of(values))
+    asked = {"protocol": protocol, "systems": [PLANNED], "motions": None, "changed": changed}
+    plan = planned(study_form, tmp_path, **asked)
     assert plan.protocol == PROTOCOLS[protocol] and plan.has_sound
     names = [each.name for each in plan.systems]
     assert names == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
@@ -318,8 +318,7 @@ def test_uploads_are_put_beside_the_plan(tmp_path):
         upload.write_bytes(b"sound")
     out = tmp_path / "out"
     out.mkdir()
-    form = replace(STUDY, motions=None)
-    collect_files(replace(form, speeches=[str(uploads[0])]), out)
+    collect_files([uploads[0]], out)
     assert (out / "one.wav").read_bytes() == b"sound"
     with pytest.raises(RunError, match=r"Two uploads have the name one\.wav"):
-        collect_files(replace(form, speeches=[str(uploads[1])]), out)
+        collect_files([uploads[1]], out)

@@ -1,6 +1,7 @@
 """Runs of the tabs as handlers give them: own motion, live, studies; opened again, with videos."""
 
 import json
+import re
 import shutil
 import threading
 import zipfile
@@ -22,16 +23,16 @@ from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.results.sets_shown import KeptSets
-from app.page.routes.media import MediaAddresses
+from app.page.routes.media import Media
 from app.page.tabs.live import LiveRunner, offered
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.own_motion import build_own_form
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
-from app.page.tabs.own_sets_run import SetsTools, build_sets
-from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
-from app.page.tabs.videos_run import VideosBehind, Wanted
+from app.page.tabs.own_sets_run import build_sets
+from app.page.tabs.study import build_study_tab
+from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
+from app.page.tabs.videos_run import VideosBehind
 from app.run.many.sets import Sets
 from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
 from conventions.views import CLOSE_UPS
@@ -47,20 +48,22 @@ ONE = ("", "right_middle", 0)
 """The rest of a form: no reference, point and start."""
 
 
+def saved(downloads: Any) -> list[str]:
+    """Names of the files that can be had one by one."""
+    return re.findall(r' download="([^"]+)"', downloads["value"])
+
+
 class Own:
     """The tab for motion of one's own, over a diagnose and sets of the test's."""
 
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
-        does = {"do_in_folder": diagnose, "draw_behind": fakes.make_draw()}
+        does = {"do_in_folder": diagnose, "measure_sets": measure_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
-            self.parts, sets = build_results(), build_sets()
-            fields = build_own_form(services.check).fields
-        tools = SetsTools(measure_sets, sets, KeptSets())
-        self.sets_shown = sets.shown
-        videos = VideosBehind(services, self.parts, "own_videos")
-        self.runner = OwnMotionRunner(services, self.parts, videos, tools, fields)
-        self.opener = ClipRunner(services, self.parts, videos, tools, fields)
+            self.parts, self.sets_shown = build_results(), build_sets().shown
+            form = build_own_form(services)
+        self.runner = OwnMotionRunner(services, form, self.parts, self.sets_shown)
+        self.opener = ClipRunner(services, form, self.parts, self.runner.sets)
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
@@ -73,12 +76,10 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert "&lt;b&gt;" in last["numbers"]["value"] and "<b>.npz" not in last["numbers"]["value"]
     assert "?run=" in last["runs"]["value"]
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
-    assert last["downloads_part"]["visible"]
-    names = [Path(file).name for file in last["files"]]
-    assert names == ["diagnostics.json", "jitter.png"]
+    assert saved(last["downloads"]) == ["diagnostics.json", "jitter.png"]
+    assert 'href="media/run/' in last["downloads"]["value"]
     read = [{"what": "up", "why": "so"}]
     assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
-    assert last["bundle"]["link"].startswith("media/run/")
 
 
 def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
@@ -86,16 +87,16 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     services = made_services(tmp_path, {"do_in_folder": failing})
     with gr.Blocks():
         form, parts = build_form(services), build_results()
-    runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
+    runner = GenerateRunner(services, form, parts)
     values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
     *_, last = updates_of(runner, parts, *values, None)
     assert "The disk is full." in last["message"]["value"] and text.STOPPED in last["status"]
     (row,) = last["player"]["rows"]
     assert row["there"]["end"] == 30 and not last["player"]["running"]
-    assert "globaldiff-local.npz" in {Path(file).name for file in last["files"]}
+    assert "globaldiff-local.npz" in saved(last["downloads"])
     early = make_generate(error=RunError("No such system."))
     services = made_services(tmp_path / "early", {"do_in_folder": early})
-    runner = GenerateRunner(services, form, parts, VideosBehind(services, parts, "videos"))
+    runner = GenerateRunner(services, form, parts)
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
 
@@ -209,7 +210,7 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     does = {"do_in_folder": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
-    return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))
+    return LiveRunner(services, form, results)
 
 
 def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why_it_kept_less(
@@ -222,9 +223,9 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
         live.put(place, block)
     live.performers.turn()
     live.performers.turn()
-    job = Job("me", "live", tmp_path / "kept")
+    job = Job("me", "live", tmp_path / "kept", "mine")
     job.folder.mkdir()
-    asked = keeps.asked(job, "mine", (place.token,))
+    asked = keeps.asked(job, (place.token,))
     assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
     assert asked.speech.parent == job.folder and asked.take is not None
     assert asked.close_ups == CLOSE_UPS  # as any other run on the page
@@ -233,7 +234,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     assert speech.num_frames == motion.num_frames > 60
     for token, cookie in ((place.token, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live minute"):
-            keeps.asked(job, cookie, (token,))
+            keeps.asked(Job("me", "live", job.folder, cookie), (token,))
 
     assert asked.take.why_less == "", "it follows as closely as it can"
     for block in blocks[len(blocks) // 2 :]:
@@ -255,15 +256,19 @@ def test_what_is_usual_stands_first_and_what_needs_all_of_the_speech_is_not_offe
 
 @pytest.fixture
 def study(tmp_path: Path) -> StudyRunner:
+    return made_study(StudyRunner, tmp_path)
+
+
+def made_study(kind: Any, folder: Path) -> StudyRunner:
+    services = made_services(folder)
     with gr.Blocks():
-        shown = (gr.HTML(), gr.HTML(), gr.HTML(), gr.DownloadButton(), gr.DownloadButton())
-    return StudyRunner(made_services(tmp_path), StudyParts(*shown))
+        return kind(services, StudyParts(gr.HTML(), gr.HTML()), build_study_tab(services))
 
 
 def form(speech: Path, length_s: float = 1, participants: float = 4) -> list[Any]:
     systems = ["globaldiff/local", "globaldiff/full"]
     protocol = "Rank all systems on three questions"
-    given = ["A study", protocol, [str(speech)], systems, None]
+    given = ["A study", protocol, [str(speech)], systems, None, []]
     return [*given, length_s, participants, 0, ["front"], ""]
 
 
@@ -285,16 +290,20 @@ def test_a_study_that_is_cancelled_says_so_and_leaves_nothing(study, speech, tmp
 
 def test_without_a_cookie_no_study_is_made(study, speech):
     clicked = click(study, speech, cookie="")
+    next(clicked)
     assert NO_COOKIE.split(",")[0] in next(clicked)
     with pytest.raises(gr.Error, match="cookie"):
         next(clicked)
 
 
-def test_the_plan_alone_is_checked_and_copies_no_upload(study, speech, tmp_path):
+def test_the_plan_alone_is_checked_and_copies_no_upload(speech, tmp_path):
+    study = made_study(PlanRunner, tmp_path)
     for changes, words in (({"length_s": 500.0}, "length_s"), ({"participants": 1.5}, "got 1.5")):
         with pytest.raises(gr.Error, match=words):
-            study.write_plan(VISITOR, *form(speech, **changes))
-    study.write_plan(VISITOR, *form(speech, 2))
+            list(study.run(VISITOR, *form(speech, **changes)))
+    shutil.rmtree(tmp_path / "jobs")
+    *_, last = study.run(VISITOR, *form(speech, 2))
+    assert 'download="plan.toml"' in last[study._parts.made]["value"]
     left = {path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
     assert left == {"plan.toml"}
 
@@ -345,19 +354,18 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = keep_own(page.runs, made.folder, tmp_path / "opened", MediaAddresses(), tmp_path)
+    own = keep_own(page.runs, made.folder, tmp_path / "opened", Media(), tmp_path)
     page.opening._opened = (own,)
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
     assert "made elsewhere" not in updates[page.own.runs]["value"], "it is nobody's own"
     assert "data-measure" in updates[page.own.numbers]["value"]
-    listed = [Path(path) for path in updates[page.own.files]]
-    assert listed and all(tmp_path / "opened" in path.parents for path in listed)
+    assert saved(updates[page.own.downloads])
     mine = keep(page.runs, tmp_path / "job", "mine")
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", MediaAddresses(), tmp_path)
+        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", Media(), tmp_path)
 
 
 def test_two_runs_open_beside_each_other(tmp_path):
@@ -400,8 +408,10 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
-        self.wanted = Wanted(self.run, Ask(out=folder))
-        self.videos.want("visitor", self.wanted)
+        self.want()
+
+    def want(self) -> None:
+        self.videos.want("visitor", self.run, Ask(out=Path("out")))
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)
@@ -412,7 +422,7 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     told = list(tab.updates())
     assert text.VIDEOS_DONE in told[-1][tab.parts.status] and "Done." in told[-1][tab.parts.status]
     names = ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
-    listed = [Path(path).name for path in told[-1][tab.parts.files]]
+    listed = saved(told[-1][tab.parts.downloads])
     assert [name for name in listed if name.endswith(".mp4")] == names
     players = [each[tab.parts.player] for each in told if tab.parts.player in each]
     assert all("video" in row for row in players[-1]["rows"]) and not players[-1]["begins"]
@@ -441,7 +451,7 @@ def test_videos_give_way_to_whoever_waits_for_a_run_and_begin_anew(tmp_path):
         assert "Videos are drawn once" in line and set(drawn) == {0}
     may_draw.set()
     assert text.VIDEOS_DONE in list(updates)[-1][tab.parts.status] and drawn[-2:] == [0, 1]
-    tab.videos.want("visitor", tab.wanted)
+    tab.want()
     with tab.jobs.opened("another", "generate"):
         updates = tab.updates()
         assert "Videos are drawn once" in next(updates)[tab.parts.status]
@@ -460,7 +470,7 @@ def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_t
     updates = tab.updates()
     next(updates)
     tab.videos.give_up("visitor")
-    assert all(tab.parts.files not in each for each in updates) and not tab.jobs.in_use()
+    assert all(tab.parts.downloads not in each for each in updates) and not tab.jobs.in_use()
     (tmp_path / "again").mkdir()
     tab = Tab(tmp_path / "again", fail)
     (*_, last) = list(tab.updates())

@@ -11,9 +11,8 @@ from app import text
 from app.errors import RunError
 from app.page.queue.jobs import Job
 from app.page.results.result_parts import build_results
-from app.page.tabs import takes_run
-from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
-from app.page.tabs.videos_run import DrawSeen, SeenRunner
+from app.page.tabs.takes_run import Asked, TakesRunner
+from app.page.tabs.videos_run import SeenRunner
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.requests.display import Display
@@ -25,6 +24,7 @@ from app.run.requests.request import (
     ShouldCancel,
 )
 from app.run.run_writer import RunWriter
+from app.run.takes.edits import edits_of, locked_of
 from app.run.takes.take import Take, TakeRequest
 from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
@@ -98,16 +98,16 @@ def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
 class Stage:
     """A tab whose stage shows two motions of this browser."""
 
-    def __init__(self, folder: Path, draw: DrawSeen) -> None:
+    def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
             self.parts = build_results()
         services = made_services(folder, {"draw_seen": draw})
-        self.addresses, self.jobs = services.addresses, services.jobs
+        self.media, self.jobs = services.media, services.jobs
         self.runner = SeenRunner(services, self.parts)
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
         for path in self.files.values():
             path.write_bytes(b"")
-        a, b, c = (self.addresses.address(path, COOKIE) for path in self.files.values())
+        a, b, c = map(self.media.share(folder, COOKIE), self.files.values())
         self.asked = told(sound=c)
         for body, address in zip(self.asked["bodies"], (a, b), strict=True):
             body["motion"] = address
@@ -139,10 +139,10 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     assert any("43%" in line and 'value="0.430"' in line for line in lines)
     assert "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1]
     assert 'download="stage.mp4"' in lines[-1]
-    token = lines[-1].split('href="media/')[1].split('"')[0]
-    video = stage.addresses.find(token, COOKIE)
+    address = lines[-1].split('href="')[1].split('"')[0]
+    video = stage.media.at(address, COOKIE)
     assert video is not None and video.name == "stage.mp4"
-    assert stage.addresses.find(token, "another browser") is None
+    assert stage.media.at(address, "another browser") is None
     (request,) = got
     assert request.motions == (stage.files["a.npz"], stage.files["b.npz"])
     assert request.speech == stage.files["c.wav"] and not stage.jobs.in_use()
@@ -193,7 +193,7 @@ def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -
 class Editor:
     """A tab with one run of this browser's."""
 
-    def __init__(self, folder: Path, make: MakeTake = make) -> None:
+    def __init__(self, folder: Path, make: Any = make) -> None:
         with gr.Blocks():
             self.parts = build_results()
         services = made_services(folder, {"make_take": make})
@@ -204,8 +204,8 @@ class Editor:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         request = Ask(speech=folder / "talk.wav", out=self.showing.folder, systems=(ROW,))
-        job = Job("me", "generate", folder / "run")
-        services.kept.keep(job, COOKIE, self.showing, None, request)
+        job = Job("me", "generate", folder / "run", COOKIE)
+        services.kept.keep_run(job, self.showing, None, request)
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
@@ -278,6 +278,10 @@ def edits(**changes: Any) -> str:
     ids=lambda value: "",
 )  # fmt: skip
 def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
-    assert takes_run.Asked.of(read_asked(edits(edits=[NOD])))
+    def read(told: object) -> object:
+        asked = Asked.of(told)
+        return edits_of(asked.edits), locked_of(asked.locked)
+
+    assert read(edits(edits=[NOD]))
     with pytest.raises(RunError):
-        takes_run.Asked.of(read_asked(value))
+        read(value)

@@ -1,18 +1,18 @@
 """The tab of systems: what its parts ask for, and what they show of it."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gradio as gr
 import pytest
 
-from app.page.tabs.systems.hearing import HearingRunner, hearing_fields
-from app.page.tabs.systems.measured_figure import build_measuring_sheet
-from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
-from app.page.tabs.systems.step_curve import StepCurveRunner, step_fields
+from app.page.tabs.systems.hearing import HearingRunner
+from app.page.tabs.systems.mechanism import MechanismRunner
+from app.page.tabs.systems.step_curve import StepCurveRunner
 from app.page.tabs.systems.systems import NOT_HERE, ladder
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NAMES, VIDEO, MechanismAsk, show_mechanism
+from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, changed
 from app.run.requests.request import Ask, Grown, OnEvent, Progress, ShouldCancel
@@ -23,19 +23,24 @@ from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
 from tests.app.page.results.made_run import made_run
 
-FIELDS: dict[Any, Any] = {HearingRunner: hearing_fields, StepCurveRunner: step_fields}
 EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
+
+
+def parts_of(runner: Any, *names: str) -> Any:
+    """As a dataclass would have them."""
+    parts = {"status": runner._status, **{name: getattr(runner, name) for name in names}}
+    return SimpleNamespace(__dataclass_fields__=parts, **parts)
 
 
 class Measured:
     """A part that measures, over measurements of the test's own, and what it asked them for."""
 
     def __init__(self, folder: Path, kind: Any, examples: tuple[Path, ...] = EXAMPLES) -> None:
-        services = made_services(folder, catalogue=catalogue_of(*examples))
+        does = dict.fromkeys(("measure_hearing", "measure_step_curve"), self.measure)
+        services = made_services(folder, does, catalogue=catalogue_of(*examples))
         with gr.Blocks():
-            sheet = build_measuring_sheet("a", services.catalogue, (), FIELDS[kind], "Go")
-        self.parts = sheet.parts
-        self.runner = kind(services, self.measure, sheet)
+            self.runner = kind(services)
+        self.parts = parts_of(self.runner, "message", "figure")
         self.asked: list[Any] = []
 
     def measure(self, request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
@@ -93,41 +98,36 @@ def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
 
 
 def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
-    with gr.Blocks():
-        parts = MechanismParts(*(gr.HTML() for _ in range(4)))
     services = made_services(tmp_path, {"show_mechanism": show})
-    return updates_of(MechanismRunner(services, parts), parts, *values)
+    with gr.Blocks(), gr.Tabs(), gr.Tab() as tab:
+        runner = MechanismRunner(tab, services)
+    return updates_of(runner, parts_of(runner, "message", "player", "says"), *values)
 
 
-@pytest.mark.parametrize("needs_video", [False, True])
-def test_both_bodies_play_and_what_they_show_is_told(tmp_path, needs_video):
+def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     asked: list[MechanismAsk] = []
 
     def show(request: MechanismAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         asked.append(request)
-        out = request.out
-        made_run(out.parent, jerk=dict.fromkeys(NAMES, 1.0))
-        on_event(Grown(out))
+        made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
+        on_event(Grown(request.out))
         on_event(Progress("numbers", 0.5))
-        (out / VIDEO).write_bytes(b"0")
-        with changed(out) as record:
+        with changed(request.out) as record:
             record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
-            record.files += [VIDEO] if request.has_video else []
 
-    *_, last = shown(show, tmp_path, 0.05, None, needs_video)
+    *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
     assert (one.motions, one.noise_rad) == ((CLEAN,), 0.05) and CLEAN.is_file()
-    assert one.is_kept and one.has_video == needs_video
+    assert one.is_kept and not one.has_video
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]
-    assert ("<video" in last["says"]["value"]) == needs_video
     assert "Moved by &lt;1&gt; cm." in last["says"]["value"]
     assert "Noise of 0.05 rad" in last["status"]
 
 
 def test_noise_that_cannot_be_drawn_is_told(tmp_path):
-    *_, last, raised = shown(show_mechanism, tmp_path, 3.0, None, False)
+    *_, last, raised = shown(show_mechanism, tmp_path, 3.0, None)
     assert "0.005 to 0.1 rad; got 3" in raised["error"]
     assert not last["says"]["visible"] and "got 3" in last["message"]["value"]
 

@@ -42,6 +42,7 @@ def test_what_is_old_goes_and_what_is_in_use_stays(tmp_path):
     write(tmp_path / "gradio" / "tmpaborted", age_s=2 * KEEP_S)
     write(tmp_path / "gradio" / "cc" / "new.wav", age_s=KEEP_S / 2)
     write(tmp_path / "jobs" / "ended" / "a.mp4", age_s=2 * KEEP_S)
+    write(tmp_path / "private" / "never fetched" / "key.zip", age_s=2 * KEEP_S)
     running = write(tmp_path / "jobs" / "running" / "a.mp4", age_s=2 * KEEP_S)
     sweep(tmp_path, KEEP_S, in_use=[running.parent])
     assert left(tmp_path) == ["gradio/cc/new.wav", "jobs/running/a.mp4"]
