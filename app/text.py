@@ -82,15 +82,6 @@ LOOK_ANSWER = (
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
 LOOK_OWN = "Make your own"
-EMPTY_TITLE = "Nothing generated yet"
-EMPTY_STEPS = (
-    ("Give it speech", "Upload, record, or take one of the examples."),
-    ("Choose systems", "The tab “Systems” tells what each adds."),
-    (
-        "Press Generate motion",
-        "Bodies move as soon as their motion is there; measures, figures and videos follow.",
-    ),
-)
 ENLARGE_FIGURE = "Show large: {title}"
 
 
@@ -158,7 +149,6 @@ FINDINGS_TITLE = "What stands out, the gravest first"
 ALSO_FOUND = "Also found"
 GO_THERE = "Show {time}"
 DOWNLOADS_HEADING = "Downloads"
-ZIP_LABEL = "Everything as one zip"
 FILES_LABEL = "Single files"
 
 VIEW_NAMES = {

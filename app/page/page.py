@@ -46,7 +46,7 @@ def build_app(services: Services) -> gr.Blocks:
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
-                    results = build_results(empty=markup.empty_state())
+                    results = build_results()
             with gr.Tab(live_tab.TAB) as tab:
                 tab.select(services.live.wake, **AT_ONCE)
                 live_results = live_tab.build_live_tab(page, services)

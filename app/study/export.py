@@ -53,6 +53,11 @@ def export_planned(
         should_cancel=should_cancel,
         draw=draw,
     )
+    return zipped(made, request)
+
+
+def zipped(made: Workspace, request: ExportRequest) -> Workspace:
+    """With the zips that were asked for."""
     if request.zips is not None:
         shutil.copyfile(request.plan, made.private / request.plan.name)
         for folder, out in zip((made.bundle, made.private), request.zips, strict=True):

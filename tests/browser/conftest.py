@@ -28,7 +28,7 @@ from app.page.launch import launch
 from app.run.many.opened import do_in_folder
 from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
-from app.study.export import ExportRequest, export_study
+from app.study.export import ExportRequest, export_study, zipped
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from tests.app import fakes
@@ -220,7 +220,8 @@ def _of_noise(request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCa
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.options)
-    return export_study(plan, *asked, should_cancel=should_cancel, draw=draw_noise)
+    made = export_study(plan, *asked, should_cancel=should_cancel, draw=draw_noise)
+    return zipped(made, request)
 
 
 class Gate:

@@ -511,9 +511,9 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file_and_a_page(
     other.wait_for_function(f"at => Math.abs({PLAYER}.lockstep.time - at) < 0.05", arg=worst_s)
 
     # The run as a file, dropped anywhere, opens again; and as a page of its own.
-    runs = page.locator("#own-runs")
-    kept = saved(page, runs.get_by_role("link", name=text.SAVE_RUN), tmp_path)
-    alone = saved(page, runs.get_by_role("link", name=text.SAVE_PAGE), tmp_path)
+    saving = page.locator("#own-downloads")
+    kept = saved(page, saving.get_by_role("link", name=text.SAVE_RUN), tmp_path)
+    alone = saved(page, saving.get_by_role("link", name=text.SAVE_PAGE), tmp_path)
     assert kept.name.endswith(".zip") and alone.name.endswith(".html")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))

@@ -134,7 +134,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     waiting = page.locator("#player .stage .said", has_text="Waiting for the next window")
     expect(waiting).to_be_visible()
     assert page.evaluate("document.querySelector('.lockstep').look.get('factor')") == 4
-    expect(page.locator("#empty")).to_be_hidden()
+    expect(page.locator("#look")).to_be_hidden()
 
     # A run that is cancelled leaves nothing, and the next one moves.
     press(page, text.CANCEL)
@@ -218,7 +218,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
     expect(theirs.locator("#runs .link")).to_contain_text("minutes more")
     expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's
-    expect(theirs.locator("#empty")).to_be_hidden()
+    expect(theirs.locator("#look")).to_be_hidden()
     with theirs.expect_download() as download:
         theirs.locator("#downloads .bundle").click()
     assert download.value.suggested_filename.endswith(".zip")

@@ -64,18 +64,6 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
-def empty_state() -> str:
-    """What the visitor sees before the first run."""
-    steps = "".join(
-        f"<li><b>{escape(title)}</b><span>{escape(body)}</span></li>"
-        for title, body in text.EMPTY_STEPS
-    )
-    return (
-        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>'
-        f"<ol>{steps}</ol></div>"
-    )
-
-
 def status(
     line: str, fractions: Mapping[Stage, float], details: Mapping[Stage, str], stages=STAGES
 ) -> str:
@@ -159,16 +147,4 @@ _ICON_INFO = (
 _ICON_ERROR = (
     '<svg viewBox="0 0 20 20" aria-hidden="true"><path d="M10 2.5 18 17H2z"/>'
     '<path d="M10 8v4M10 14.2v.5"/></svg>'
-)
-_ILLUSTRATION = (
-    '<svg class="art" viewBox="0 0 320 90" aria-hidden="true">'
-    '<g class="wave">'
-    + "".join(
-        f'<rect x="{8 + 7 * i}" y="{45 - h / 2:.1f}" width="3.4" height="{h}" rx="1.7"/>'
-        for i, h in enumerate((8, 16, 30, 52, 40, 62, 34, 20, 44, 58, 36, 22, 12, 26, 14, 8))
-    )
-    + '</g><path class="arrow" d="M134 45h34m-8-7 8 7-8 7"/>'
-    '<path class="rough" d="M188 60 L194 48 L199 53 L205 36 L210 42 L217 26 L222 33 L229 22 '
-    'L235 31 L241 27 L248 41 L253 37 L260 52 L266 46 L272 58 L279 52 L286 60 L292 55 L300 61"/>'
-    '<path class="smooth" d="M188 68 C206 58 212 32 232 32 S262 62 300 69"/></svg>'
 )

@@ -10,27 +10,26 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from app.page.visitors.files import touch, uploads_of
 
-Tab = Literal[
-    "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis",
-    "seen", "takes", "videos", "live_videos", "own_videos",
-]  # fmt: skip
-"""The part of the page that starts a run, and whose button stops it."""
-BEHIND: tuple[Tab, ...] = ("videos", "live_videos", "own_videos")
-"""What is drawn behind a stage that plays already."""
+VIDEOS = " videos"
+"""Ends the name of a tab where it is the drawing behind a stage that plays already."""
 
 
 class Job:
     """One visitor's run."""
 
     def __init__(
-        self, visitor: str, tab: Tab, folder: Path, cookie: str = "", uploads: Sequence[Path] = ()
+        self, visitor: str, tab: str, folder: Path, cookie: str = "", uploads: Sequence[Path] = ()
     ) -> None:
+        """
+        Args:
+            tab: the part of the page that starts it, and whose button stops it.
+        """
         self.visitor = visitor
-        self.tab: Tab = tab
+        self.tab = tab
         self.folder = folder
         self.cookie = cookie
         """Of the visitor's browser; empty for one that keeps none."""
@@ -60,7 +59,7 @@ class Jobs:
 
     @contextmanager
     def opened(
-        self, visitor: str, tab: Tab, cookie: str = "", values: Sequence[Any] = ()
+        self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
     ) -> Iterator[Job]:
         """A job in a folder that only this process's user can enter; it stays for the downloads.
 
@@ -83,7 +82,7 @@ class Jobs:
                 self._changed.notify_all()
             touch(job.beside)
 
-    def cancel(self, visitor: str, tab: Tab) -> None:
+    def cancel(self, visitor: str, tab: str) -> None:
         """Stop the runs that the visitor started in that tab."""
         with self._changed:
             for job in self._jobs:
@@ -112,4 +111,4 @@ class Jobs:
             return self._changed.wait_for(lambda: not self._is_anyone_waiting(), within_s)
 
     def _is_anyone_waiting(self) -> bool:
-        return any(job.tab not in BEHIND for job in self._jobs)
+        return not all(job.tab.endswith(VIDEOS) for job in self._jobs)

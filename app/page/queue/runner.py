@@ -18,7 +18,7 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import Fields
 from app.page.parts.html_parts import AT_ONCE, in_turn, named_fields
-from app.page.queue.jobs import Job, Jobs, Tab
+from app.page.queue.jobs import Job, Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.visitors.visitors import cookie_of, visitor_of
 from app.run.requests.request import Event, Grown, OnEvent, Progress, ShouldCancel
@@ -97,7 +97,7 @@ def last_share(events: Sequence[Event]) -> float | None:
 class TabRunner(ABC):
     """Turns a click whose turn has come into a run, and the run into updates of the tab."""
 
-    tab: ClassVar[Tab]
+    tab: ClassVar[str]
 
     def __init__(self, jobs: Jobs, worker: Worker, status: gr.HTML) -> None:
         self._jobs = jobs

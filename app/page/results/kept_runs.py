@@ -24,7 +24,7 @@ from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import Showing
-from app.page.queue.jobs import Job, Tab
+from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
@@ -92,12 +92,15 @@ class KeptRun:
         }
 
     def downloads(self, showing: Showing) -> str:
-        """All of it in one zip, and its single files."""
+        """All of it as a file, which the page opens again, and as one that plays anywhere; and its
+        single files."""
         files = [showing.folder / name for name in self.record.files if "/" not in name]
         listed = files_listed(filter(Path.is_file, files), showing.address)
-        bundle = f'<a class="bundle" href="{self.file_address}" download>{text.ZIP_LABEL}</a>'
+        zipped = f'href="{self.file_address}" download title="{text.SAVE_RUN_HELP}"'
+        alone = f'href="{self.file_address}/page" download title="{text.SAVE_PAGE_HELP}"'
+        saved = f"<a class=bundle {zipped}>{text.SAVE_RUN}</a><a {alone}>{text.SAVE_PAGE}</a>"
         heading = markup.heading(text.DOWNLOADS_HEADING)
-        return f'{heading}<div class="downloads">{bundle}{listed}</div>'
+        return f'{heading}<div class="downloads"><p>{saved}</p>{listed}</div>'
 
 
 def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
@@ -169,7 +172,6 @@ class KeptRuns(Kept[KeptRun]):
                 f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
                 f'<button type="button">{text.COPY_LINK}</button>'
                 f"<span>{text.RUN_KEPT.format(minutes=max(1, round(minutes)))}</span></p>"
-                f"{_saved(*opened)}"
                 f"{_beside(opened, mine)}"
             )
         compare = f'<button>{text.COMPARE}</button><span class="how">{text.COMPARE_HELP}</span>'
@@ -190,7 +192,7 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path
     """
     folder = copied_run(path, temp)
     showing = Showing(folder, media.share(folder, ""), temp.name)
-    tab: Tab = "generate" if showing.record.kind == "generated" else "own_motion"
+    tab = "generate" if showing.record.kind == "generated" else "own_motion"
     asked = asked_of(folder, showing.record, weights)
     return kept.keep_run(Job("", tab, temp), showing, asked=asked).token
 
@@ -198,17 +200,6 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path
 def address_of(*runs: KeptRun) -> str:
     """Of one run, or of two beside each other; relative to the page."""
     return "?" + "&".join(f"{PARAMETER}={run.token}" for run in runs)
-
-
-def _saved(*opened: KeptRun) -> str:
-    """The ways to a run as a file, which the page opens again, and as one that plays anywhere."""
-    (first, *others) = opened
-    if others:
-        return ""
-    address = first.file_address
-    link = f'<a href="{address}" download title="{text.SAVE_RUN_HELP}">{text.SAVE_RUN}</a>'
-    page = f'<a href="{address}/page" download title="{text.SAVE_PAGE_HELP}">{text.SAVE_PAGE}</a>'
-    return f"<p>{link}</p><p>{page}</p>"
 
 
 def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:

@@ -23,7 +23,8 @@ class ResultParts:
 
     message: gr.HTML
     status: gr.HTML
-    empty: gr.HTML
+    look: gr.HTML
+    """The question about the example that plays before the first run."""
     player: gr.HTML
     """Its value is a `Showing` as a dictionary; without rows it takes no room."""
     seen: gr.HTML
@@ -47,18 +48,16 @@ class ResultParts:
         return [getattr(self, name) for name in self.__dataclass_fields__]
 
 
-def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") -> ResultParts:
+def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
     """What a run shows; what has nothing to show yet is hidden.
 
     Args:
         prefix: of the parts' ids on the page, with its hyphen.
         ready: the status before the first run.
-        empty: what stands in the place of results, as HTML; seen once it is known that there are
-            none.
     """
     message = told_part(prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-    empty_part = gr.HTML(empty, visible=False, elem_id=prefix + "empty")
+    look = told_part(prefix + "look")
     player = player_part(prefix)
     with gr.Row(elem_classes="seen-video"):
         seen = told_part(prefix + "seen")
@@ -71,7 +70,7 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
             elem_id=prefix + "seen-cancel",
         )
     return ResultParts(
-        *(message, status, empty_part, player, seen, seen_cancel),
+        *(message, status, look, player, seen, seen_cancel),
         seen_asked=gr.Textbox(visible=False),
         seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
         take_asked=gr.Textbox(visible=False),

@@ -28,7 +28,7 @@ _MAX_TOKEN = 100
 class LiveRunner(RunRunner):
     """Keeps what a visitor has spoken and seen."""
 
-    tab, videos_tab = "live", "live_videos"
+    tab = "live"
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         """Sound, motion and plan of the last minute, laid into the job's folder.

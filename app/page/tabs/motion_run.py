@@ -17,7 +17,7 @@ from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.html_parts import AT_ONCE, reveal_on_click, shown
 from app.page.player.player import NOTHING, Showing
-from app.page.queue.jobs import Job, Tab
+from app.page.queue.jobs import VIDEOS, Job
 from app.page.queue.runner import TabRunner, Updates
 from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
@@ -64,12 +64,10 @@ class StageLine:
 class RunRunner(TabRunner):
     """Does runs, of generated motion or of given, and shows them in the results of a tab."""
 
-    videos_tab: Tab
-
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services.jobs, services.worker, parts.status)
         self._services = services
-        self._videos = VideosBehind(services, parts, self.videos_tab)
+        self.videos = VideosBehind(services, parts, f"{self.tab}{VIDEOS}")
         self._form = form
         self._parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
@@ -94,12 +92,12 @@ class RunRunner(TabRunner):
         inputs = [field.part for field in form.fields.values()]
         begun += [self.after(event, inputs) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
-        page.unload(self._videos.left)
+        page.unload(self.videos.left)
 
     def after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
         """Run, and then draw what is to be drawn behind the stage."""
         run = self.begins_on(event, fields, outputs=self.outputs, **how)
-        self._videos.follow(run)
+        self.videos.follow(run)
         return run
 
     @abstractmethod
@@ -115,7 +113,7 @@ class RunRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         ask = self.asked(job, values)
-        self._videos.give_up(job.visitor)
+        self.videos.give_up(job.visitor)
         form = self.kept_form(job, values)
         yield self.blank()
         yield from self.perform(job, ask, form)
@@ -154,7 +152,7 @@ class RunRunner(TabRunner):
         lasting = replace(ask, speech=Path(speech)) if speech else None
         kept = services.kept.keep_run(job, showing, form, lasting)
         if ask.has_video and kept.record.state == "done":
-            self._videos.want(job.visitor, kept, ask)
+            self.videos.want(job.visitor, kept, ask)
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
@@ -166,18 +164,16 @@ class RunRunner(TabRunner):
             **self._without_results(),
             self._parts.status: markup.sentence_status(text.STARTING_SYSTEMS),
             self._parts.message: shown(""),
-            self._parts.empty: gr.update(visible=False),
+            self._parts.look: shown(""),
             self._parts.runs: shown(""),
             **self._buttons(is_running=True),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
-        empty = self._parts.empty
         return {
             **self._without_results(),
             self._parts.status: status,
             self._parts.message: shown(message),
-            empty: shown(empty.value),  # an example that played went with its player
             **self._buttons(is_running=False),
         }
 
@@ -205,7 +201,7 @@ class RunRunner(TabRunner):
 class GenerateRunner(RunRunner):
     """Generates motion for a visitor's speech."""
 
-    tab, videos_tab = "generate", "videos"
+    tab = "generate"
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         services = self._services
@@ -258,9 +254,8 @@ class Opening:
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
-        updates[parts.empty] = shown(parts.empty.value)
         if self._first_look is not None:
-            updates[parts.player], updates[parts.empty] = self._first_look
+            updates[parts.player], updates[parts.look] = self._first_look
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._keep_s / 60))
             updates[parts.message] = shown(markup.notes_message([gone]))

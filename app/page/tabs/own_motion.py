@@ -87,7 +87,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     )
     runner.wire(page, form.fields, (filled.then, said.then), api_name="own_motion")
     reveal_on_click(of_sets.start, parts.status)
-    opener = ClipRunner(services, form, parts, runner.sets)
+    opener = ClipRunner(services, form, parts, runner)
     opener.after(
         of_sets.start.click,
         [of_sets.asked],

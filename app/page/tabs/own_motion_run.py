@@ -160,7 +160,7 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
 class OwnMotionRunner(RunRunner):
     """Measures motion files that a visitor brings, or zips of many."""
 
-    tab, videos_tab = "own_motion", "own_videos"
+    tab = "own_motion"
 
     def __init__(
         self, services: Services, form: FormParts, parts: ResultParts, sets_part: gr.HTML
@@ -195,13 +195,17 @@ class OwnMotionRunner(RunRunner):
 class ClipRunner(RunRunner):
     """Opens a clip of measured sets: a run like any other, under the sets that stay."""
 
-    tab, videos_tab = "own_motion", "own_videos"
+    tab = "own_motion"
 
     def __init__(
-        self, services: Services, form: FormParts, parts: ResultParts, sets: Kept[Sets]
+        self, services: Services, form: FormParts, parts: ResultParts, of: OwnMotionRunner
     ) -> None:
+        """
+        Args:
+            of: has measured the sets.
+        """
         super().__init__(services, form, parts)
-        self._sets = sets
+        self._sets, self.videos = of.sets, of.videos
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         clip = clip_of(self._sets, values[0] if values else None, job.cookie)

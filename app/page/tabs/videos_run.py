@@ -15,7 +15,7 @@ from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import PRIVATE, shown
-from app.page.queue.jobs import Job, Tab
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, follow, last_share
 from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts, saved_link
@@ -125,7 +125,7 @@ class VideosBehind:
     """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, while
     nobody waits for a run; it gives way to one by being ended, and begins anew."""
 
-    def __init__(self, services: Services, parts: ResultParts, tab: Tab) -> None:
+    def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
         """
         Args:
             tab: that of the videos.
@@ -133,7 +133,7 @@ class VideosBehind:
         self._services = services
         self._jobs = services.jobs
         self._parts = parts
-        self._tab: Tab = tab
+        self._tab = tab
         self._wanted: dict[str, tuple[KeptRun, Ask]] = {}
         self._lock = threading.Lock()
 

@@ -55,7 +55,7 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bl
         with httpx.Client(base_url=started[2], timeout=60) as client:
             ANSWERS.append(client.get("web/player/player.js").status_code)
             ANSWERS.append(client.post("visitor").status_code)
-            ANSWERS.append(client.get("media/none").status_code)
+            ANSWERS.append(client.get("media/none/a").status_code)
         return started
 
     with pytest.MonkeyPatch.context() as patch:

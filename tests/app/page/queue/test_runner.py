@@ -183,7 +183,7 @@ def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
 
 
 def test_what_nobody_waits_for_waits_until_nobody_waits(jobs):
-    with jobs.opened("one", "videos"):
+    with jobs.opened("one", "generate videos"):
         assert jobs.wait_for_rest(0) and not jobs.is_anyone_waiting()
         with jobs.opened("two", "seen"):
             assert not jobs.wait_for_rest(0) and jobs.is_anyone_waiting()

@@ -63,7 +63,7 @@ class Own:
             self.parts, self.sets_shown = build_results(), build_sets().shown
             form = build_own_form(services)
         self.runner = OwnMotionRunner(services, form, self.parts, self.sets_shown)
-        self.opener = ClipRunner(services, form, self.parts, self.runner.sets)
+        self.opener = ClipRunner(services, form, self.parts, self.runner)
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
@@ -404,7 +404,7 @@ class Tab:
             self.parts: ResultParts = build_results()
         services = fakes.made_services(folder, {"draw_behind": draw})
         self.jobs, self.kept = services.jobs, services.kept
-        self.videos = VideosBehind(services, self.parts, "videos")
+        self.videos = VideosBehind(services, self.parts, "generate videos")
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
