@@ -231,8 +231,22 @@ CANCELLED = "Cancelled. Nothing was kept."
 FAILED_TITLE = "This run stopped"
 NOTES_TITLE = "Good to know"
 
+CLIPS_LABEL = "Several clips at once"
+CLIPS_HELP = (
+    "Up to {count} files of at most {size} each and {max_min:g} minutes together: one run, a "
+    "table with a row for each clip, and a verdict with its interval over clips. No videos are "
+    "drawn; the speech above, if there is any, is one of them."
+)
+CLIP_TWICE = "Two clips are called {name!r}; rename one of the files."
+OF_ONE_CLIP = (
+    "A recorded motion, a transcript and a plan belong to one piece of speech; take them away, or "
+    "generate that one alone."
+)
 CLIP = "Clip"
 CLIPS_TABLE = "{point} jerk in m/s³, as generated, clip by clip"
+CLIP_SHOWN = "Shown below"
+CLIPS_TITLE = "{title}, and {others} more"
+CLIPS_DONE = "{done} of {count} clips are done; any of them can be chosen below the table."
 CLIPS_MEAN = "Mean [95 % interval over clips]"
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
 NO_SYSTEM = "No system is chosen: tick at least one."

@@ -67,5 +67,7 @@ def build_app(services: Services) -> gr.Blocks:
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_ASK_FOR_COOKIE)
         opening = Opening(services, tabs, places, form.fields)
+        for parts in places.values():
+            opening.chooses(parts)
         page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page

@@ -35,6 +35,7 @@ from renderer.video.compose import band_height
 from tests.browser.conftest import (
     AT_REST,
     BUILDS_ARE_THERE,
+    LOCKSTEP,
     LOOKS,
     STAGED,
     bar_of,
@@ -539,6 +540,48 @@ DROPPED = """async (content) => {
     while (!isTaken()) await new Promise(requestAnimationFrame);
     heading.dispatchEvent(new DragEvent("drop", told));
 }"""
+
+
+def test_several_clips_are_one_run_each_is_seen_and_all_come_back_from_one_file(
+    page: Page, real_address: str, files: dict[str, Path], tmp_path: Path
+) -> None:
+    short = tmp_path / "short.wav"
+    write_wav(short, made_waveform(16_000 * 2))
+    other = opened(page.context, real_address)
+    press(other, text.CLIPS_LABEL)
+    give(other, "#several", files[".wav"], short)
+    tick(other, ["local", "global"])
+    press(other, text.GENERATE)
+    rows = other.locator("#clips tbody tr")
+    expect(other.locator("#status")).to_contain_text("2 of 2 clips are done")
+    expect(rows).to_have_count(2)
+    expect(other.locator("#clips .verdict")).to_contain_text("mean over 2 clips: local")
+    expect(other.locator("#clips tfoot td").first).to_contain_text("[")
+    staged(other, 2)
+    lasts = f"seconds => Math.round({LOCKSTEP}.duration) === seconds"
+    other.wait_for_function(lasts, arg=2)
+    other.locator("#clip").get_by_role("radio", name="talk").check()
+    other.wait_for_function(lasts, arg=8)
+    other.reload()
+    staged(other, 2)
+    expect(other.locator("#clip").get_by_role("radio", name="talk")).to_be_checked()
+    other.wait_for_function(lasts, arg=8)
+    for look in (LOOKS[0], LOOKS[2]):
+        turn_to(other, look)
+        expect_fit(other)
+
+    saving = other.locator("#downloads")
+    kept = saved(other, saving.get_by_role("link", name=text.SAVE_RUN), tmp_path)
+    alone = saved(other, saving.get_by_role("link", name=text.SAVE_PAGE), tmp_path)
+    other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
+    expect(other.locator("#own-status")).to_contain_text("2 of 2 clips are done")
+    expect(other.locator("#own-clips tbody tr")).to_have_count(2)
+    other.goto(alone.as_uri())
+    expect(other.locator("header tbody tr")).to_have_count(2)
+    other.get_by_label(text.CLIP).select_option("talk")
+    other.locator(".lane[data-name]").first.wait_for()
+    other.locator(".stage[data-bodies='2']").wait_for()
+    other.close()
 
 
 def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(

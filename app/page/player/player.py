@@ -21,6 +21,7 @@ from app.run.output.run_folder import (
     file_of,
     noise_of,
     read_run,
+    runs_in,
 )
 from conventions.names import REFERENCE_NAME, file_stem
 
@@ -155,6 +156,15 @@ class Showing:
     def _addresses(self, names: Any) -> dict[str, str]:
         paths = {kind: file_of(self.folder, name) for kind, name in names.items()}
         return {kind: self.address(path) for kind, path in paths.items() if path is not None}
+
+
+def showings_in(
+    folder: Path, address: Address, name: str, is_drawn: bool = False
+) -> dict[str, Showing]:
+    """Of the run in a folder by no name, or of those of several clips by theirs; arguments as of
+    `Showing`."""
+    runs = runs_in(folder)
+    return {clip: Showing(run, address, f"{name}{clip}", is_drawn) for clip, run in runs.items()}
 
 
 def _assumed(row: Row) -> dict[str, Any]:

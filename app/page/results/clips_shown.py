@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from html import escape
 
 from app import text
+from app.errors import page_sentence, without_folders
 from app.findings.comparison import plain, point_title
 from app.findings.verdict import jerk_over_clips, verdict_over_clips
 from app.page.parts import markup
@@ -44,7 +45,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
 
 def _row(title: str, cells: list[str], run: RunRecord | None = None) -> str:
     if run is not None and run.state in ("failed", "cancelled"):
-        why = escape(run.sentence or text.STOPPED)
+        why = escape(page_sentence(without_folders(run.sentence)) or text.STOPPED)
         return f'<tr><th scope="row">{escape(title)}</th><td colspan="{len(cells)}">{why}</td></tr>'
     told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr><th scope="row">{escape(title)}</th>{told}</tr>'

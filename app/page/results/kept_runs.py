@@ -14,25 +14,27 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import gradio as gr
 from fastapi import Response
 from fastapi.responses import PlainTextResponse
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
 from app import text
-from app.errors import page_sentence
+from app.errors import page_sentence, without_folders
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.player import Showing
+from app.page.player.player import Showing, showings_in
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
+from app.page.results.clips_shown import clips_html
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.routes.media import GONE, MadeFiles, Media
 from app.page.visitors.kept import Kept
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
-from app.run.output.run_folder import RunRecord, file_of
+from app.run.output.run_folder import TABLES, RunRecord, file_of
 from app.run.requests.request import Ask
 from app.run.takes.take import asked_of
 
@@ -56,6 +58,8 @@ class KeptRun:
     """As which takes of its plans are made; None where none are."""
     ended: float = field(default_factory=time.time)
     token: str = ""
+    clips: dict[str, KeptRun] = field(default_factory=dict)
+    """Of several that are one run all of them, this one too, by name."""
 
     @property
     def is_there(self) -> bool:
@@ -64,6 +68,17 @@ class KeptRun:
     @property
     def record(self) -> RunRecord:
         return self.showing.record
+
+    @property
+    def folder(self) -> Path:
+        """All of it, of several clips too."""
+        return self.showing.folder.parent if self.clips else self.showing.folder
+
+    @property
+    def title(self) -> str:
+        others = len(self.clips) - 1
+        title = self.record.title
+        return text.CLIPS_TITLE.format(title=title, others=others) if self.clips else title
 
     @property
     def file_address(self) -> str:
@@ -81,20 +96,33 @@ class KeptRun:
         """
         showing = showing or self.showing
         record, notes = showing.record, map(page_sentence, showing.record.notes)
-        failed = "" if record.state == "done" else markup.error_message(record.sentence)
-        line = record.sentence if record.state == "done" else text.STOPPED
+        is_done, why = record.state == "done", without_folders(record.sentence)
+        failed = "" if is_done else markup.error_message(page_sentence(why))
+        line = record.sentence if is_done else text.STOPPED
+        if self.clips:
+            done = [run for run in self.clips.values() if run.record.state == "done"]
+            line = text.CLIPS_DONE.format(done=len(done), count=len(self.clips))
         return {
             **told_so_far(showing, parts),
+            parts.clips: shown(clips_html({clip: run.record for clip, run in self.clips.items()})),
+            parts.clip: self._choice(),
             parts.status: markup.sentence_status(line),
             parts.message: shown(failed + markup.notes_folded(list(notes))),
             parts.player: showing.value() | {"begins": begins},
             parts.downloads: shown(self.downloads(showing)),
         }
 
+    def _choice(self) -> Any:
+        """Of the clips that have any motion."""
+        moving = [(clip, run) for clip, run in self.clips.items() if run.record.is_moving]
+        choices = [(clip, run.token) for clip, run in moving]
+        return gr.update(choices=choices, value=self.token, visible=bool(choices))
+
     def downloads(self, showing: Showing) -> str:
         """All of it as a file, which the page opens again, and as one that plays anywhere; and its
         single files."""
         files = [showing.folder / name for name in self.record.files if "/" not in name]
+        files += [self.folder / name for name in TABLES if self.clips]
         listed = files_listed(filter(Path.is_file, files), showing.address)
         zipped = f'href="{self.file_address}" download title="{text.SAVE_RUN_HELP}"'
         alone = f'href="{self.file_address}/page" download title="{text.SAVE_PAGE_HELP}"'
@@ -142,6 +170,29 @@ class KeptRuns(Kept[KeptRun]):
         run.token = self.keep(run, job.folder, None)
         return run
 
+    def keep_clips(
+        self,
+        job: Job,
+        showings: Mapping[str, Showing],
+        form: Mapping[str, Any] | None = None,
+        weights: Path | None = None,
+    ) -> KeptRun:
+        """Keep a run, or those of several clips by name; returns the first that has any motion.
+
+        Args:
+            weights: of takes of its plans; None makes none.
+        """
+        kept = {
+            clip: self.keep_run(
+                job, each, form, weights and asked_of(each.folder, each.record, weights)
+            )
+            for clip, each in showings.items()
+        }
+        for run in kept.values() if len(kept) > 1 else ():
+            run.clips = kept
+        runs = list(kept.values())
+        return next((run for run in runs if run.record.is_moving), runs[0])
+
     def edited(self, name: str, cookie: str) -> KeptRun | None:
         """The run of that name whose plans this browser may edit."""
         runs = [run for run in self.all() if run.showing.name == name and run.showing.editing]
@@ -149,8 +200,9 @@ class KeptRuns(Kept[KeptRun]):
         return next(mine, None)
 
     def of(self, cookie: str) -> list[KeptRun]:
-        """A browser's own, the newest first."""
-        mine = [run for run in self.all() if is_same(run.job.cookie, cookie)]
+        """A browser's own, the newest first; of several clips the first."""
+        firsts = [run for run in self.all() if next(iter(run.clips.values()), run) is run]
+        mine = [run for run in firsts if is_same(run.job.cookie, cookie)]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
     def html(self, cookie: str, *opened: KeptRun) -> str:
@@ -160,8 +212,8 @@ class KeptRuns(Kept[KeptRun]):
         app/page/web/runs.js copies the link, sees that two are ticked, and writes times as the
         browser's clock has them.
         """
-        mine = self.of(cookie)
-        items = "".join(_item(run, run in opened, len(mine) > 1) for run in mine)
+        mine, jobs = self.of(cookie), [run.job for run in opened]
+        items = "".join(_item(run, run.job in jobs, len(mine) > 1) for run in mine)
         if not opened and not items:
             return ""
         link = ""
@@ -191,10 +243,10 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path
         RunError: if it is none.
     """
     folder = copied_run(path, temp)
-    showing = Showing(folder, media.share(folder, ""), temp.name)
-    tab = "generate" if showing.record.kind == "generated" else "own_motion"
-    asked = asked_of(folder, showing.record, weights)
-    return kept.keep_run(Job("", tab, temp), showing, asked=asked).token
+    showings = showings_in(folder, media.share(folder, ""), temp.name)
+    is_made = next(iter(showings.values())).record.kind == "generated"
+    job = Job("", "generate" if is_made else "own_motion", temp)
+    return kept.keep_clips(job, showings, weights=weights).token
 
 
 def address_of(*runs: KeptRun) -> str:
@@ -206,7 +258,7 @@ def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
     """The shortest way to what most want to see: a run beside the one before, of the same speech
     where there is one."""
     (shown, *others) = opened
-    before = [run for run in mine if run.ended < shown.ended]
+    before = [run for run in mine if run.ended < shown.ended and run.job is not shown.job]
     if others or not before:
         return ""
     speech = shown.record.speech_sha256
@@ -221,7 +273,7 @@ def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
 
 def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
     here = ' aria-current="page"' if is_shown else ""
-    title = escape(run.record.title)
+    title = escape(run.title)
     tick = (
         f'<input type="checkbox" name="{PARAMETER}" value="{escape(run.token)}" '
         f'aria-label="{text.COMPARE_THIS.format(title=title)}"{" checked" if is_shown else ""}>'
@@ -244,7 +296,7 @@ def saving_route(
 
     def found(token: str) -> tuple[Path, str] | None:
         run = kept.find(token)
-        return run and (run.showing.folder, file_name(run.record.title, ending))
+        return run and (run.folder, file_name(run.title, ending))
 
     async def answer(token: str) -> Response:
         run = await run_in_threadpool(found, token)

@@ -25,6 +25,10 @@ class ResultParts:
     status: gr.HTML
     look: gr.HTML
     """The question about the example that plays before the first run."""
+    clips: gr.HTML
+    """What is told of several clips together."""
+    clip: gr.Radio
+    """Which of them is shown below, by the token of its run."""
     player: gr.HTML
     """Its value is a `Showing` as a dictionary; without rows it takes no room."""
     seen: gr.HTML
@@ -58,6 +62,8 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
     message = told_part(prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
     look = told_part(prefix + "look")
+    clips = told_part(prefix + "clips")
+    clip = gr.Radio([], label=text.CLIP_SHOWN, visible=False, elem_id=prefix + "clip")
     player = player_part(prefix)
     with gr.Row(elem_classes="seen-video"):
         seen = told_part(prefix + "seen")
@@ -70,7 +76,7 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
             elem_id=prefix + "seen-cancel",
         )
     return ResultParts(
-        *(message, status, look, player, seen, seen_cancel),
+        *(message, status, look, clips, clip, player, seen, seen_cancel),
         seen_asked=gr.Textbox(visible=False),
         seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
         take_asked=gr.Textbox(visible=False),

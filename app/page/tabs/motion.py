@@ -16,7 +16,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Field, Fields, a_file, whole
+from app.page.parts.asked import Field, Fields, a_file, some_files, whole
 from app.page.parts.catalogue import (
     USUAL,
     Catalogue,
@@ -34,19 +34,23 @@ from app.page.tabs.services import Services
 from app.run.followed_point import TIP
 from app.run.requests.display import Display
 from app.run.requests.request import (
+    MAX_CLIPS,
     MAX_SAMPLES,
     MAX_STEPS,
     Ask,
     WordsAsked,
     parse_steps,
 )
-from conventions.names import POST_FILTERS
+from app.run.requests.upload_check import TOO_MANY_CLIPS
+from conventions.names import POST_FILTERS, printable
 from conventions.views import CLOSE_UPS
 from model.systems.registry import sampler_title
 
 SEED_LIMIT = 2**31 - 1
 LAST_FRAME = 10**6
 """That a figure may begin at; the motion is shorter."""
+SPEECHES = "form"
+"""Where in a run's folder lies what is spoken."""
 PAGE_VIDEOS = 12
 PAGE_SIZE_PX = 640
 """Height of a body in the player."""
@@ -63,8 +67,14 @@ def ask_from_form(
     Raises:
         RunError: a sentence for the visitor when the form asks for something that cannot be.
     """
-    if told["speech"] is None:
+    told = dict(told)
+    speeches = (*filter(None, [told["speech"]]), *told.pop("clips"))
+    if not speeches:
         raise RunError(text.NO_SPEECH)
+    if len(speeches) > 1:
+        _check_clips(speeches, told)
+        told["has_video"] = False
+    told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECHES
     if not told["systems"]:
         raise RunError(text.NO_SYSTEM)
     # Kept in the catalogue's order, so that rows stand the same way in every run; of one that is
@@ -102,13 +112,30 @@ def ask_from_form(
 
 def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
     """What fills the form in again where the run's link is opened: all but files that a run does
-    not show. The speech stays in the run's folder, under its own name."""
+    not show. What is spoken stays in the run's folder, under its own name."""
     sent = dict(zip(form, values, strict=False))
     kept = {name: value for name, value in sent.items() if form[name].read is not a_file}
-    beside = folder / "form"
+    beside = folder / SPEECHES
     beside.mkdir(exist_ok=True)
-    speech = Path(sent["speech"])
-    return kept | {"speech": str(shutil.copyfile(speech, beside / speech.name))}
+    speeches = [Path(path) for path in (sent["speech"], *(sent.get("clips") or ())) if path]
+    copies = [str(shutil.copyfile(path, beside / path.name)) for path in speeches]
+    is_one = len(copies) == 1
+    return kept | {"speech": copies[0] if is_one else None, "clips": None if is_one else copies}
+
+
+def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
+    """
+    Raises:
+        RunError: where a form cannot have several.
+    """
+    if len(speeches) > MAX_CLIPS:
+        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
+    if any(told[name] is not None for name in ("reference", "transcript", "plan")):
+        raise RunError(text.OF_ONE_CLIP)
+    names = [printable(path.stem) for path in speeches]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RunError(text.CLIP_TWICE.format(name=twice))
 
 
 def _counted(number: int, what: str) -> str:
@@ -145,6 +172,16 @@ def build_form(services: Services) -> FormParts:
     gr.HTML(f'<p class="hint">{limits}</p>')
     if catalogue.examples:
         _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
+    with gr.Accordion(text.CLIPS_LABEL, open=False, elem_id="several-fold"):
+        told = text.CLIPS_HELP.format(
+            count=MAX_CLIPS,
+            max_min=round(config.max_speech_s / 60, 1),
+            size=config.max_upload.upper(),
+        )
+        gr.HTML(f'<p class="hint">{told}</p>')
+        clips = services.file(
+            "clips", text.CLIPS_LABEL, ["audio"], "several", height=150, file_count="multiple"
+        )
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
         choices=catalogue.system_choices,
@@ -244,6 +281,7 @@ def build_form(services: Services) -> FormParts:
         "words": Field(has_words, words_of),
         "has_video": Field(has_videos),
         "plan": Field(plan, a_file),
+        "clips": Field(clips, some_files),
     }
     return FormParts(asked, start, cancel)
 

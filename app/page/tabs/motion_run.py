@@ -6,7 +6,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import gradio as gr
@@ -16,9 +16,10 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.html_parts import AT_ONCE, reveal_on_click, shown
-from app.page.player.player import NOTHING, Showing
+from app.page.player.player import NOTHING, showings_in
 from app.page.queue.jobs import VIDEOS, Job
 from app.page.queue.runner import TabRunner, Updates
+from app.page.results.clips_shown import clips_html
 from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import updates_of
@@ -42,11 +43,16 @@ class StageLine:
     started: float = field(default_factory=time.monotonic)
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
+    clip: str = ""
+    """Of several, which it is at."""
 
     def html(self, events: Sequence[Event]) -> str:
         """After these events."""
         for event in events:
             if isinstance(event, Progress):
+                if event.clip != self.clip:
+                    self.clip = event.clip
+                    self.fractions.clear()
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail
         return markup.status(self.line, self.fractions, self.details, self.stages)
@@ -58,7 +64,8 @@ class StageLine:
         doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
         stage = (doing or list(self.fractions))[-1]  # between two stages, the one before
         seconds = time.monotonic() - self.started
-        return f"{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
+        of_clip = f"{self.clip}: " if self.clip else ""
+        return f"{of_clip}{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
 
 
 class RunRunner(TabRunner):
@@ -128,14 +135,18 @@ class RunRunner(TabRunner):
         """
         services, parts = self._services, self._parts
         address = services.media.share(job.folder, job.cookie)
-        showing = Showing(job.folder / "results", address, job.folder.name, ask.has_video)
+        showings = partial(showings_in, ask.out, address, job.folder.name, ask.has_video)
         line = StageLine([each for each in STAGES_OF_STAGE if not ask.motions or each != "motion"])
         so_far: Updates = {}
 
         def told(events: list[Event]) -> Updates:
             updates: Updates = {parts.status: line.html(events)}
-            if any(isinstance(event, Grown) for event in events) and showing.record.is_moving:
-                updates |= told_so_far(showing, parts)
+            if any(isinstance(event, Grown) for event in events):
+                begun = showings()
+                moving = [each for each in begun.values() if each.record.is_moving]
+                updates |= told_so_far(moving[0], parts) if moving else {}
+                records = {clip: each.record for clip, each in begun.items()}
+                updates[parts.clips] = shown(clips_html(records))
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
             so_far.update(new)
             return new
@@ -146,12 +157,13 @@ class RunRunner(TabRunner):
         except CancelledRun:
             raise
         except Exception as error:
-            if not end_run(showing.folder, visitor_sentence(error)):
+            begun, sentence = showings().values(), visitor_sentence(error)
+            undone = [each.folder for each in begun if each.record.state != "done"]
+            has_left = [end_run(folder, sentence) for folder in undone]
+            if not any(has_left) and len(undone) == len(begun):
                 raise
-        speech = form.get("speech")  # which stays as long as the run, under its own name
-        lasting = replace(ask, speech=Path(speech)) if speech else None
-        kept = services.kept.keep_run(job, showing, form, lasting)
-        if ask.has_video and kept.record.state == "done":
+        kept = services.kept.keep_clips(job, showings(), form, ask.weights if form else None)
+        if ask.has_video and kept.record.state == "done" and not kept.clips:
             self.videos.want(job.visitor, kept, ask)
         yield {
             **kept.updates(parts, begins=True),
@@ -179,8 +191,16 @@ class RunRunner(TabRunner):
 
     def _without_results(self) -> Updates:
         parts = self._parts
-        told = (parts.verdict, parts.seen, parts.figures, parts.numbers, parts.downloads)
-        return {parts.player: NOTHING, **{part: shown("") for part in told}}
+        told = (
+            parts.clips,
+            parts.verdict,
+            parts.seen,
+            parts.figures,
+            parts.numbers,
+            parts.downloads,
+        )
+        hidden = {parts.player: NOTHING, parts.clip: gr.update(visible=False)}
+        return {**hidden, **{part: shown("") for part in told}}
 
     def waits(self) -> Updates:
         """From the click until its turn has come."""
@@ -269,14 +289,28 @@ class Opening:
             parts.runs: shown(self._kept.html(cookie, a, b)),
         }
 
+    def chooses(self, parts: ResultParts) -> None:
+        """Have another clip of a run shown where it is chosen."""
+
+        def choose(token: str, request: gr.Request) -> Updates:
+            run = self._kept.find(token)
+            return self._shown(run, parts, cookie_of(request)) if run else {parts.clip: gr.skip()}
+
+        parts.clip.input(choose, parts.clip, parts.all, **AT_ONCE)
+
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
-        parts, showing = self._places[tab], run.showing
+        return {
+            **self._shown(run, self._places[tab], cookie),
+            **{self._form[name].part: gr.update(value=sent) for name, sent in run.form.items()},
+            self._tabs: gr.Tabs(selected=tab),
+        }
+
+    def _shown(self, run: KeptRun, parts: ResultParts, cookie: str) -> Updates:
+        showing = run.showing
         if run.job.visitor and not is_same(run.job.cookie, cookie):  # of nobody: everybody's
-            showing = showing.for_browser(self._media.share(showing.folder, cookie))
+            showing = showing.for_browser(self._media.share(run.folder, cookie))
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),
-            **{self._form[name].part: gr.update(value=sent) for name, sent in run.form.items()},
-            self._tabs: gr.Tabs(selected=tab),
         }

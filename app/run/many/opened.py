@@ -122,7 +122,8 @@ def opened(ask: Ask, into: Path) -> dict[str, Ask]:
         into: where it is unpacked; not there yet.
     """
     runs = runs_in(run_folder(ask.motions[0], into))
-    return {clip: replace(_of_run(ask, run), out=ask.out / clip) for clip, run in runs.items()}
+    share = replace(ask, max_frames=ask.max_frames and ask.max_frames // len(runs))
+    return {clip: replace(_of_run(share, run), out=ask.out / clip) for clip, run in runs.items()}
 
 
 def _of_run(ask: Ask, folder: Path) -> Ask:

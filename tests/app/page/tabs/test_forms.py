@@ -162,6 +162,30 @@ def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(
     assert kept == {name: value for name, value in sent.items() if name not in files}
 
 
+def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, tmp_path):
+    alone = dict.fromkeys(("reference", "transcript", "plan"))
+    speeches = [tmp_path / f"{name}.wav" for name in "abc"]
+    for path in speeches:
+        path.write_text(path.stem)
+    first, *others = map(str, speeches)
+    asked = read(form, **alone, speech=first, clips=others, has_video=True)
+    assert asked.speech == Path("/job/form") and not asked.has_video
+    assert read(form, **alone, speech=None, clips=others[:1]).speech == speeches[1]
+    sent = {name: field.part.value for name, field in form.items()}
+    kept = kept_values(form, list((sent | {"speech": first, "clips": others}).values()), tmp_path)
+    assert kept["speech"] is None and [Path(path).stem for path in kept["clips"]] == list("abc")
+    assert [path.read_text() for path in sorted((tmp_path / "form").iterdir())] == list("abc")
+    for changes, words in (
+        ({"clips": [first]}, "Two clips are called 'a'"),
+        ({"clips": others, "plan": "/plan.json"}, "belong to one piece of speech"),
+        ({"clips": [f"{number}.wav" for number in range(10)]}, "At most 10 clips .* 11 were given"),
+    ):
+        with pytest.raises(RunError, match=words):
+            read(form, **{**alone, "speech": first, **changes})
+    line = StageLine().html([Progress("motion", 1.0, clip="a"), Progress("speech", 0.5, clip="b")])
+    assert f"b: {text.STAGE_NAMES['speech']}" in line and "done" not in line
+
+
 def test_what_a_form_offers_and_says_of_the_run(tmp_path):
     first = [BEST, "globaldiff/local", "globaldiff/global"]
     assert default_systems(list(SYSTEMS)) == first and default_systems(first[:2]) == first[:2]

@@ -34,6 +34,7 @@ from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind
 from app.run.many.sets import Sets
+from app.run.output.run_folder import zip_run
 from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
@@ -366,6 +367,34 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
         keep_own(page.runs, tmp_path / "empty", tmp_path / "none", Media(), tmp_path)
+
+
+def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp_path):
+    job = tmp_path / "job"
+    for number, clip in enumerate("ab"):
+        made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
+    (job / "results/sheet.md").touch()
+    page = Page(tmp_path / "page")
+    token = keep_own(page.runs, job / "results", tmp_path / "opened", Media(), tmp_path)
+    first = page.runs.find(token)
+    assert first is not None and list(first.clips) == ["a", "b"]
+    second = first.clips["b"]
+    updates = page.opened("of anybody", second.token)
+    parts = page.first
+    assert "mean over 2 clips: local 11" in updates[parts.clips]["value"]
+    chosen = updates[parts.clip]
+    assert chosen["value"] == second.token and dict(chosen["choices"])["a"] == token
+    address = updates[parts.player]["audio"]
+    assert address.split("?")[0].endswith("b/speech.wav")
+    assert "sheet.md" in updates[parts.downloads]["value"]
+    assert "local 12" in updates[parts.verdict]["value"] and "2 of 2" in updates[parts.status]
+    packed = zip_run(second.folder, tmp_path / "all.zip")
+    with zipfile.ZipFile(packed) as archive:
+        assert {"a/run.json", "b/run.json", "b/speech.wav", "sheet.md"} <= set(archive.namelist())
+    mine = [keep(page.runs, tmp_path / "alone", "mine")]
+    assert page.runs.of("mine") == mine
+    single = page.opened("mine", mine[0].token)
+    assert not single[parts.clips]["visible"] and not single[parts.clip]["visible"]
 
 
 def test_two_runs_open_beside_each_other(tmp_path):
