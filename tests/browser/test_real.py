@@ -20,6 +20,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from app import text
 from app.page.tabs import live as live_tab
 from app.page.tabs.own_motion import TAB
+from app.page.tabs.own_sets_run import CLIP_LABEL
 from app.page.tabs.study_run import PREVIEW
 from app.run.body_motion import in_register
 from app.run.examples import CLEAN, slide
@@ -486,7 +487,8 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file_and_a_page(
     expect(sets.locator("tbody tr").first).to_contain_text("[")
     worst = sets.locator(".findings li", has_text="slid")
     sentence = worst.locator("b").inner_text()
-    worst.get_by_role("button", name="Open on the stage").click()
+    page.get_by_label(CLIP_LABEL).click()
+    page.get_by_role("option", name="sliding: ").click()
     expect(page.locator("#own-status")).to_contain_text("Measured 1 motion")
     page.wait_for_function(OWN_STAGED, arg=1)
     expect(sets.locator(".findings li b", has_text=sentence)).to_have_count(1)

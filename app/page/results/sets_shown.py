@@ -1,7 +1,4 @@
-"""Sets of clips on the page: the worst clips, how measures are spread, a table; any can be opened.
-
-app/page/web/sets.js opens a clip on the stage.
-"""
+"""Sets of clips on the page: the worst clips, how measures are spread, a table."""
 
 from __future__ import annotations
 
@@ -20,8 +17,6 @@ COUNTED = (
 )
 WORST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
 NONE_FOUND = "Nothing stands out in any clip."
-OPEN = "Open on the stage"
-ANY = "Any clip"
 TABLE = "Mean over clips [95 % interval]"
 MORE = "All measures"
 STAR = "* the paired difference to {last} is not chance."
@@ -29,9 +24,7 @@ MOST_SHOWN = 5
 """Worst clips that are seen unfolded."""
 
 
-def sets_html(
-    token: str, told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str
-) -> str:
+def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
     """All that is told of them.
 
     Args:
@@ -45,8 +38,8 @@ def sets_html(
         clips=number_of(len(clips), "clip"), sets=number_of(len(systems), "set")
     )
     return (
-        f'<div class="sets" data-sets="{escape(token)}">{markup.heading(HEADING, counted)}'
-        f"{_worst(told['worst'])}{_any_clip(clips)}{figure}{_table(told['measures'], systems)}"
+        f'<div class="sets">{markup.heading(HEADING, counted)}'
+        f"{_worst(_ordered(told['worst']))}{figure}{_table(told['measures'], systems)}"
         f'<p class="links">{links}</p></div>'
     )
 
@@ -56,20 +49,24 @@ def number_of(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _open(clip: str) -> str:
-    return f'<button type="button" class="open" data-clip="{escape(clip)}">{OPEN}</button>'
+def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Every clip by what is said of it, the worst first."""
+    worst = {each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in _ordered(told["worst"])}
+    return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *told["clips"]])]
+
+
+def _ordered(worst: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    return sorted(worst, key=lambda each: (-len(each["kinds"]), -each["jerk"]))
 
 
 def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     if not worst:
         return f'<p class="says">{NONE_FOUND}</p>'
     unit = next(row.unit for row in MEASURES if (row.group, row.title) == JERK)
-    ordered = sorted(worst, key=lambda each: (-len(each["kinds"]), -each["jerk"]))
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span>"
-        f"{_open(each['clip'])}</li>"
-        for each in ordered
+        f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span></li>"
+        for each in worst
     ]
     rest = items[MOST_SHOWN:]
     more = f"<details><summary>{len(rest)} more</summary><ul>{''.join(rest)}</ul></details>"
@@ -82,14 +79,6 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
 def kinds_of(worst: Mapping[str, Any]) -> str:
     """Of findings, in words."""
     return ", ".join(kind.replace("_", " ") for kind in worst["kinds"])
-
-
-def _any_clip(clips: Sequence[str]) -> str:
-    options = "".join(f"<option>{escape(clip)}</option>" for clip in clips)
-    return (
-        f'<p class="any"><label>{ANY} <select>{options}</select></label>'
-        f'<button type="button" class="open">{OPEN}</button></p>'
-    )
 
 
 def _table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:

@@ -11,11 +11,11 @@ import gradio as gr
 from app import text
 from app.page.parts.asked import Field, some_files, whole
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click, told_part
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs.motion import LAST_FRAME, FormParts, words_of
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner, display_names
-from app.page.tabs.own_sets_run import build_sets
+from app.page.tabs.own_sets_run import CLIP_LABEL
 from app.page.tabs.services import Services
 from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
@@ -63,9 +63,12 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
             planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
             form = build_own_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            of_sets = build_sets()
+            of_sets = (
+                told_part("own-sets", "figures.js", "mountFigures"),
+                gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
+            )
             parts = build_results("own-")
-    runner = OwnMotionRunner(services, form, parts, of_sets.shown)
+    runner = OwnMotionRunner(services, form, parts, of_sets)
     motions, recorded, assume = (
         form.fields[each].part for each in ("motions", "reference", "told")
     )
@@ -86,13 +89,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         api_visibility="private",
     )
     runner.wire(page, form.fields, (filled.then, said.then), api_name="own_motion")
-    reveal_on_click(of_sets.start, parts.status)
-    opener = ClipRunner(services, form, parts, runner)
-    opener.after(
-        of_sets.start.click,
-        [of_sets.asked],
-        js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
-    )
+    ClipRunner(services, form, parts, runner).after(of_sets[1].input, [of_sets[1]])
     return parts
 
 

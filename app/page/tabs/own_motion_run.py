@@ -23,6 +23,7 @@ from app.page.tabs.own_sets_run import (
     MIXED,
     NO_SETS,
     REFERENCE_TOO,
+    SetsParts,
     clip_of,
     sets_updates,
 )
@@ -163,11 +164,11 @@ class OwnMotionRunner(RunRunner):
     tab = "own_motion"
 
     def __init__(
-        self, services: Services, form: FormParts, parts: ResultParts, sets_part: gr.HTML
+        self, services: Services, form: FormParts, parts: ResultParts, of_sets: SetsParts
     ) -> None:
         super().__init__(services, form, parts)
-        self._sets_part = sets_part
-        self.outputs.append(sets_part)
+        self._of_sets = of_sets
+        self.outputs += of_sets
         self.sets: Kept[Sets] = Kept()
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
@@ -184,12 +185,13 @@ class OwnMotionRunner(RunRunner):
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         yield {
-            **sets_updates(found, token, address, self._parts, self._sets_part),
+            **sets_updates(found, token, address, self._parts, self._of_sets),
             **self._buttons(is_running=False),
         }
 
     def _without_results(self) -> Updates:
-        return {**super()._without_results(), self._sets_part: shown("")}
+        told, clip = self._of_sets
+        return {**super()._without_results(), told: shown(""), clip: gr.update(visible=False)}
 
 
 class ClipRunner(RunRunner):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +9,10 @@ import gradio as gr
 
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.html_parts import shown, told_part
+from app.page.parts.html_parts import shown
 from app.page.queue.runner import Updates
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
-from app.page.results.sets_shown import number_of, sets_html
+from app.page.results.sets_shown import clip_choices, number_of, sets_html
 from app.page.routes.media import Address
 from app.page.visitors.kept import Kept
 from app.run.many.sets import Sets
@@ -28,27 +27,11 @@ MEASURING_SETS = "Measuring clips: {share:.0%}"
 MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
 CLIP_GONE = "These clips are kept no longer; give the zips again."
 CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again."
-MAX_ASKED = 2000
+CLIP_LABEL = "Open a clip on the stage"
 
 
-@dataclass(frozen=True)
-class SetsParts:
-    """Where sets are shown, and what opens a clip."""
-
-    shown: gr.HTML
-    asked: gr.Textbox
-    start: gr.Button
-    """Pressed by app/page/web/sets.js."""
-
-
-def build_sets() -> SetsParts:
-    """Lay them out; hidden until there are any."""
-    part = told_part("own-sets", "sets.js", "mountSets")
-    return SetsParts(
-        part,
-        gr.Textbox(visible=False),
-        gr.Button(elem_classes="clip-start told-elsewhere", elem_id="own-clip-start"),
-    )
+SetsParts = tuple[gr.HTML, gr.Dropdown]
+"""Where sets are shown, and which of their clips is opened."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +47,14 @@ class Clip:
 
 
 def clip_of(kept: Kept[Sets], told: object, cookie: str) -> Clip:
-    """What app/page/web/sets.js asks for.
+    """
+    Args:
+        told: what was chosen among `sets_updates`.
 
     Raises:
         RunError: where it is none of what this browser has brought.
     """
-    try:
-        if not isinstance(told, str) or len(told) > MAX_ASKED:
-            raise ValueError
-        known = json.loads(told)
-        token, clip = str(known["sets"]), str(known["clip"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise RunError(CLIP_DAMAGED) from error
+    token, _, clip = str(told).partition("/")
     sets = kept.find(token, cookie)
     if sets is None:
         raise RunError(CLIP_GONE)
@@ -86,7 +65,7 @@ def clip_of(kept: Kept[Sets], told: object, cookie: str) -> Clip:
 
 
 def sets_updates(
-    sets: Sets, token: str, address: Address, parts: ResultParts, sets_part: gr.HTML
+    sets: Sets, token: str, address: Address, parts: ResultParts, of_sets: SetsParts
 ) -> Updates:
     """All that a tab shows of sets.
 
@@ -99,9 +78,14 @@ def sets_updates(
     line = MEASURED_SETS.format(
         clips=number_of(len(clips), "clip"), sets=number_of(len(names), "set")
     )
-    told = sets_html(token, sets.told, names, figures, files_listed(sets.files, address))
+    told = sets_html(sets.told, names, figures, files_listed(sets.files, address))
     return {
         parts.status: markup.sentence_status(line),
         parts.message: shown(markup.notes_folded(list(sets.notes))),
-        sets_part: shown(told),
+        of_sets[0]: shown(told),
+        of_sets[1]: gr.update(
+            choices=[(label, f"{token}/{clip}") for label, clip in clip_choices(sets.told)],
+            value=None,
+            visible=True,
+        ),
     }

@@ -1,6 +1,5 @@
 """Runs of the tabs as handlers give them: own motion, live, studies; opened again, with videos."""
 
-import json
 import re
 import shutil
 import threading
@@ -29,7 +28,6 @@ from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.own_motion import build_own_form
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
-from app.page.tabs.own_sets_run import build_sets
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind
@@ -61,9 +59,11 @@ class Own:
         does = {"do_in_folder": diagnose, "measure_sets": measure_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
-            self.parts, self.sets_shown = build_results(), build_sets().shown
+            self.parts = build_results()
+            self.sets_shown, self.sets_clip = gr.HTML(), gr.Dropdown()
             form = build_own_form(services)
-        self.runner = OwnMotionRunner(services, form, self.parts, self.sets_shown)
+        of_sets = self.sets_shown, self.sets_clip
+        self.runner = OwnMotionRunner(services, form, self.parts, of_sets)
         self.opener = ClipRunner(services, form, self.parts, self.runner)
 
 
@@ -146,14 +146,14 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     (request,) = measured.asked
     assert (request.names, request.reference) == (("<i>mine",), Path("/up/gt.zip"))
     html = last[own.sets_shown]["value"]
-    assert "foot slide, jerk; jerk 2,400 m/s³" in html and 'data-clip="b&lt;u&gt;"' in html
+    assert "foot slide, jerk; jerk 2,400 m/s³" in html and "<b>b&lt;u&gt;</b>" in html
     assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
     assert "<i>" not in html and "<u>" not in html
     assert "Measured 2 clips of 2 sets" in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
 
-    token = html.split('data-sets="')[1].split('"')[0]
-    good = json.dumps({"sets": token, "clip": "a"})
+    (worst, _), (_, good) = last[own.sets_clip]["choices"]
+    assert worst == "b<u>: foot slide, jerk" and good.endswith("/a")
     *updates, end = updates_of(own.opener, own.parts, good, visitor=mine)
     (one,) = opened
     assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
@@ -163,11 +163,8 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 
     for visitor, told in (
-        (mine, json.dumps({"sets": token, "clip": "../secret"})),
-        (mine, json.dumps({"sets": "x" * 43, "clip": "a"})),
-        (mine, json.dumps([token, "a"])),
-        (mine, "[" * 1000),
-        (mine, good.ljust(3000)),
+        (mine, good.replace("/a", "/../secret")),
+        (mine, f"{'x' * 43}/a"),
         (mine, None),
         (stranger, good),
     ):
