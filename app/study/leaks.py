@@ -20,9 +20,8 @@ import pandas as pd
 
 from app.errors import RunError
 from app.study.design.blinding import NOT_MADE, order_tells, stimuli_of, value_tells
-from app.study.design.key import KIND_OF_PROTOCOL, Key, read_key
+from app.study.design.key import KIND_OF_PROTOCOL, Key, Stimulus, read_key
 from app.study.design.plan import CHOICES, wording
-from app.study.design.trials import Stimulus
 from app.study.make import media
 from app.study.make.bundle import (
     DATA,

@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from app.study.design.key import AttentionRule, Expected, Key, Trial, Video
+from app.study.design.key import AttentionRule, Expected, Key, Stimulus, Trial, Video
 from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
-from app.study.design.trials import Design, Stimulus
+from app.study.design.trials import Design
 
 NOT_MADE = "not made yet"
 """In place of a video's sha256 while the export has not finished."""
@@ -137,7 +137,7 @@ def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
         (
             "tells matched from mismatched speech",
             lambda s: (s.clip, s.view, s.system),
-            lambda s: str(s.speech == s.clip),
+            lambda s: str(s.is_matched),
         ),
     ]
     tells = []

@@ -50,21 +50,27 @@ class Question:
     kind: Literal["choice", "ranking", "slider"]
 
 
-@dataclass(frozen=True, config=STRICT)
-class Video:
-    """What stands behind a blind id."""
+@dataclass(frozen=True, order=True, config=STRICT)
+class Stimulus:
+    """What a video shows, and what is heard."""
 
     system: Text
     clip: Text
     speech: Text | None
     """Clip whose speech is heard; None when muted."""
     view: Text
-    sha256: Text
 
     @property
     def is_matched(self) -> bool:
         """Whether the speech is the one that the motion belongs to."""
         return self.speech == self.clip
+
+
+@dataclass(frozen=True, config=STRICT)
+class Video(Stimulus):
+    """What stands behind a blind id."""
+
+    sha256: Text
 
 
 @dataclass(frozen=True, config=STRICT)

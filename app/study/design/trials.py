@@ -15,19 +15,8 @@ import numpy as np
 import pandas as pd
 
 from app.errors import RunError
-from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, TrialKind
+from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, Stimulus, TrialKind
 from app.study.design.plan import CHOICES, Choice, Plan
-
-
-@dataclass(frozen=True, order=True)
-class Stimulus:
-    """One video: what moves, and what is heard."""
-
-    system: str
-    clip: str
-    speech: str | None
-    """Clip whose speech is heard; None is silence."""
-    view: str
 
 
 @dataclass(frozen=True)
@@ -225,7 +214,7 @@ def measure_balance(design: Design) -> Balance:
     is_matched = any(trial.kind == "match" for trial in design.trials)
 
     def label(stimulus: Stimulus) -> str:
-        kind = "matched" if stimulus.speech == stimulus.clip else "mismatched"
+        kind = "matched" if stimulus.is_matched else "mismatched"
         return f"{stimulus.system} ({kind})" if is_matched else stimulus.system
 
     lists = [[page for page in pages if page.shown] for pages in design.lists]

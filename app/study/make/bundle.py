@@ -232,6 +232,6 @@ def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
         if planned.kind == "pair":
             table.append([trial, *(videos[each] for each in planned.stimuli)])
         elif planned.kind == "match":
-            right, wrong = sorted(planned.stimuli, key=lambda one: one.speech != one.clip)
+            right, wrong = sorted(planned.stimuli, key=lambda one: not one.is_matched)
             table.append([trial, videos[right], "speech", videos[wrong]])
     return {name: csv_text([header, *sorted(table)], line_end="\n")} if name else {}

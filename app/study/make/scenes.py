@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from app.run.models import get_body
 from app.run.requests.request import Ask
 from app.run.videos.videos import draw_videos, picture_of
+from app.study.design.key import Stimulus
 from app.study.design.plan import Clip, Plan
-from app.study.design.trials import Stimulus
 from app.study.make import media
 from app.study.make.motions import read_source, shown_motions
 from app.study.make.mp4 import fill_alike

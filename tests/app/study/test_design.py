@@ -17,13 +17,13 @@ from app.study.design.blinding import (
     stimuli_of,
     value_tells,
 )
+from app.study.design.key import Stimulus
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import (
     ANSWER_S,
     BEFORE_S,
     Design,
     Page,
-    Stimulus,
     StudySize,
     is_first_left,
     make_design,
