@@ -12,10 +12,11 @@ from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.storage.cards import Card, load_card
 from model.systems.official.files import (
     FOLDER_VARIABLE,
+    PARTS,
     SEED_VARIABLE,
     SPEECH_VARIABLE,
-    official_files,
-    require_official,
+    official_file,
+    official_folder,
     require_speech,
 )
 
@@ -41,7 +42,7 @@ class OfficialFamily(Family):
 
     def systems_in(self, folder: Path) -> tuple[str, ...]:
         """Both systems, where a folder was named; what it lacks is told when they are read."""
-        return () if official_files() is None else self.systems
+        return () if official_folder() is None else self.systems
 
     def require_files(self) -> None:
         """See `Family.require_files`.
@@ -49,13 +50,14 @@ class OfficialFamily(Family):
         Raises:
             CheckpointError, EncoderError: if something is named, but not there, or not enough.
         """
-        if official_files() is not None:
-            require_official()
+        if official_folder() is not None:
+            for part in PARTS:
+                official_file(part)
             require_speech()
 
     def why_not_on_page(self) -> str | None:
         """Prepared features are of one speech."""
-        if official_files() is None or not require_speech().is_file():
+        if official_folder() is None or not require_speech().is_file():
             return None
         return (
             "The page cannot use prepared features, which are of one speech; name a folder of "
@@ -64,15 +66,15 @@ class OfficialFamily(Family):
 
     def private_paths(self) -> tuple[Path, ...]:
         """The folder of the checkpoints."""
-        files = official_files()
-        return () if files is None else (files.folder,)
+        folder = official_folder()
+        return () if folder is None else (folder,)
 
     def file_reports(self) -> tuple[FileReport, ...]:
         """Of each network, and of what hears for them."""
         from model.systems.official.networks import reports_of
 
-        files = official_files()
-        return () if files is None else tuple(reports_of(files))
+        folder = official_folder()
+        return () if folder is None else tuple(reports_of(folder))
 
     def card(self, name: str, folder: Path) -> Card:
         """What is known of the checkpoints, from their names. Speakers of the other systems are
@@ -81,7 +83,7 @@ class OfficialFamily(Family):
         Raises:
             CheckpointError: if no folder was named, or it holds too little.
         """
-        motion = require_official().path("motion")
+        motion = official_file("motion")
         content = {
             "system": name,
             "speakers": SPEAKERS | {name: 0 for name in _speakers_in(folder)},

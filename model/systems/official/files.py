@@ -7,7 +7,6 @@ files in it; ``docs/official.md`` says which names are known.
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -54,73 +53,46 @@ _CALLED: dict[Part, tuple[str, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class OfficialFiles:
-    """What was found."""
-
-    folder: Path
-    found: dict[Part, Path]
-
-    def path(self, part: Part) -> Path:
-        """The file of a network.
-
-        Raises:
-            CheckpointError: if there is none.
-        """
-        if part not in self.found:
-            what, called = _CALLED[part]
-            raise CheckpointError(
-                f"{self.folder} holds no file of the {what}; put it there as {called}."
-            )
-        return self.found[part]
-
-
-def official_files(folder: Path | None = None) -> OfficialFiles | None:
-    """The checkpoints in a folder, by default in that of ``OFFICIAL_DIR``; None if none is named.
-
-    Of several of the motion network the one called best is taken, else that of the last epoch.
+def official_folder() -> Path | None:
+    """The folder that ``OFFICIAL_DIR`` names; None if none is named.
 
     Raises:
-        CheckpointError: if there is no such folder.
+        CheckpointError: if it is not there.
     """
     named = os.environ.get(FOLDER_VARIABLE)
-    if folder is None and not named:
-        return None
-    folder = folder or Path(named or "")
-    if not folder.is_dir():
+    if named and not Path(named).is_dir():
         raise CheckpointError(
-            f"There is no folder {folder}; name the one that holds the authors' checkpoints with "
+            f"There is no folder {named}; name the one that holds the authors' checkpoints with "
             "--official FOLDER."
         )
-    by_part: dict[Part, list[Path]] = {}
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        part = part_of(path.relative_to(folder.parent))
-        if part is not None:
-            by_part.setdefault(part, []).append(path)
-    return OfficialFiles(folder, {part: max(by_part[part], key=_rank) for part in by_part})
+    return Path(named) if named else None
+
+
+def official_file(part: Part) -> Path:
+    """The checkpoint of a network in that folder: of several the one called best, else that of the
+    last epoch.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    folder = official_folder()
+    if folder is None:
+        raise CheckpointError(
+            "The systems official/... need the authors' checkpoints; name their folder with "
+            "--official FOLDER."
+        )
+    there = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    own = [path for path in there if part_of(path.relative_to(folder.parent)) == part]
+    if not own:
+        what, called = _CALLED[part]
+        raise CheckpointError(f"{folder} holds no file of the {what}; put it there as {called}.")
+    return max(own, key=_rank)
 
 
 def part_of(path: Path) -> Part | None:
     """Which network a file holds, by its name and its folder's."""
     named = f"/{path.as_posix()}"
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
-
-
-def require_official(folder: Path | None = None) -> OfficialFiles:
-    """The checkpoints, of which there are enough to make motion.
-
-    Raises:
-        CheckpointError: if not.
-    """
-    files = official_files(folder)
-    if files is None:
-        raise CheckpointError(
-            "The systems official/... need the authors' checkpoints; name their folder with "
-            "--official FOLDER."
-        )
-    for part in PARTS:
-        files.path(part)
-    return files
 
 
 def require_speech(path: Path | None = None) -> Path:

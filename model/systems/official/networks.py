@@ -22,8 +22,8 @@ from model.systems.official.files import (
     SEED_FRAMES,
     SPEAKER_DIM,
     SPEECH_DIM,
-    OfficialFiles,
     Part,
+    official_file,
 )
 from model.systems.official.speech import official_encoder
 
@@ -263,17 +263,17 @@ def sha256_of(path: Path) -> str:
 _ADVICE = "see docs/official.md"
 
 
-def reports_of(files: OfficialFiles) -> Iterator[FileReport]:
+def reports_of(folder: Path) -> Iterator[FileReport]:
     """Of each network, and of what hears for them."""
     for part in PARTS:
         name = f"official {part}"
         try:
-            path = files.path(part)
+            path = official_file(part)
             count = sum(each.numel() for each in load_network(part, path).parameters())
         except Exception as error:  # whatever is wrong with a file is what is told
             yield FileReport(name, error=error, advice=_ADVICE)
         else:
-            detail = f"{path.relative_to(files.folder)}, {count / 1e6:.1f} M parameters"
+            detail = f"{path.relative_to(folder)}, {count / 1e6:.1f} M parameters"
             yield FileReport(name, detail)
     try:
         official_encoder()

@@ -27,7 +27,7 @@ from model.systems.official.files import (
     SEED_VARIABLE,
     WINDOW_FRAMES,
     Part,
-    require_official,
+    official_file,
 )
 from model.systems.official.networks import (
     OfficialExpressionNetwork,
@@ -194,8 +194,7 @@ def load(name: str, folder: Path) -> OfficialSystem:
         EncoderError: if there is nothing to hear by.
         MotionError: if the motion that clips are to start from cannot be read.
     """
-    files = require_official()
-    motion, expression = files.path("motion"), files.path("expression")
+    motion, expression = official_file("motion"), official_file("expression")
     card = FAMILY.card(name, folder)
     return OfficialSystem(
         name=name,

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from model.storage.cards import CheckpointError
 from model.storage.torch_file import read_tensors
-from model.systems.official.files import official_files, part_of, require_official
+from model.systems.official.files import official_file, official_folder, part_of
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill, sha256_of
 from tests.model.training.made import assert_equal_states
@@ -52,30 +52,27 @@ def test_names_tell_the_network(name, part):
     assert part_of(Path(name)) == part
 
 
-def test_the_last_epoch_is_taken_unless_one_is_called_best(tmp_path):
-    named = official_files(_made(tmp_path / "SimpleSpeechModel", "best.pt"))
-    assert named is not None and list(named.found) == ["expression"]
-    folder = _made(
-        tmp_path / "all", *(f"{MOTION}/epoch_{n}" for n in (19, 999, 99)), "speech/best.pt"
-    )
-    files = require_official(folder)
-    assert files.path("motion").name == "epoch_999" and "expression" in files.found
+def test_the_last_epoch_is_taken_unless_one_is_called_best(tmp_path, monkeypatch):
+    monkeypatch.setenv("OFFICIAL_DIR", str(_made(tmp_path / "SimpleSpeechModel", "best.pt")))
+    assert official_file("expression").name == "best.pt"
+    folder = _made(tmp_path / "all", *(f"{MOTION}/epoch_{n}" for n in (19, 999, 99)))
+    monkeypatch.setenv("OFFICIAL_DIR", str(folder))
+    assert official_file("motion").name == "epoch_999"
     _made(folder, f"{MOTION}/best.pt")
-    assert require_official(folder).path("motion").name == "best.pt"
+    assert official_file("motion").name == "best.pt"
 
 
 def test_what_is_missing_is_told(tmp_path, monkeypatch):
     monkeypatch.delenv("OFFICIAL_DIR", raising=False)
-    assert official_files() is None
+    assert official_folder() is None
     with pytest.raises(CheckpointError, match="name their folder with --official FOLDER"):
-        require_official()
+        official_file("motion")
+    monkeypatch.setenv("OFFICIAL_DIR", str(tmp_path / "nowhere"))
     with pytest.raises(CheckpointError, match=r"There is no folder .*nowhere; name the one"):
-        official_files(tmp_path / "nowhere")
-    with pytest.raises(CheckpointError, match="no file of the motion network; put it there as"):
-        require_official(tmp_path)
+        official_folder()
     monkeypatch.setenv("OFFICIAL_DIR", str(_made(tmp_path, "epoch_19")))
     with pytest.raises(CheckpointError, match=r"no file of the expression model; .* Simple"):
-        require_official()
+        official_file("expression")
 
 
 def _zipped(path: Path, *names: str) -> Path:
