@@ -45,8 +45,6 @@ UNUSED = (
     *("HttpsUpgrades", "PaintHolding", "Translate", "OptimizationHints", "MediaRouter"),
 )
 """Features of Chromium."""
-MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--in-process-gpu")
-"""Mesa's llvmpipe draws bodies with a third of the processor that Chromium's SwiftShader takes."""
 PATIENCE_MS = 60_000
 """Longest that any one thing may take on a busy machine."""
 expect.set_options(timeout=PATIENCE_MS)
@@ -121,7 +119,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         "--no-sandbox",
         "--autoplay-policy=no-user-gesture-required",
         "--disable-gpu-rasterization",  # there is no GPU
-        *MESA,
         "--disable-features=" + ",".join(UNUSED),
         "--use-fake-device-for-media-stream",
         "--use-fake-ui-for-media-stream",
