@@ -9,10 +9,11 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.page.launch import launch, parse_config
+from app.run import models
 from model.speech.audio import write_wav
 from model.speech.encoder import EncoderError
 from model.storage.cards import CheckpointError
-from model.systems.official import FILTERED, UNFILTERED
+from model.systems.official import FILTERED, UNFILTERED, system
 from tests.model.made import made_waveform
 from tests.model.systems.official.made_official import make_features, make_official
 
@@ -22,6 +23,9 @@ def unnamed(monkeypatch):
     """Nothing is named by the environment, and what a command names is forgotten again."""
     for name in ("OFFICIAL_DIR", "OFFICIAL_FEATURES", "OFFICIAL_SEED", "WAVLM_DIR"):
         monkeypatch.setenv(name, "")
+    yield
+    for kept in (models._load_system, system._shared):  # half a gigabyte
+        kept.cache_clear()
 
 
 @pytest.fixture
