@@ -238,6 +238,7 @@ CLIPS_HELP = (
     "drawn; the speech above, if there is any, is one of them."
 )
 CLIP_TWICE = "Two clips are called {name!r}; rename one of the files."
+CLIP_OTHER = "{name} cannot be one of several clips; these are {known}."
 OF_ONE_CLIP = (
     "A recorded motion, a transcript and a plan belong to one piece of speech; take them away, or "
     "generate that one alone."

@@ -39,6 +39,7 @@ body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: 
 header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
 h1, header p { margin: 0; }
 h1 { font-size: 17px; }
+header .scroll { overflow-x: auto; }
 header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501

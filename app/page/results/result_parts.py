@@ -62,7 +62,7 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
     message = told_part(prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
     look = told_part(prefix + "look")
-    clips = told_part(prefix + "clips")
+    clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
     clip = gr.Radio([], label=text.CLIP_SHOWN, visible=False, elem_id=prefix + "clip")
     player = player_part(prefix)
     with gr.Row(elem_classes="seen-video"):

@@ -32,6 +32,8 @@ from app.page.parts.catalogue import (
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
 from app.page.tabs.services import Services
 from app.run.followed_point import TIP
+from app.run.many.opened import SPEECHES
+from app.run.many.speeches import ENDINGS
 from app.run.requests.display import Display
 from app.run.requests.request import (
     MAX_CLIPS,
@@ -49,8 +51,6 @@ from model.systems.registry import sampler_title
 SEED_LIMIT = 2**31 - 1
 LAST_FRAME = 10**6
 """That a figure may begin at; the motion is shorter."""
-SPEECHES = "form"
-"""Where in a run's folder lies what is spoken."""
 PAGE_VIDEOS = 12
 PAGE_SIZE_PX = 640
 """Height of a body in the player."""
@@ -136,6 +136,9 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(text.CLIP_TWICE.format(name=twice))
+    other = next((path.name for path in speeches if path.suffix.lower() not in ENDINGS), None)
+    if other is not None:
+        raise RunError(text.CLIP_OTHER.format(name=printable(other), known=", ".join(ENDINGS)))
 
 
 def _counted(number: int, what: str) -> str:
@@ -176,7 +179,7 @@ def build_form(services: Services) -> FormParts:
         told = text.CLIPS_HELP.format(
             count=MAX_CLIPS,
             max_min=round(config.max_speech_s / 60, 1),
-            size=config.max_upload.upper(),
+            size=config.max_upload.upper().replace("MB", " MB"),
         )
         gr.HTML(f'<p class="hint">{told}</p>')
         clips = services.file(

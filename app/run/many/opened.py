@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
-from app.run.many.speeches import asks_of, do_clips, is_many
+from app.run.many.speeches import asks_of, do_clips
 from app.run.many.unpacked import Limits, is_packed, unpacked
 from app.run.output.run_folder import (
     NO_RUN,
@@ -53,6 +53,8 @@ LIMITS = Limits(files=2_000, total_bytes=10**9)
 ENDINGS = (".json", ".npz", ".wav")
 SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """With all that is only looked at."""
+SPEECHES = "form"
+"""Folder beside the results in which several clips lie."""
 _MAX_LINE_BYTES = 20_000_000
 Seconds = Annotated[float, Field(ge=0, le=1e5)]
 Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
@@ -81,7 +83,8 @@ class _Line(BaseModel):
 
 def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
     """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip
-    that is what the run shows, measured anew; of several clips the folder of each.
+    that is what the run shows, measured anew; of several clips, which lie beside the folder, that
+    of each. No list of paths is read: it might name anybody's files.
 
     Raises:
         Exception: also where no clip could be done.
@@ -89,7 +92,7 @@ def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
     asks = {"": ask}
     if is_one_run(ask.motions):
         asks = opened(ask, ask.out.parent / "opened")
-    elif ask.speech is not None and is_many(ask.speech):
+    elif ask.speech == ask.out.with_name(SPEECHES):
         asks = asks_of(ask)
         check_clips([each.speech for each in asks.values() if each.speech], ask.max_speech_s)
     if "" in asks:

@@ -177,6 +177,7 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     assert [path.read_text() for path in sorted((tmp_path / "form").iterdir())] == list("abc")
     for changes, words in (
         ({"clips": [first]}, "Two clips are called 'a'"),
+        ({"clips": ["/up/b.aiff"]}, r"b\.aiff cannot be one of several clips; these are \.wav,"),
         ({"clips": others, "plan": "/plan.json"}, "belong to one piece of speech"),
         ({"clips": [f"{number}.wav" for number in range(10)]}, "At most 10 clips .* 11 were given"),
     ):

@@ -12,7 +12,7 @@ from app.commands.cli import main
 from app.commands.said import ProgressBar
 from app.errors import CancelledRun, RunError
 from app.findings.verdict import jerk_over_clips
-from app.run.many.opened import copied_run, do_in_folder
+from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.output.run_folder import is_run_zip, read_run, runs_in, zip_run
 from app.run.requests.request import Ask, Event, Progress
@@ -105,8 +105,16 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
 def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     speeches, weights, tmp_path
 ):
+    speeches = speeches.rename(tmp_path / SPEECHES)
     (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
     asked = request_of(speeches, tmp_path / "1", weights, has_figures=False, is_kept=True)
+    elsewhere = tmp_path / "list.txt"
+    elsewhere.write_text(f"{speeches / 'a.wav'}\n")
+    for speech in (elsewhere, tmp_path):
+        with pytest.raises(SpeechError):  # whoever's files it names
+            do_in_folder(
+                replace(asked, speech=speech, out=tmp_path / "0"), lambda event: None, lambda: False
+            )
     with pytest.raises(SpeechError, match=r"b\.wav"):
         do_in_folder(asked, lambda event: None, lambda: False)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
