@@ -168,11 +168,7 @@ class FrozenEncoder:
 
 
 def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
-    """Read ``motion-vae`` or the encoder of a Fréchet distance.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read ``motion-vae`` or the encoder of a Fréchet distance."""
     trained = Trained.read(folder, name)
     shape = trained.card.config(AutoencoderConfig, "autoencoder")
     network = trained.as_of(MotionAutoencoder(shape)).to(device)

@@ -85,11 +85,7 @@ class SpeechCodes:
 
 
 def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
-    """Read the encoder.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read the encoder."""
     trained = Trained.read(folder, SPEECH_ENCODER)
     network = trained.as_of(CodesNetwork(trained.card.config(CodesConfig, "codes")))
     return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)

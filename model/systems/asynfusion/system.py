@@ -91,11 +91,7 @@ class AsynFusionSystem(System):
 
 
 def load(name: str, folder: Path) -> AsynFusionSystem:
-    """Read a system.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read a system."""
     trained = Trained.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(DualBranchConfig, "network")
     streams = read_streams(trained, config.seed_frames)

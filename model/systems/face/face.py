@@ -156,11 +156,7 @@ class Face:
 
 
 def load_face(folder: Path) -> Face:
-    """Read the expression network, once for all systems of a folder.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read the expression network, once for all systems of a folder."""
     return _load(folder, load_card(folder, EXPRESSION).sha256)
 
 

@@ -81,11 +81,7 @@ class GanSystem(FacedSystem):
 
 
 def load(name: str, folder: Path) -> GanSystem:
-    """Read a system and the expression network beside it.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged, or its windows are not the face's.
-    """
+    """Read a system and the expression network beside it."""
     trained = Trained.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(GeneratorConfig, "generator")
     network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)

@@ -129,11 +129,7 @@ def led_home(
 
 
 def load(name: str, folder: Path) -> GlobalDiffSystem:
-    """Read a system and the expression network beside it.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged, or its windows are not the face's.
-    """
+    """Read a system and the expression network beside it."""
     trained = Trained.read(folder, name)
     config = trained.card.config(NetworkConfig, "network")
     prior = trained.prior(config.seed_frames) if config.prior else None

@@ -187,11 +187,7 @@ class MatchingJudge:
 
 
 def load_judge(folder: Path, name: str) -> MatchingJudge:
-    """Read a judge.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read a judge."""
     trained = Trained.read(folder, name)
     network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
     return MatchingJudge(network, trained.normaliser, trained.sha256)

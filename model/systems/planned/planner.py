@@ -295,11 +295,7 @@ def heard_by_planner(
 
 
 def load_planner(folder: Path) -> Planner:
-    """Read the planner.
-
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
+    """Read the planner."""
     trained = Trained.read(folder, PLANNER)
     config = trained.card.config(PlannerConfig, "planner")
     with trained.card.reading():

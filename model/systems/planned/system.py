@@ -129,11 +129,7 @@ class PlannedSystem(GlobalDiffSystem):
 
 
 def load(name: str, folder: Path) -> PlannedSystem:
-    """Read the system, its planner and the expression network beside it.
-
-    Raises:
-        CheckpointError: if files are missing or damaged, or do not belong together.
-    """
+    """Read the system, its planner and the expression network beside it."""
     trained, planner = Trained.read(folder, name), load_planner(folder)
     config = trained.card.config(PlannedNetworkConfig, "network")
     with trained.card.reading():
