@@ -12,7 +12,6 @@ one hears its features of its last step, which costs nothing.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, get_args
 
@@ -62,43 +61,6 @@ def trailing_steps(count: int) -> Int[Tensor, " count"]:
     return (NUM_STEPS - torch.arange(count) * NUM_STEPS / count).round().long() - 1
 
 
-@dataclass(frozen=True)
-class GuidedNetwork:
-    """A network whose body is guided by speech; its face stays as trained. Asked twice, both
-    branches of the copies that do not hear are deaf, as they were in training."""
-
-    network: DualBranchNetwork
-    guide: SpeechGuide
-
-    def evaluate(
-        self,
-        active: Sequence[int],
-        x_t: Pair,
-        t: Pair,
-        buffer: FeatureBuffer,
-        *,
-        heard: Float[Tensor, "copies T width"],
-        seed: Pair,
-        speaker: Int[Tensor, " B"],
-        has_seed: Bool[Tensor, " B"],
-    ) -> dict[int, Float[Tensor, "B T C"]]:
-        """See `DualBranchNetwork.evaluate`.
-
-        Args:
-            buffer: holds features of all copies.
-            heard: tokens of the speech, then those of none where the guide asks twice.
-        """
-        twice = self.guide.twice
-        found = self.network.evaluate(
-            active, both(twice, x_t), both(twice, t), buffer,
-            heard=heard, seed=both(twice, seed), speaker=twice(speaker), has_seed=twice(has_seed),
-        )  # fmt: skip
-        return {
-            which: self.guide.guided(clean) if which == GESTURE else clean[: len(speaker)]
-            for which, clean in found.items()
-        }
-
-
 Noise = Callable[[int, int], Float[Tensor, "B T C"]]
 """Branch and number of its step -> standard normal noise; that of step 0 is where it starts."""
 
@@ -114,25 +76,35 @@ def turns(count: int, total: int) -> list[int]:
 
 
 def sample(
-    network: DualBranchNetwork | GuidedNetwork,
+    network: DualBranchNetwork,
+    guide: SpeechGuide,
     noise: Noise,
     counts: Sequence[int],
     way: Way,
     *,
+    heard: Float[Tensor, "copies T width"],
     seed: Pair,
-    **conditions: Any,
+    speaker: Int[Tensor, " B"],
+    has_seed: Bool[Tensor, " B"],
 ) -> Pair:
     """Clean motion of both branches, normalised components.
 
     Args:
+        guide: of the body; the face stays as trained. Asked twice, both branches of the copies that
+            do not hear are deaf, as they were in training.
         counts: steps of the expression branch and of the gesture branch.
         way: ``ddim`` keeps to the path of the noise that a step predicts; ``lcm`` adds new noise to
             the motion that it predicts (Luo et al. 2023).
-        conditions: as `DualBranchNetwork.evaluate` takes them.
+        heard: tokens of the speech, then those of none where the guide asks twice.
 
     Raises:
         ValueError: if a count is below 1 or above 1,000.
     """
+    twice = guide.twice
+    told: dict[str, Any] = {
+        "heard": heard, "seed": both(twice, seed), "speaker": twice(speaker),
+        "has_seed": twice(has_seed),
+    }  # fmt: skip
     grids = [flow_times()[trailing_steps(count)].tolist() for count in counts]
     own = [turns(count, max(counts)) for count in counts]
     x = [noise(which, 0) for which in BRANCHES]
@@ -140,9 +112,11 @@ def sample(
     buffer: FeatureBuffer = {}
     for k in range(max(counts)):
         busy = [which for which in BRANCHES if k in own[which]]
-        found = network.evaluate(busy, (x[0], x[1]), (t[0], t[1]), buffer, seed=seed, **conditions)
+        now = both(twice, (x[0], x[1])), both(twice, (t[0], t[1]))
+        found = network.evaluate(busy, *now, buffer, **told)
         for which in busy:
             clean = found[which]
+            clean = guide.guided(clean) if which == GESTURE else clean[: len(speaker)]
             done = own[which].index(k) + 1
             if done == counts[which]:
                 x[which], t[which] = clean, torch.ones_like(t[which])

@@ -23,7 +23,7 @@ from model.systems.asynfusion.network import (
     make_network,
     read_streams,
 )
-from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
+from model.systems.asynfusion.sampling import WAYS, sample
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ class AsynFusionSystem(System):
         guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
         heard = self.network.hear(guide.twice(around[None]), guide.hears(1))
         found = sample(
-            GuidedNetwork(self.network, guide),
+            self.network,
+            guide,
             partial(self._noise, draw),
             (draw.face_steps or draw.steps, draw.steps),
             WAYS[WAYS.index(draw.sampler)],

@@ -17,7 +17,6 @@ from model.systems.asynfusion.network import (
 )
 from model.systems.asynfusion.sampling import (
     WAYS,
-    GuidedNetwork,
     flow_times,
     noise_of,
     sample,
@@ -70,6 +69,16 @@ def test_a_ddim_step_is_that_of_the_variance_preserving_process(step, earlier):
     torch.testing.assert_close(found * scale_earlier, wanted, rtol=1e-4, atol=1e-4)
 
 
+NORMALISER = made_streams()[GESTURE].normaliser
+
+
+def guide_of(strength: float) -> SpeechGuide:
+    return SpeechGuide(strength, NORMALISER, "axis-angle")
+
+
+AS_TRAINED = guide_of(1.0)
+
+
 def noise(which: int, step: int) -> torch.Tensor:
     return torch.stack(
         [seeded_noise([7, k, which, step], (60, (FACE, BODY)[which])) for k in (0, 1)]
@@ -104,7 +113,7 @@ def test_equal_counts_are_the_usual_sampler(way):
             noise_of(x[b], found[b], t[b]) if way == "ddim" else noise(b, k + 1) for b in BRANCHES
         ]
         x = tuple(interpolate(kept[b], found[b], later) for b in BRANCHES)
-    made = sample(network, noise, (5, 5), way, **conditions)
+    made = sample(network, AS_TRAINED, noise, (5, 5), way, **conditions)
     for which in BRANCHES:
         torch.testing.assert_close(made[which], x[which], atol=1e-5, rtol=1e-4)
 
@@ -112,7 +121,7 @@ def test_equal_counts_are_the_usual_sampler(way):
 def test_the_face_rests_while_the_body_goes_on(monkeypatch):
     network = tiny_network()
     calls = watched(network, monkeypatch)
-    sample(network, noise, (2, 4), "lcm", **asked(network))
+    sample(network, AS_TRAINED, noise, (2, 4), "lcm", **asked(network))
     face, body = (flow_times()[trailing_steps(count)].tolist() for count in (2, 4))
     assert calls == [
         ((0, 1), [face[0], body[0]]),
@@ -136,29 +145,23 @@ def test_what_is_stale_is_the_last_step_of_the_idle_branch():
     assert len(heard) == 2
     body = interpolate(noise(1, 1), first[1], half)
     second = network.evaluate([1], (first[0], body), (half, half), buffer, **conditions)
-    made = sample(network, noise, (1, 2), "lcm", **conditions)
+    made = sample(network, AS_TRAINED, noise, (1, 2), "lcm", **conditions)
     torch.testing.assert_close(made[0], first[0])
     torch.testing.assert_close(made[1], second[1])
     for at, kept in heard.items():
         torch.testing.assert_close(kept, buffer[at])
 
 
-NORMALISER = made_streams()[GESTURE].normaliser
-T = torch.tensor([0.2, 0.7]), torch.tensor([0.4, 0.7])
-
-
-def guide_of(strength: float) -> SpeechGuide:
-    return SpeechGuide(strength, NORMALISER, "axis-angle")
-
-
 @pytest.mark.parametrize("strength", [0.0, 2.5])
 def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
-    network, x_t, guide = tiny_network(), made_pair(), guide_of(strength)
-    seed = made_pair(seed=2)
+    network, guide, seed = tiny_network(), guide_of(strength), made_pair(seed=2)
     told = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
-    heard = network(x_t, T, **told)
-    deaf = network(x_t, T, **told | {"has_speech": torch.zeros(2, dtype=torch.bool)})
-    found = GuidedNetwork(network, guide).evaluate(BRANCHES, x_t, T, {}, **asked(network, guide))
+    first = torch.full((2,), float(flow_times()[999]))
+    x_t = noise(EXPRESSION, 0), noise(GESTURE, 0)
+    heard = network(x_t, (first, first), **told)
+    unheard = told | {"has_speech": torch.zeros(2, dtype=torch.bool)}
+    deaf = network(x_t, (first, first), **unheard)
+    found = sample(network, guide, noise, (1, 1), "ddim", **asked(network, guide))
     torch.testing.assert_close(found[EXPRESSION], heard[EXPRESSION], atol=1e-5, rtol=1e-4)
     body, with_speech, without = (
         NORMALISER.restore(x) for x in (found[GESTURE], heard[GESTURE], deaf[GESTURE])
@@ -169,18 +172,7 @@ def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
     torch.testing.assert_close(body, wanted, atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_at_1_every_way_of_sampling_is_that_of_the_network_alone(way):
-    network = tiny_network()
-    conditions = asked(network, guide_of(1.0))
-    alone = sample(network, noise, (2, 4), way, **conditions)
-    guided = sample(GuidedNetwork(network, guide_of(1.0)), noise, (2, 4), way, **conditions)
-    for which in BRANCHES:
-        assert torch.equal(guided[which], alone[which])
-
-
-def asked(network: DualBranchNetwork, guide: SpeechGuide | None = None) -> dict:
-    guide = guide or guide_of(1.0)
+def asked(network: DualBranchNetwork, guide: SpeechGuide = AS_TRAINED) -> dict:
     conditions, seed = made_conditions(), made_pair(seed=2)
     del conditions["has_speech"]
     heard = network.hear(guide.twice(conditions.pop("speech")), guide.hears(2))
