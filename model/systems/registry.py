@@ -111,11 +111,6 @@ def left_out() -> tuple[str, ...]:
     return _LEFT_OUT
 
 
-def unregister(name: str) -> None:
-    """Forget a family."""
-    _FAMILIES[:] = [family for family in _FAMILIES if family.name != name]
-
-
 def family_of(name: str) -> Family:
     """The family that a system or a helper belongs to.
 
