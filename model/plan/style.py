@@ -374,10 +374,8 @@ class Manner:
         names = {each.name for each in fields(Manner)}
         if not isinstance(told, dict) or not set(told) <= names:
             raise PlanError(f"A manner is an object of some of {', '.join(sorted(names))}.")
-        for name, value in told.items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise PlanError(f"{name} is no number.")
-        return replace(Manner(), **{name: float(value) for name, value in told.items()})
+        numbers = {name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told}
+        return Manner(**numbers)
 
     def done(self, phase: HandPhase) -> HandPhase:
         """A phase of a gesture as large and as high as it shall be."""
