@@ -68,8 +68,10 @@ def make_design(plan: Plan) -> Design:
         for index in range(plan.attention_checks)
     ]
     lists = []
+    sharing = -(-len(trials) // count)  # so many participants see all trials between them
     for participant, order in enumerate(_orders(len(trials), count, plan.participants, rng)):
-        pages = [Page(index, _shown(trials[index], index, participant)) for index in order]
+        turn = participant // sharing
+        pages = [Page(index, _shown(trials[index], index, turn)) for index in order]
         for number, place in enumerate(_check_places(count, len(checks), rng)):
             pages.insert(place + number, Page(len(trials) + number, ()))
         lists.append(tuple(pages))
@@ -152,13 +154,14 @@ def williams_square(size: int) -> list[list[int]]:
     return [order for row in rows for order in (row, row[::-1])]
 
 
-def _shown(trial: PlannedTrial, index: int, participant: int) -> tuple[Stimulus, ...]:
-    """Two videos swap sides from one participant to the next; more follow a Williams square."""
+def _shown(trial: PlannedTrial, index: int, turn: int) -> tuple[Stimulus, ...]:
+    """Two videos swap sides from one showing of all trials to the next; more follow a Williams
+    square."""
     stimuli = trial.stimuli
     if len(stimuli) <= 2:
-        return stimuli[::-1] if participant % 2 else stimuli
+        return stimuli[::-1] if turn % 2 else stimuli
     rows = williams_square(len(stimuli))
-    return tuple(stimuli[place] for place in rows[(participant + index) % len(rows)])
+    return tuple(stimuli[place] for place in rows[(turn + index) % len(rows)])
 
 
 def _orders(

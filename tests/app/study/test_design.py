@@ -159,6 +159,10 @@ def test_shorter_lists_share_the_trials_evenly(tmp_path):
     assert all(len(set(pages)) == len(pages) == 6 for pages in shown)
     counts = Counter(trial for pages in shown for trial in pages)
     assert len(counts) == 18 and set(counts.values()) == {12}
+    _, design = design_of(tmp_path, "pairwise", "trials_per_participant = 6", participants=6)
+    balance = measure_balance(design)  # three see all trials, the next three with sides swapped
+    assert balance.first_place_spread_within_trial == 0
+    assert set(balance.first_place_shares.values()) == {0.5}
 
 
 def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path):
