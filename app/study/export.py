@@ -28,6 +28,7 @@ from app.study.make.scenes import Draw, Maker, never
 from app.study.make.workspace import ExportOptions, Workspace, sha256
 from conventions.views import View
 from processes.job import Job
+from processes.pool import JobPool
 
 
 @dataclass(frozen=True)
@@ -96,11 +97,8 @@ def export_study(
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = Maker(
-            *(plan, workspace, stimuli_of(key), {}, options.weights, options.body),
-            *(draw, options.parallel, should_cancel),
-        )
-        key = _make_videos(maker, key, sources, options, on_progress)
+        maker = Maker(plan, workspace, stimuli_of(key), options, draw, should_cancel)
+        key = _make_videos(maker, key, sources, on_progress)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, options, workspace)
         workspace.clean()
@@ -126,11 +124,7 @@ def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
 
 
 def _make_videos(
-    maker: Maker,
-    key: Key,
-    sources: tuple[Source, ...],
-    options: ExportOptions,
-    on_progress: Callable[[float], None],
+    maker: Maker, key: Key, sources: tuple[Source, ...], on_progress: Callable[[float], None]
 ) -> Key:
     """Make every video that is not there yet, clip after clip or shared out among those who work;
     the key that knows them."""
@@ -174,23 +168,19 @@ def _make_videos(
         tell(clip, 1.0)
         done += frames[clip]
 
-    if options.pool is None:
-        for source, views in missing.items():
-            clip = source.clip
-            maker.make(clip, views, notes[clip.name], partial(tell, clip.name))
-            on_done(clip.name)
-    else:
-        alone = replace(maker, parallel=1, should_cancel=never)
-        jobs = [
-            Job(
-                source.clip.name,
-                notes[source.clip.name].is_file,
-                partial(alone.make, source.clip, views, notes[source.clip.name]),
-            )
-            for source, views in missing.items()
-        ]
-        for error in options.pool.do_all(jobs, on_done).values():
-            raise error
+    is_here, make = maker.options.pool is None, maker.make
+    if not is_here:  # where nobody hears or cancels
+        alone = replace(maker.options, parallel=1, pool=None)
+        make = replace(maker, options=alone, should_cancel=never).make
+    jobs = []
+    for source, views in missing.items():
+        name = source.clip.name
+        heard = {"on_progress": partial(tell, name)} if is_here else {}
+        work = partial(make, source.clip, views, notes[name], **heard)
+        jobs.append(Job(name, notes[name].is_file, work))
+    pool = maker.options.pool or JobPool(1, is_patient=False)
+    for error in pool.do_all(jobs, on_done).values():
+        raise error
     if not missing:
         on_progress(1.0)
     return key

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from app.study.design.plan import Clip, Plan
 from app.study.make import media
 from app.study.make.motions import read_source, shown_motions
 from app.study.make.mp4 import fill_alike
-from app.study.make.workspace import Workspace
+from app.study.make.workspace import ExportOptions, Workspace
 
 if TYPE_CHECKING:
     from conventions.views import View
@@ -37,13 +37,11 @@ class Maker:
     workspace: Workspace
     names: Mapping[Stimulus, str]
     """Blind ids."""
-    tracks: Mapping[str, Path]
-    """Encoded speech by clip."""
-    weights: Path
-    body_path: Path | None
+    options: ExportOptions
     draw: Draw = draw_videos
-    parallel: int = 1
     should_cancel: Callable[[], bool] = never
+    tracks: Mapping[str, Path] = field(default_factory=dict)
+    """Encoded speech by clip."""
 
     def make(
         self,
@@ -59,7 +57,8 @@ class Maker:
             RunError, BodyError, GLError, VideoError: each with one sentence.
         """
         source = read_source(self.plan, clip)
-        motions = shown_motions(self.plan, source, self.weights, self.body_path, self.should_cancel)
+        weights, body = self.options.weights, self.options.body
+        motions = shown_motions(self.plan, source, weights, body, self.should_cancel)
         made: list[str] = []
         for number, view in enumerate(views):
 
@@ -112,7 +111,9 @@ class Maker:
 
         asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
         settings = picture_of(asked, view, crf=0)  # encoded once more
-        stage = set_stage(get_body(self.body_path), list(motions.values()), view, settings.aspect)
+        stage = set_stage(
+            get_body(self.options.body), list(motions.values()), view, settings.aspect
+        )
         work = self.workspace.work / f"clip-{number}"  # its own, since several may be made at once
         work.mkdir(exist_ok=True)
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
@@ -128,7 +129,7 @@ class Maker:
                     motion=motion,
                     out=drawn[name],
                     settings=settings,
-                    body_path=self.body_path,
+                    body_path=self.options.body,
                     stage=stage,
                 )
                 for name, motion in motions.items()
@@ -136,7 +137,7 @@ class Maker:
             on_progress=on_progress,
             on_done=encode,
             should_cancel=self.should_cancel,
-            parallel=self.parallel,
+            parallel=self.options.parallel,
         )
         fill_alike(list(streams.values()))
         return streams
