@@ -12,7 +12,7 @@ from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples
 from app.findings.measure_rows import JERK
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
 from app.findings.verdict import jerk_over_clips, verdict_of, verdict_over_clips
-from app.run.examples import STORED
+from app.run.examples import FIRST_LOOK
 from app.run.pipeline import do
 from app.run.requests.request import Ask
 from conventions.names import short_names
@@ -353,8 +353,7 @@ def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
 def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
-    (look,) = STORED.iterdir()
-    motions = (look / "shown" / "A.npz", look / "shown" / "B.npz")
+    motions = (FIRST_LOOK / "shown" / "A.npz", FIRST_LOOK / "shown" / "B.npz")
     request = Ask(motions=motions, out=tmp_path / "out", names=("A", "B"), has_poses=False)
     diagnostics = do(request, lambda share: None).diagnostics
     verdict = verdict_of(diagnostics)
