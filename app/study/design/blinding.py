@@ -117,7 +117,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
         n_resamples=_DRAWS,
         batch=_BATCH,
         alternative="greater",
-        random_state=0,
+        random_state=0,  # pyright: ignore[reportCallIssue]  # `rng` from scipy 1.15 on
     )
     return float(found.pvalue)
 
