@@ -35,7 +35,7 @@ class Column:
 
     def less(self, other: Column, name: str, label: str) -> Column:
         """By how much another motion has less."""
-        differences = {
+        differences: dict[Version, dict[str, float]] = {
             version: {
                 key: value - other.numbers[version][key]
                 for key, value in self.numbers[version].items()

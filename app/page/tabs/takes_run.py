@@ -45,8 +45,8 @@ class Asked(BaseModel):
             RunError: if it does not say of which run it is.
         """
         try:
-            is_read = isinstance(told, str) and len(told) <= MAX_ASKED
-            return cls.model_validate_json(told if is_read else "")
+            json = told if isinstance(told, str) and len(told) <= MAX_ASKED else ""
+            return cls.model_validate_json(json)
         except ValidationError as error:
             raise RunError(text.EDITS_DAMAGED) from error
 

@@ -10,7 +10,7 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts.asked import Field, Fields, a_file
-from app.page.parts.catalogue import USUAL, strength_choices, strength_of
+from app.page.parts.catalogue import USUAL, Catalogue, strength_choices, strength_of
 from app.page.tabs.systems.measured_figure import FigureRunner
 from app.run.experiments.hearing import HearingAsk, measure_hearing
 from model.storage.cards import CALM_AND_LIVELY
@@ -29,10 +29,11 @@ class HearingRunner(FigureRunner):
     """Compares two speeches by two seeds."""
 
     tab, verb = "hearing", "Compare"
-    title, introduction, usual = TITLE, INTRODUCTION, "hearing-tab"
+    title, introduction = TITLE, INTRODUCTION
     measure = staticmethod(measure_hearing)
 
-    def more_fields(self) -> Fields:
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        systems = self.systems(catalogue, "hearing-tab")
         with gr.Row(elem_classes="pair"):
             speeches = [
                 gr.File(
@@ -57,6 +58,7 @@ class HearingRunner(FigureRunner):
             elem_id="hearing-speakers",
         )
         return {
+            "systems": systems,
             "first": Field(speeches[0], a_file),
             "second": Field(speeches[1], a_file),
             "guidance": Field(strength, strength_of),

@@ -9,6 +9,7 @@ import gradio as gr
 
 from app.errors import RunError
 from app.page.parts.asked import Field, Fields, a_file
+from app.page.parts.catalogue import Catalogue
 from app.page.tabs.systems.measured_figure import FigureRunner
 from app.run.experiments.step_curve import StepsAsk, measure_step_curve
 
@@ -26,17 +27,18 @@ class StepCurveRunner(FigureRunner):
     """Measures ticked systems with few and with many steps."""
 
     tab, verb = "steps", "Measure"
-    title, introduction, usual = TITLE, INTRODUCTION, "steps"
+    title, introduction = TITLE, INTRODUCTION
     measure = staticmethod(measure_step_curve)
 
-    def more_fields(self) -> Fields:
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        systems = self.systems(catalogue, "steps")
         speech = gr.File(
             label="Speech (optional: an example otherwise; ten seconds are used)",
             file_types=["audio"],
             type="filepath",
             height=110,
         )
-        return {"speech": Field(speech, a_file)}
+        return {"systems": systems, "speech": Field(speech, a_file)}
 
     def request(self, told: Mapping[str, Any], limits: Mapping[str, Any]) -> StepsAsk:
         path = told["speech"] or next(iter(self.examples), None)

@@ -101,7 +101,7 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
     services = made_services(tmp_path, {"show_mechanism": show})
     with gr.Blocks(), gr.Tabs(), gr.Tab() as tab:
         runner = MechanismRunner(tab, services)
-    return updates_of(runner, parts_of(runner, "message", "player", "says"), *values)
+    return updates_of(runner, parts_of(runner, "message", "player", "figure"), *values)
 
 
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
@@ -122,14 +122,14 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]
-    assert "Moved by &lt;1&gt; cm." in last["says"]["value"]
+    assert "Moved by &lt;1&gt; cm." in last["message"]["value"]
     assert "Noise of 0.05 rad" in last["status"]
 
 
 def test_noise_that_cannot_be_drawn_is_told(tmp_path):
     *_, last, raised = shown(show_mechanism, tmp_path, 3.0, None)
     assert "0.005 to 0.1 rad; got 3" in raised["error"]
-    assert not last["says"]["visible"] and "got 3" in last["message"]["value"]
+    assert not last["figure"]["visible"] and "got 3" in last["message"]["value"]
 
 
 def test_the_ladder_has_the_rungs_of_the_trainings_and_tells_those_without_weights_apart():
