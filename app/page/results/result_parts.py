@@ -34,10 +34,8 @@ class ResultParts:
     seen: gr.HTML
     """How far a video of what the stage shows is, and the way to it."""
     seen_cancel: gr.Button
-    seen_asked: gr.Textbox
     seen_start: gr.Button
     """Pressed by the stage."""
-    take_asked: gr.Textbox
     take_start: gr.Button
     """Pressed by the editor of gestures."""
     verdict: gr.HTML
@@ -77,9 +75,7 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
         )
     return ResultParts(
         *(message, status, look, clips, clip, player, seen, seen_cancel),
-        seen_asked=gr.Textbox(visible=False),
         seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
-        take_asked=gr.Textbox(visible=False),
         take_start=gr.Button(elem_classes="take-start told-elsewhere"),
         verdict=told_part(prefix + "verdict"),
         runs=told_part(prefix + "runs", "runs.js", "mountRuns"),

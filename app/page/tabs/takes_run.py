@@ -65,7 +65,7 @@ class TakesRunner:
         parts = self._parts
         parts.take_start.click(
             self.run,
-            inputs=[parts.take_asked],
+            inputs=[gr.Textbox(visible=False)],  # which the script fills in
             outputs=[parts.player],
             js="() => [document.querySelector('#player .lockstep').edits()]",
             **{**in_turn(parts.status), **PRIVATE, "trigger_mode": "multiple"},

@@ -47,7 +47,7 @@ class SeenRunner(TabRunner):
         outputs = [parts.seen, parts.seen_cancel]
         run = self.begins_on(
             parts.seen_start.click,
-            [parts.seen_asked],
+            [gr.Textbox(visible=False)],  # which the script fills in
             outputs=outputs,
             js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
             show_progress_on=parts.status,
