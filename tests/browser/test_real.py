@@ -19,8 +19,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from app import text
 from app.page.tabs import live as live_tab
-from app.page.tabs.own_motion import TAB
-from app.page.tabs.own_sets_run import CLIP_LABEL
+from app.page.tabs.own_motion import CLIP_LABEL, TAB
 from app.page.tabs.study_run import PREVIEW
 from app.run.body_motion import in_register
 from app.run.examples import CLEAN, slide

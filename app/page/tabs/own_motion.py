@@ -15,7 +15,6 @@ from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click, told_pa
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs.motion import LAST_FRAME, FormParts, words_of
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner, display_names
-from app.page.tabs.own_sets_run import CLIP_LABEL
 from app.page.tabs.services import Services
 from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
@@ -45,6 +44,7 @@ ASSUME_HELP = (
     "rate=25, hands=mean, rotations=6d-columns, motion=2, frames=bridge, lag=.4; of some files "
     "alone *.bvh:up=z or NAME:up=z."
 )
+CLIP_LABEL = "Open a clip on the stage"
 CHANNEL_LABEL = "Which side of a dialogue speaks"
 SHOWN_LABEL = "Shown on the stage and in figures"
 SHOWN_HELP = "At most six with the reference; all are measured."

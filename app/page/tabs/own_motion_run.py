@@ -11,22 +11,15 @@ import gradio as gr
 
 from app.config import AppConfig
 from app.errors import RunError
+from app.page.parts import markup
 from app.page.parts.asked import values_of
 from app.page.parts.html_parts import shown
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
-from app.page.results.result_parts import ResultParts
+from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.results.sets_shown import clip_choices, number_of, sets_html
 from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.own_sets_run import (
-    MEASURING_SETS,
-    MIXED,
-    NO_SETS,
-    REFERENCE_TOO,
-    SetsParts,
-    clip_of,
-    sets_updates,
-)
 from app.page.tabs.services import Services
 from app.page.visitors.kept import Kept
 from app.run.many.opened import is_one_run
@@ -43,6 +36,17 @@ ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
 ONE_FILE = "One file of {what} goes with all motions; {count} were given."
 NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
+MIXED = "Give zips of results only, or motion files only; a zip is measured as one set."
+REFERENCE_TOO = (
+    "Where motions come as zips, the {what} comes as a zip as well, named alike by clip."
+)
+NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
+MEASURING_SETS = "Measuring clips: {share:.0%}"
+MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
+CLIP_GONE = "These clips are kept no longer; give the zips again."
+CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again."
+SetsParts = tuple[gr.HTML, gr.Dropdown]
+"""Where sets are shown, and which of their clips is opened."""
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
@@ -184,8 +188,17 @@ class OwnMotionRunner(RunRunner):
         found = yield from self.done(job, measure_sets, ask, MEASURING_SETS)
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
+        figures, files = figures_html(found.files, address), files_listed(found.files, address)
+        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
+        line = MEASURED_SETS.format(
+            clips=number_of(len(choices), "clip"), sets=number_of(len(found.clips), "set")
+        )
+        told, clip = self._of_sets
         yield {
-            **sets_updates(found, token, address, self._parts, self._of_sets),
+            self._status: markup.sentence_status(line),
+            self._parts.message: shown(markup.notes_folded(list(found.notes))),
+            told: shown(sets_html(found.told, list(found.clips), figures, files)),
+            clip: gr.update(choices=choices, value=None, visible=True),
             **self._buttons(is_running=False),
         }
 
@@ -210,12 +223,17 @@ class ClipRunner(RunRunner):
         self._sets, self.videos = of.sets, of.videos
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
-        clip = clip_of(self._sets, values[0] if values else None, job.cookie)
-        config = self._services.config
-        asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
-        told = clip.ask.told.known(asked.motions, *asked.names)
-        title = f"{clip.name} of {', '.join(asked.names)}"
-        return replace(asked, told=told, channel=clip.ask.channel, title=title)
+        token, _, clip = str(values[0] if values else "").partition("/")
+        sets, config = self._sets.find(token, job.cookie), self._services.config
+        if sets is None:
+            raise RunError(CLIP_GONE)
+        if clip not in sets.told["clips"]:
+            raise RunError(CLIP_DAMAGED)
+        motions = {name: files[clip] for name, files in sets.clips.items()}
+        asked = asked_of(motions, sets.sounds.get(clip), job.folder / "results", config)
+        told = sets.ask.told.known(asked.motions, *asked.names)
+        title = f"{clip} of {', '.join(asked.names)}"
+        return replace(asked, told=told, channel=sets.ask.channel, title=title)
 
 
 def asked_of(files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig) -> Ask:
