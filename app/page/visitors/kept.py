@@ -18,26 +18,28 @@ class Kept(Generic[Thing]):
     """Which thing lies behind which token. Safe to use from several threads."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, tuple[Thing, Path, str | None]] = {}
+        self._kept: dict[str, tuple[Path, str | None, Thing]] = {}
         self._lock = threading.Lock()
 
     def keep(self, thing: Thing, files: Path, cookie: str | None) -> str:
-        """Let a browser have it; returns the token, of 256 random bits.
+        """Let a browser have it; returns the token, of 256 random bits, each time the same.
 
         Args:
             files: with whose end it is gone.
             cookie: of that browser. None asks for no cookie, an empty one lets nobody have it.
         """
-        token = secrets.token_urlsafe(_TOKEN_BYTES)
+        entry = files, cookie, thing
         with self._lock:
-            there = {each: kept for each, kept in self._kept.items() if kept[1].exists()}
-            self._kept = {**there, token: (thing, files, cookie)}
+            self._kept = {each: kept for each, kept in self._kept.items() if kept[0].exists()}
+            new = secrets.token_urlsafe(_TOKEN_BYTES)
+            token = next((each for each, kept in self._kept.items() if kept == entry), new)
+            self._kept[token] = entry
         return token
 
     def find(self, token: str, cookie: str = "") -> Thing | None:
         """None when there is none for this browser, or no longer."""
         with self._lock:
-            thing, files, owner = self._kept.get(token, (None, Path(), ""))
+            files, owner, thing = self._kept.get(token, (Path(), "", None))
         if not files.exists() or not (owner is None or is_same(owner, cookie)):
             return None
         return thing
@@ -52,4 +54,4 @@ class Kept(Generic[Thing]):
         """Whoever may have it."""
         with self._lock:
             kept = list(self._kept.values())
-        return [thing for thing, files, _ in kept if files.exists()]
+        return [thing for files, _, thing in kept if files.exists()]

@@ -77,6 +77,7 @@ def test_a_thing_is_for_the_browser_with_the_cookie_as_long_as_its_files_are_the
     kept, path = Kept[str](), job / "a.mp4"
     token, other = (kept.keep(each, path, "mine") for each in ("one", "other"))
     assert token != other and len(token) >= 43  # 256 bits
+    assert kept.keep("one", path, "mine") == token, "who opens it often takes no room"
     for cookie in (*STRANGERS, "\u00e9"):
         assert kept.find(token, cookie) is None and kept.take(token, cookie) is None
     assert kept.find(token, "mine") == "one" and kept.find(token.swapcase(), "mine") is None
