@@ -40,7 +40,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     return (
         f'<div class="sets">{markup.heading(HEADING, counted)}'
         f"{_worst(_ordered(told['worst']))}{figure}{_table(told['measures'], systems)}"
-        f'<p class="links">{links}</p></div>'
+        f'<div class="downloads">{links}</div></div>'
     )
 
 
