@@ -549,7 +549,7 @@ def test_several_clips_are_one_run_each_is_seen_and_all_come_back_from_one_file(
     short = tmp_path / "short.wav"
     write_wav(short, made_waveform(16_000 * 2))
     other = opened(page.context, real_address)
-    press(other, text.CLIPS_LABEL)
+    other.get_by_role("button", name=text.CLIPS_LABEL).first.click()
     give(other, "#several", files[".wav"], short)
     tick(other, ["local", "global"])
     press(other, text.GENERATE)
@@ -579,7 +579,7 @@ def test_several_clips_are_one_run_each_is_seen_and_all_come_back_from_one_file(
     expect(other.locator("#own-clips tbody tr")).to_have_count(2)
     other.goto(alone.as_uri())
     expect(other.locator("header tbody tr")).to_have_count(2)
-    other.get_by_label(text.CLIP).select_option("talk")
+    other.locator("header select").select_option("talk")
     other.locator(".lane[data-name]").first.wait_for()
     other.locator(".stage[data-bodies='2']").wait_for()
     other.close()
