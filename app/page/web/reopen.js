@@ -1,5 +1,4 @@
-/** A zip or a folder that is dropped anywhere on the page, but on a field for files, goes to the tab for motion of one's own: a run opens again. */
-import { filesOf, zipped } from "./zipped.js";
+/** A zip that is dropped anywhere on the page, but on a field for files, goes to the tab for motion of one's own: a run opens again. */
 
 const FIELD = "#own-motions input[type=file]";
 const EVERY_MS = 100;
@@ -14,9 +13,7 @@ export function mountReopen(element, props) {
     if (!isOurs(event)) return;
     event.preventDefault(); // or the browser would leave the page for the file
     const file = [...event.dataTransfer.files].find(({ name }) => /\.zip$/i.test(name));
-    const folder = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).find((entry) => entry?.isDirectory);
     if (file) open(file, props.value);
-    else if (folder) filesOf(folder).then(zipped).then((blob) => open(new File([blob], `${folder.name}.zip`), props.value));
   });
 }
 
