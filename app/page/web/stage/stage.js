@@ -551,13 +551,13 @@ export class Stage {
     };
     const named = ({ row }) => make("small", { class: "stage-name", "aria-hidden": "true" }, row.label ?? row.name);
     this.#labels.replaceChildren(
-      ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry, wide), entry, left, top, wide)),
+      ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry), entry, left, top, wide)),
       ...(this.#isNamedBelow ? below : []).map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
     );
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
   }
 
-  #tag(entry, wide) {
+  #tag(entry) {
     const { row, shown } = entry;
     if (!entry.reading && row.assumed) entry.reading = readingOf(row); // once: what is open stays so
     const swatch = make("i", { "aria-hidden": "true" });
@@ -567,7 +567,7 @@ export class Stage {
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
       tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
     }
-    const tag = make("div", { class: `stage-tag${wide < 200 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
+    const tag = make("div", { class: "stage-tag", "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
     return tag;
