@@ -59,7 +59,8 @@ function inPanel(world, joint, offset, matrix, [width, height], shift) {
   return seen && [seen[0] * width, seen[1] * height];
 }
 
-function line(corners, a, b, wide, color, [width, height]) {
+/** Adds a line from one pixel to another, if both are known. */
+export function line(corners, a, b, wide, color, [width, height]) {
   if (!a || !b) return;
   const length = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
   const [x, y] = [(-(b[1] - a[1]) / length) * (wide / 2), ((b[0] - a[0]) / length) * (wide / 2)];

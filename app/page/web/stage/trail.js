@@ -1,5 +1,7 @@
 /** The way of one point through the last moments, as flat triangles over a panel. */
 
+import { line } from "./bones.js";
+
 const WHITE = [1, 1, 1];
 const DOT_CORNERS = 10;
 const DOT = 1.25; // radius of a dot with its edge, of the line's width
@@ -25,19 +27,13 @@ export function trailCorners({ places, speeds, spikes, width, height, tip, color
       }
     }
   };
-  const line = (a, b, wide, color) => {
-    const length = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
-    const [x, y] = [(-(b[1] - a[1]) / length) * (wide / 2), ((b[0] - a[0]) / length) * (wide / 2)];
-    const quad = [[a[0] + x, a[1] + y], [a[0] - x, a[1] - y], [b[0] + x, b[1] + y], [b[0] - x, b[1] - y]];
-    for (const i of [0, 1, 2, 1, 3, 2]) push(...quad[i], color);
-  };
   for (const isEdge of [true, false]) {
     const wide = isEdge ? 1.8 * thick : thick;
     for (let i = 1; i < places.length; i++) {
       if (!places[i - 1] || !places[i]) continue;
       const across = wide * (0.45 + (0.55 * i) / places.length);
       const color = isEdge ? WHITE : along(colors, speeds[i]);
-      line(places[i - 1], places[i], across, color);
+      line(corners, places[i - 1], places[i], across, color, [width, height]);
       dot(places[i], across / 2, color);
     }
   }
