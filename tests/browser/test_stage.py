@@ -226,7 +226,7 @@ def test_stage_controls_and_time_line_are_on_one_screen(page: Page) -> None:
     fold = page.locator("#player .fold")
     if fold.get_attribute("aria-expanded") != "false":  # the form makes room
         fold.click()
-    rest = page.locator("#player .tiers-head > button")
+    rest = page.locator("#player .tiers-head > button:not(.toggle)")
     if rest.get_attribute("aria-expanded") == "true":  # the window was higher before
         rest.click()
     page.wait_for_function(ON_ONE_SCREEN)
