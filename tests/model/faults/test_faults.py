@@ -105,6 +105,7 @@ def test_one_step_of_a_joint_is_no_seam(example):
     assert not {finding.kind for finding in found} & {"seams", "period", "pops"}
 
 
+@pytest.mark.slow  # as those of test_false_alarms.py
 @pytest.mark.beat2
 def test_one_recording_beside_another_is_left_alone(recorded):
     other = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_2_2.npz")

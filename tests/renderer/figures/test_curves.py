@@ -127,6 +127,7 @@ def test_nothing_overlaps(monkeypatch, scale):
     check_apart(figure, texts, {"plot": axes.get_window_extent()})
 
 
+@pytest.mark.slow
 def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
     program = (
         "import sys; from pathlib import Path\n"
