@@ -51,8 +51,11 @@ def number_of(count: int, what: str) -> str:
 
 def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Every clip by what is said of it, the worst first."""
-    worst = {each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in _ordered(told["worst"])}
-    return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *told["clips"]])]
+    worst: dict[str, str] = {
+        each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in _ordered(told["worst"])
+    }
+    clips: list[str] = told["clips"]
+    return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
 
 
 def _ordered(worst: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

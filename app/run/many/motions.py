@@ -87,7 +87,9 @@ def diagnose_folders(
 
 def sets_of(ask: Ask) -> list[tuple[Path, tuple[str, ...]]]:
     """Folders or zips, each with the endings of its files."""
-    motions = [(path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None]
+    motions: list[tuple[Path, tuple[str, ...]]] = [
+        (path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None
+    ]
     return [*motions, (ask.speech, SOUND_ENDINGS)] if ask.speech is not None else motions
 
 

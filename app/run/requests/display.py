@@ -101,12 +101,12 @@ class FromBrowser(BaseModel):
 class Look(FromBrowser):
     """How a stage shows bodies (app/page/web/stage/look.js)."""
 
-    exaggeration: float = Field(1.0, alias="factor")
-    cutoff_hz: float = Field(5.0, alias="cutoff")
+    exaggeration: float = Field(default=1.0, alias="factor")
+    cutoff_hz: float = Field(default=5.0, alias="cutoff")
     has_trail: bool = False
     trail_frames: int = 30
     has_heat: bool = False
-    jerk_m_s3: float = Field(500.0, alias="heatScale")
+    jerk_m_s3: float = Field(default=500.0, alias="heatScale")
     point: str = "right_middle"
     """Of the trail."""
     is_aligned: bool = True
