@@ -219,12 +219,13 @@ page.close()
 """
 
 
+@pytest.mark.timeout(400)  # two whole runs, whose worker may have librosa to compile before them
 def test_runs_are_shown_by_a_process_that_reads_files_and_computes_nothing(
     weights, speech, tmp_path
 ):
     done = subprocess.run(
         [sys.executable, "-c", RUN, speech, weights, tmp_path / "page"],
-        check=False, cwd=ROOT, capture_output=True, text=True, timeout=110,
+        check=False, cwd=ROOT, capture_output=True, text=True, timeout=380,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     (told,) = (line for line in done.stdout.splitlines() if line.startswith("[["))
