@@ -254,10 +254,11 @@ def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
     with ProgressBar("measure clips") as bar, _told_if_stopped():
         result = diagnose_folders(ask, bar.show, pool)
     _finish(result.files, result.notes)
-    if result.left_out:
+    left_out, clips = result.told["left_out"], result.told["clips"]
+    if left_out:
         raise RunError(
-            f"{len(result.left_out)} of {len(result.left_out) + len(result.clips)} clips could not"
-            " be measured; the tables are of the others."
+            f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured; the "
+            "tables are of the others."
         )
 
 

@@ -28,7 +28,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     """All that is told of them.
 
     Args:
-        told: as `app.run.many.sets.Sets.told`.
+        told: as `app.run.many.motions.Sets.told`.
         systems: names of the sets, the reference last.
         figure: that of the spread, as HTML; empty of few clips.
         links: to what can be saved, as HTML.

@@ -22,8 +22,8 @@ from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.services import Services
 from app.page.visitors.kept import Kept
+from app.run.many.motions import Sets, measure_sets
 from app.run.many.opened import is_one_run
-from app.run.many.sets import Sets, measure_sets
 from app.run.many.unpacked import is_packed, stem_of
 from app.run.requests.display import Display
 from app.run.requests.request import MAX_COMPARED, Ask

@@ -8,6 +8,7 @@ out of the tables, and told of.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,9 +31,10 @@ from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_
 from app.run.many.record import file_sha256, is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, write_tables
-from app.run.many.unpacked import unpacked_sets
+from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
-from app.run.requests.request import Ask
+from app.run.output.telling import Reporter
+from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS
 from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
@@ -47,26 +49,48 @@ FORMAT = 4
 _SPEECH = "the speech"
 
 
-@dataclass(frozen=True)
-class ManyResult:
-    """What was written, and must be said."""
+MAX_BYTES, MAX_FILES = 10**9, 1500
+"""Of all zips that a visitor brings at once, unpacked."""
 
+
+@dataclass(frozen=True)
+class Sets:
+    """What was written, found, and must be said."""
+
+    ask: Ask
     files: tuple[Path, ...]
     notes: tuple[str, ...]
-    clips: tuple[str, ...]
-    measured: dict[str, dict[str, Path]]
-    """By system, and the reference, the motion file of each of these clips."""
+    told: dict[str, Any]
+    """What `app.run.many.table.write_tables` leaves in ``many.json``."""
+    clips: dict[str, dict[str, Path]]
+    """By system, and the reference, the motion file of each clip that is in the tables."""
     sounds: dict[str, Path]
     """Of those clips that have one."""
-    left_out: dict[str, str]
-    """By clip, why nothing of it is in the tables."""
+
+
+def measure_sets(
+    ask: Ask,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> Sets:
+    """As `diagnose_folders`, of zips, each a system's results, which stay unpacked below
+    ``ask.out``.
+
+    Raises:
+        CancelledRun: when ``should_cancel`` said so.
+        RunError: also where all together hold too much.
+    """
+    limits = Limits(files=MAX_FILES, total_bytes=MAX_BYTES)
+    folders = unpack_sets(sets_of(ask), ask.out / "unpacked", limits)
+    run = Reporter(on_event, should_cancel)
+    return replace(diagnose_folders(in_folders(ask, folders), run.share("numbers")), ask=ask)
 
 
 def diagnose_folders(
     ask: Ask,
     on_progress: Callable[[float], None] = lambda share: None,
     pool: JobPool | None = None,
-) -> ManyResult:
+) -> Sets:
     """Measure all clips that every folder has, and leave what `write_tables` writes in ``ask.out``.
 
     Args:
@@ -103,7 +127,7 @@ def in_folders(ask: Ask, folders: Mapping[Path, Path]) -> Ask:
     )
 
 
-def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool) -> ManyResult:
+def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool) -> Sets:
     folders = _named_folders(ask)
     of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
         name: (folder, ENDINGS) for name, folder in folders.items()
@@ -142,7 +166,7 @@ def _diagnose_clips(
     notes: list[str],
     on_progress: Callable[[float], None],
     pool: JobPool,
-) -> ManyResult:
+) -> Sets:
     kept = ask.out / "clips"
     kept.mkdir(parents=True, exist_ok=True)
     records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}
@@ -206,7 +230,8 @@ def _diagnose_clips(
     }
     heard = {clip: sounds[clip] for clip in clips if clip in sounds}
     notes += said
-    return ManyResult((*written, *drawn), tuple(notes), tuple(clips), measured, heard, left_out)
+    told = json.loads((ask.out / "many.json").read_text())
+    return Sets(ask, (*written, *drawn), tuple(notes), told, measured, heard)
 
 
 def _counts(numbers: Iterable[int]) -> str:

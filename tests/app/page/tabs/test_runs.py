@@ -31,7 +31,7 @@ from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind
-from app.run.many.sets import Sets
+from app.run.many.motions import Sets
 from app.run.output.run_folder import zip_run
 from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
 from conventions.views import CLOSE_UPS
@@ -126,7 +126,8 @@ class Measured:
             name: {clip: self._folder / f"{name} {clip}.npz" for clip in told["clips"]}
             for name in ("<i>mine", "reference")
         }
-        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"}, request)
+        sounds = {"a": self._folder / "a.wav"}
+        return Sets(request, (table,), ("A <note>.",), told, clips, sounds)
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):

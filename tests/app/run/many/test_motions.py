@@ -51,7 +51,7 @@ def asked(folders: Path, out: Path) -> Ask:
 def measured(folders: Path) -> Path:
     shares: list[float] = []
     result = diagnose_folders(asked(folders, folders / "measured"), shares.append)
-    assert result.clips == CLIPS and shares[-1] == 1.0
+    assert tuple(result.told["clips"]) == CLIPS and shares[-1] == 1.0
     assert any("1 of 4 clips have no partner" in note for note in result.notes)
     return folders / "measured"
 
@@ -191,7 +191,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
     result = diagnose_folders(Ask(motions=(top,), out=out, reference=top))
-    assert result.clips == CLIPS[:2]
+    assert tuple(result.told["clips"]) == CLIPS[:2]
     told = json.loads((out / "many.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
     for clip in CLIPS[:2]:
@@ -203,7 +203,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
     result = diagnose_folders(Ask(motions=(top,), out=tmp_path / "two", reference=top))
-    assert result.clips == ("epoch_400/a", "epoch_400/b")
+    assert result.told["clips"] == ["epoch_400/a", "epoch_400/b"]
 
 
 def test_an_interval_holds_the_mean():

@@ -175,7 +175,7 @@ def test_sets_in_zips_are_measured_as_folders_are_and_kept(tmp_path: Path):
     out, zipped = tmp_path / "out", tmp_path / "zipped"
     diagnose_folders(Ask(motions=(tmp_path / "lively",), out=out, reference=tmp_path / "gt"))
     zips = Ask(motions=(lively,), out=zipped, reference=gt)
-    assert diagnose_folders(zips).clips == ("a", "b")
+    assert diagnose_folders(zips).told["clips"] == ["a", "b"]
     for table in ("many.csv", "clips.csv"):
         assert (zipped / table).read_bytes() == (out / table).read_bytes()
     again = diagnose_folders(zips)
