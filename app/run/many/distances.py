@@ -90,6 +90,7 @@ def _drawn(clips: Iterator[Moments], num_clips: int) -> list[Moments]:
     drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
     times = np.array([np.ones(num_clips), *drawn])
     sums: Any = 0.0
+    dim = 0
     for start in range(0, num_clips, _CLIPS_AT_ONCE):
         rows = []
         for clip in islice(clips, _CLIPS_AT_ONCE):

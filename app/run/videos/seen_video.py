@@ -243,12 +243,12 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         jobs: dict[str, RenderJob] = {}
         for i, base in bases.items():
             picture = room.pictures[int(i) if seen.mode != "grid" else 0]
-            how = {"layout": picture, "crf": _FINE_CRF}
             drawn = {i: base}, _asked(request), body, tip, lambda name, _: parts / f"{name}.mp4"
             try:
-                (jobs[i],) = jobs_of(*drawn, staged=motions, **how).values()
+                made = jobs_of(*drawn, staged=motions, layout=picture, crf=_FINE_CRF)
             except RunError as error:
                 raise RunError(TOO_SMALL.format(why=error)) from error
+            (jobs[i],) = made.values()
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
         draw_videos(jobs, run.share("video", _DRAWN))
         _compose(
