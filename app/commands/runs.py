@@ -6,12 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import ProgressBar, ProgressBars, name_file, say
+from app.commands.said import bars, name_file, say
 from app.config import default_body
 from app.errors import RunError
 from app.flags import Count, File, Names, family_files, part_of, use_family_files, whole, written
@@ -156,8 +157,8 @@ def generate(ask: Generate, files: Files, pool: Pool) -> None:
     if asked.speech is not None and is_many(asked.speech):
         _generate_many(asked, pool.jobs())
         return
-    with ProgressBars() as bars:
-        result = do(asked, bars.take)
+    with bars() as shown:
+        result = do(asked, shown.take)
     verdict = verdict_of(result.diagnostics)
     _finish(result.files, [*result.notes, *([] if verdict is None else [verdict.text])])
 
@@ -170,10 +171,10 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
     """
     from app.run.many.speeches import generate_many
 
-    with ProgressBar("generate clips") as bar, _told_if_stopped():
+    with bars() as shown, _told_if_stopped():
 
         def on_done(folder: Path, share: float) -> None:
-            bar.show(share)
+            shown.show("generate clips", share)
             name_file(folder)
 
         done = generate_many(ask, pool, on_done)
@@ -227,8 +228,8 @@ def diagnose(
         return
     if asked.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
-    with ProgressBars() as bars:
-        result = do(asked, bars.take)
+    with bars() as shown:
+        result = do(asked, shown.take)
     sentences = sentences_of(result.diagnostics)
     heard = filter(None, (sentences["step"], sentences["beats"]))
     found = told_findings(result.diagnostics.findings)
@@ -251,8 +252,8 @@ def _check_sets(ask: Ask) -> None:
 def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
     from app.run.many.motions import diagnose_folders
 
-    with ProgressBar("measure clips") as bar, _told_if_stopped():
-        result = diagnose_folders(ask, bar.show, pool)
+    with bars() as shown, _told_if_stopped():
+        result = diagnose_folders(ask, partial(shown.show, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.told["left_out"], result.told["clips"]
     if left_out:
@@ -268,8 +269,8 @@ def _experiment(
     """Do it, and say what its folder says."""
     if files is not None:
         use_family_files(vars(files))
-    with ProgressBars() as bars:
-        task(ask, bars.take, lambda: False)
+    with bars() as shown:
+        task(ask, shown.take, lambda: False)
     record = read_run(ask.out)
     _finish([ask.out / name for name in record.results], record.notes)
 
@@ -339,8 +340,8 @@ def render(ask: Render) -> None:
     --stills and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is
     for the SMPL-X add-on of Blender.
     """
-    with ProgressBars() as bars:
-        files, notes = render_motion(whole(RenderAsk, ask), bars.take)
+    with bars() as shown:
+        files, notes = render_motion(whole(RenderAsk, ask), shown.take)
     _finish(files, notes)
 
 

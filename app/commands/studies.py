@@ -4,13 +4,14 @@ answers to a report."""
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from app.commands.runs import Pool
-from app.commands.said import ProgressBar, name_file, say
+from app.commands.said import bars, name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import Count, File, written
@@ -49,8 +50,10 @@ def export(
         *(weights.absolute(), body and body.absolute(), workers), pool.jobs() if is_shared else None
     )
     try:
-        with ProgressBar("draw the videos") as bar:
-            workspace = export_study(read, out, options, on_progress=bar.show)
+        with bars() as shown:
+            workspace = export_study(
+                read, out, options, on_progress=partial(shown.show, "draw the videos")
+            )
     except KeyboardInterrupt:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."

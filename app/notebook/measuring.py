@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 from app.notebook.inputs import (
     MotionLike,
@@ -11,10 +12,10 @@ from app.notebook.inputs import (
     read_motion,
     read_speech,
 )
-from app.notebook.progress import Bar
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
+from app.run.output.bars import Bars
 from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
 from model.measures.lag import heard_of
@@ -50,13 +51,13 @@ def diagnose(
         named[REFERENCE_NAME] = read_motion(reference)
     tip = choose_tip_source(get_body(None), None, joint)
     sound = None if speech is None else read_speech(speech)
-    with Bar("measure", progress) as bar:
+    with Bars(is_shown=progress, stays=False) as bars:
         return measure_motions(
             named,
             tip,
             onsets_s=None if sound is None else onsets_of(sound),
             heard=None if sound is None else heard_of(sound.waveform),
-            on_share=bar.show,
+            on_share=partial(bars.show, "measure"),
         )
 
 

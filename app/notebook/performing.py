@@ -20,8 +20,8 @@ from app.notebook.inputs import (
     read_speech,
     speech_in,
 )
-from app.notebook.progress import Bar
 from app.notebook.showing import HEIGHT_PX, Player, show
+from app.run.output.bars import Bars
 from app.run.pipeline import do
 from app.run.planning import make_plan
 from app.run.requests.request import Ask
@@ -101,8 +101,8 @@ def generate(
         has_figures=False,
         **_fields(asked),
     )
-    with Bar("speech", progress) as bar:
-        result = do(ask, bar.take)
+    with Bars(is_shown=progress, stays=False) as bars:
+        result = do(ask, bars.take)
     stems = {name: result.out / file_stem(name) for name in result.names if name != REFERENCE_NAME}
     motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
     plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from app.notebook.inputs import MotionLike, SpeechLike, motion_in, speech_in
-from app.notebook.progress import Bar
+from app.run.output.bars import Bars
 from app.run.videos.export import RenderAsk, render_motion
 
 
@@ -33,10 +33,10 @@ def render(
         ValueError: of what cannot be done, with one sentence.
     """
     out = Path(out)
-    with TemporaryDirectory() as held, Bar(f"draw {out.name}", progress) as bar:
+    with TemporaryDirectory() as held, Bars(is_shown=progress, stays=False) as bars:
         sound = None if speech is None else speech_in(Path(held), speech)
         motions = (motion_in(Path(held), motion),)
         files, _ = render_motion(
-            RenderAsk(motions=motions, out=out, speech=sound, **asked), bar.take
+            RenderAsk(motions=motions, out=out, speech=sound, **asked), bars.take
         )
     return files

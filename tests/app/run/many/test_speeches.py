@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
-from app.commands.said import ProgressBar
 from app.errors import CancelledRun, RunError
 from app.findings.verdict import jerk_over_clips
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
+from app.run.output.bars import Bars
 from app.run.output.run_folder import is_run_zip, read_run, runs_in, zip_run
 from app.run.requests.request import Ask, Event, Progress
 from model.generation.clip_noise import clip_seed
@@ -151,10 +151,10 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
     speeches, weights, tmp_path, capsys, monkeypatch
 ):
-    def press_control_c(bar: ProgressBar, share: float) -> None:
+    def press_control_c(bars: Bars, title: str, share: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ProgressBar, "show", press_control_c)
+    monkeypatch.setattr(Bars, "show", press_control_c)
     flags = [*QUICK, "--out", str(tmp_path / "out"), "--weights", str(weights)]
     asked = ["generate", str(speeches), *flags]
     assert main(asked) == 1
