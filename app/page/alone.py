@@ -101,7 +101,10 @@ def player_alone(folder: Path, title: str = "") -> str:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
     values = [{**each.value(), "running": False, "begins": False} for each in played.values()]
     first = records[next(iter(played))]
-    told, title = first.verdict, title or first.title
+    told, own = first.verdict, first.title
+    if over_clips:
+        own = text.CLIPS_TITLE.format(title=own, others=len(records) - 1)
+    title = title or own
     head = f"<h1>{escape(title)}</h1>" if title else ""
     if over_clips:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)

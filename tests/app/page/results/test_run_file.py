@@ -93,7 +93,11 @@ def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Pat
     for number, clip in enumerate("ab"):
         made_run(tmp_path, jerk={"f/x": 10.0 + 2 * number, "f/y": 20.0}, out=clip)
     html = show(tmp_path).html
-    assert html.count("<option>") == 2 and "Mean [95 % interval over clips]" in html
+    assert (
+        html.count("<option>") == 2
+        and ", and 1 more</h1>" in html
+        and "Mean [95 % interval over clips]" in html
+    )
     assert "mean over 2 clips: x 11, y 20." in html and '<th scope="row">b</th><td>12' in html
     told = json.loads(html.split('id="kept">')[1].split("</script>")[0])
     assert [run["audio"] for run in told["runs"]] == ["a/speech.wav", "b/speech.wav"]
