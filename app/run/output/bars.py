@@ -13,7 +13,7 @@ class Bars:
     """One for each thing that is at work, below one another; use it as a context."""
 
     def __init__(self, *, is_shown: bool, stays: bool = True) -> None:
-        self._options = {"disable": not is_shown, "leave": stays}
+        self._is_shown, self._stays = is_shown, stays
         self._bars: dict[str, Any] = {}
 
     def __enter__(self) -> Bars:
@@ -30,7 +30,11 @@ class Bars:
         if title not in self._bars:
             form = "{desc:<22} {percentage:3.0f} % |{bar}| {elapsed}"
             self._bars[title] = tqdm(
-                total=100, desc=printable(title), unit="%", bar_format=form, **self._options
+                total=100,
+                desc=printable(title),
+                bar_format=form,
+                disable=not self._is_shown,
+                leave=self._stays,
             )
         bar = self._bars[title]
         bar.n = round(100 * min(1.0, share))
