@@ -2,7 +2,7 @@
 # make test    set everything up and pass the checks and tests
 # make check   the quick part of it: style, types, import rules, the page's JavaScript
 # make slow    all tests, those too that take minutes each or decide little (before a release)
-# make bench   what a visitor waits for, and what each step of it costs: a table and bench.json
+# make bench   what a visitor waits for, what each step costs, and a naive loop beside it
 # make fuzz    an hour of damaged files and wild requests (make test gives it seconds)
 # make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
 #              twenty cold starts

@@ -1,4 +1,4 @@
-"""What drawing costs: finished videos, and each stage apart."""
+"""What drawing costs: finished videos, and each stage apart, beside the usual pyrender loop."""
 
 import os
 import resource
@@ -16,10 +16,13 @@ from renderer.draw.probe import choose_backend
 from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
+from renderer.video.naive import draw_naively
 from renderer.video.render import PIECE_FRAMES, RenderSettings, stage_for
 from renderer.video.workers import RenderJob, draw_jobs
 
 SIZE_PX = 512
+NAIVE_FRAMES = 30
+"""The usual loop is slow."""
 Result = TypeVar("Result")
 
 
@@ -53,7 +56,8 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
 
 def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """Skinning, normals, ground shadow, drawing and encoding of a clip of some seconds, whose
-    vertices are all held, one after the other."""
+    vertices are all held, one after the other; and how often normals, shadow and drawing go into
+    the usual loop, which has its vertices ready as well."""
     body, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
     stage = stage_for(body, [motion], settings)
 
@@ -84,7 +88,13 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
                 video.write(picture)
 
     timed("encoding", encode)
-    return figures
+    few = frames[:NAIVE_FRAMES]
+    _, *seconds = _timed(lambda: draw_naively(few, body, stage, SIZE_PX))
+    wall, cpu = (1e3 * each / len(few) for each in seconds)
+    ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
+    own_wall, own_cpu = sum(each.value for each in ours), sum(each.cpu or 0.0 for each in ours)
+    title = "naive loop over normals, shadow and drawing"
+    return [*figures, Figure(title, wall / own_wall, "x", "at least 4", cpu / own_cpu)]
 
 
 def _timed(work: Callable[[], Result]) -> tuple[Result, float, float]:

@@ -3,11 +3,18 @@
 from types import SimpleNamespace
 
 import av
+import numpy as np
 import pytest
 
 from app.bench import drawing
 from app.bench import runs as bench
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from renderer.body.body import load_body
+from renderer.draw.offscreen import OffscreenRenderer
+from renderer.draw.probe import choose_backend
+from renderer.scene.studio import FramePreparer, Subject
+from renderer.video.naive import draw_naively
+from renderer.video.render import RenderSettings, stage_for
 from tests.renderer.scene.test_camera import waving_motion
 
 pytestmark = pytest.mark.slow
@@ -25,10 +32,29 @@ def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weight
 
 
 @pytest.mark.gl
+def test_the_naive_loop_draws_the_same_body():
+    body, motion = load_body(), waving_motion(2)
+    stage = stage_for(body, [motion], RenderSettings(drawing.SIZE_PX, drawing.SIZE_PX))
+    frames = next(iter(body.vertices(motion, 2)))
+    prepare = FramePreparer(body.faces, body.num_vertices, stage)
+    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
+    with OffscreenRenderer(choose_backend()) as renderer:
+        canvas = renderer.canvas(subject, drawing.SIZE_PX, drawing.SIZE_PX)
+        ours = [canvas.draw(prepare(each), stage.camera).copy() for each in frames]
+    for naive, our in zip(
+        draw_naively(list(frames), body, stage, drawing.SIZE_PX), ours, strict=True
+    ):
+        upper = np.s_[: drawing.SIZE_PX // 2]  # no floor
+        far = np.abs(naive[upper].astype(int) - our[upper]).max(axis=-1) > 60
+        assert far.mean() < 0.02
+
+
+@pytest.mark.gl
 def test_every_stage_and_video_costs_something(tmp_path):
     costs = drawing.stages(waving_motion(8), tmp_path)
     names = [cost.name.partition(",")[0] for cost in costs]
-    assert names == ["skinning", "normals", "ground shadow", "drawing", "encoding"]
+    naive = "naive loop over normals"
+    assert names == ["skinning", "normals", "ground shadow", "drawing", "encoding", naive]
     costs += drawing.video_rates(waving_motion(8), tmp_path)
     assert all(cost.value > 0 and cost.cpu for cost in costs)
     for name in ("bench", "bench0", "bench4", "comparison"):

@@ -1,0 +1,41 @@
+"""The usual pyrender loop, kept as the yardstick of the benchmark."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from renderer.body.body import Body
+from renderer.draw.offscreen import open_gl
+from renderer.draw.probe import choose_backend
+from renderer.scene.camera import Z_NEAR_M, Camera
+from renderer.scene.stage import Stage
+from renderer.scene.studio import STUDIO
+
+
+def draw_naively(
+    frames: Sequence[np.ndarray], body: Body, stage: Stage, size_px: int
+) -> list[np.ndarray]:
+    """Pictures of ready vertices as pyrender's examples draw them: for each a new trimesh, mesh,
+    scene and renderer, its own shaders, and the depth read back; no ground."""
+    open_gl(choose_backend())
+    import pyrender
+    import trimesh
+
+    colors = None if body.vertex_colors is None else (255.0 * body.vertex_colors).astype(np.uint8)
+    lens = pyrender.PerspectiveCamera(stage.camera.yfov_rad, znear=Z_NEAR_M, aspectRatio=1.0)
+    pictures = []
+    for frame in frames:
+        mesh = trimesh.Trimesh(frame, body.faces, process=False, vertex_colors=colors)
+        scene = pyrender.Scene(
+            bg_color=[*STUDIO.background, 1.0], ambient_light=[STUDIO.ambient] * 3
+        )
+        scene.add(pyrender.Mesh.from_trimesh(mesh))
+        scene.add(lens, pose=stage.camera.pose())
+        for light in (STUDIO.key, STUDIO.fill, STUDIO.rim):
+            lamp = pyrender.DirectionalLight(light.color, light.intensity)
+            scene.add(lamp, pose=Camera(light.towards, target=(0.0, 0.0, 0.0)).pose())
+        renderer = pyrender.OffscreenRenderer(size_px, size_px)
+        picture, _ = renderer.render(scene)  # type: ignore[reportGeneralTypeIssues]
+        renderer.delete()
+        pictures.append(picture)
+    return pictures
