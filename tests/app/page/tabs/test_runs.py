@@ -216,6 +216,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     keeps, live, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("app.live.sound.AHEAD_S", 10.0)  # nobody waits for sound here
+    monkeypatch.setattr("app.live.sound.WATCHED_S", 1e9)
     place = live.open(ASK, "mine", nothing)
     blocks = list(sound(5.5))
     for block in blocks[: len(blocks) // 2]:
