@@ -598,6 +598,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     page.get_by_role("tab", name=TAB).click()
     page.locator("#own-videos input").uncheck()
     give_motions(page, theirs)
+    expect(page.locator("#own-status")).to_contain_text("Measured 1 motion")
     chips = page.locator("#own-player .stage .reading summary")
     expect(chips).to_have_text(["how it was read"])
     chips.press("Space")
@@ -605,6 +606,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     for words in ("z up: spine, head", "cm: in metres", "flat hand: fingers bend by"):
         expect(told.filter(has_text=words)).to_be_visible()
     turn_to(page, (390, 844, "dark"))
+    expect(chips).to_be_focused()  # though all names are laid out anew
     expect_fit(page, page.locator("#own-player .reading ul"))
     assert findings(page, "#own-player .stage") == []
     turn_to(page, (1280, 900, "light"))

@@ -550,10 +550,13 @@ export class Stage {
       return element;
     };
     const named = ({ row }) => make("small", { class: "stage-name", "aria-hidden": "true" }, row.label ?? row.name);
+    const focused = document.activeElement;
+    const isWithin = this.#labels.contains(focused);
     this.#labels.replaceChildren(
       ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry), entry, left, top, wide)),
       ...(this.#isNamedBelow ? below : []).map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
     );
+    if (isWithin && focused instanceof HTMLElement) focused.focus({ preventScroll: true }); // what stays keeps it
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
   }
 
