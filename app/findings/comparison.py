@@ -172,7 +172,7 @@ def _interval(ratio: Ratio) -> str:
 def _caveat(ratio: Ratio, num_systems: int) -> str:
     """What the comparison is worth."""
     if ratio.low is None:
-        return "One sample each: an example, no comparison."
+        return "One sample each: of these motions, not of the systems."
     parts = []
     if ratio.is_open:
         parts.append("The interval holds 1: these samples do not tell the two apart.")

@@ -176,7 +176,7 @@ def _strongest_part(system: str, strongest: tuple[str, float], point: str) -> st
         return f"{system} no joint's smoothing alone takes jerk from the {point}"
     if share < SMALL_SHARE:
         return f"{system} no single joint stands out ({name} most, {percent})"
-    return f"{system} smoothing the {name} alone takes most {point} jerk away ({percent})"
+    return f"{system} the {name} alone, smoothed, lowers {point} jerk most ({percent})"
 
 
 def _seams(diagnostics: Diagnostics) -> str:
@@ -286,8 +286,8 @@ def _beats(diagnostics: Diagnostics) -> str:
     ]
     if not above:
         return (
-            f"BeatAlign tells nothing here: none is above what its beats have on {CHANCE_SHIFTS}"
-            " shifts of the speech."
+            "BeatAlign says nothing here: none follows this speech better than the same speech"
+            f" shifted in time ({CHANCE_SHIFTS} shifts)."
         )
     told = ", ".join(
         f"{name} {each.beat_align:.2f} (chance {each.beat_align_chance:.2f}) with"

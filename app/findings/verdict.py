@@ -122,7 +122,7 @@ def _ladder(
     told = ", ".join(f"{names[name]} {_change(ratio, drawn)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
-    sentences.append(f"Beside {names[base]}: {told}; {which} calmer here.")
+    sentences.append(f"Compared with {names[base]}: {told}; {which} calmer here.")
     full = added.get(claim.full)
     if full is not None and full.value >= ALIKE and not full.is_open:
         sentences.append(
@@ -140,11 +140,16 @@ def _change(ratio: Ratio | None, drawn: str) -> str:
         return f"not told apart by {ratio.num_samples} {drawn}"
     if ratio.is_alike:
         return "alike within 5 %"
-    share = f"{'less' if ratio.value < 1.0 else 'more'} by {abs(ratio.value - 1.0):.0%}"
+    share = f"{_percent(ratio.value)} % {'less' if ratio.value < 1.0 else 'more'}"
     if ratio.low is None or ratio.high is None:
         return share
-    low, high = sorted((abs(ratio.low - 1.0), abs(ratio.high - 1.0)))
-    return f"{share} ({low:.0%} to {high:.0%}, {ratio.num_samples} {drawn})"
+    low, high = sorted((ratio.low, ratio.high), key=lambda end: abs(end - 1.0))
+    return f"{share} ({_percent(low)} to {_percent(high)} %, {ratio.num_samples} {drawn})"
+
+
+def _percent(ratio: float) -> str:
+    """Of the difference, in two digits, so that 5.2 is not taken for what is alike."""
+    return f"{100 * abs(ratio - 1.0):.2g}"
 
 
 def _is_calmer(ratio: Ratio | None) -> bool:
@@ -161,6 +166,6 @@ def _needed(jerk: Mapping[str, Samples], clips: int) -> list[str]:
     if clips >= ENOUGH_CLIPS:
         return [f"{seen} and one training of each: other trainings may give other numbers."]
     return [
-        f"{seen} and one training of each: an example. To claim anything takes several samples of "
-        f"{ENOUGH_CLIPS} clips or more, of systems trained from several seeds."
+        f"{seen} and one training of each: an example, no evidence. A claim takes {ENOUGH_CLIPS} "
+        "clips or more, several samples of each, and systems trained from several seeds."
     ]

@@ -58,7 +58,7 @@ def test_the_rougher_system_is_named_with_both_numbers_and_both_ratios() -> None
     found = trajectory(**{"x/a": jerks(95.0, 50.0), "x/b": jerks(123.5, 60.0)})
     assert found == (  # by their names on the page
         "On this clip b has 1.3 times the right middle fingertip jerk of a (124 against 95 m/s³);"
-        " after the filter 1.2 times. One sample each: an example, no comparison."
+        " after the filter 1.2 times. One sample each: of these motions, not of the systems."
     )
 
 
@@ -163,10 +163,10 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         found = sentences_of(diagnostics_of(a=measures(tip_jerk_attribution=attribution)))
         return found["attribution"]
 
-    assert "smoothing the right elbow alone takes most right middle fingertip jerk away (45 %)" in (
+    assert "the right elbow alone, smoothed, lowers right middle fingertip jerk most (45 %)" in (
         told(0.1, 0.45)
     )
-    assert "smoothing the pelvis alone" in told(0.2, 0.1)
+    assert "the pelvis alone, smoothed" in told(0.2, 0.1)
     assert "no single joint stands out (pelvis most, 3.0 %)" in told(0.03, 0.02)
     assert "no joint's smoothing alone takes jerk" in told(-0.1, -0.2)
     assert "could be told apart by joint" in told(math.nan, math.nan)
@@ -235,7 +235,7 @@ def beating(score: float, highest: float, speeds_of: BeatSpeeds = "own") -> Vers
 
 def test_beats_are_told_with_their_number_and_chance() -> None:
     told = sentences_of(diagnostics_of(a=beating(0.71, 0.72)))["beats"]
-    assert "tells nothing here" in told and "0.71" not in told
+    assert "says nothing here" in told and "0.71" not in told
     told = sentences_of(diagnostics_of(a=beating(0.71, 0.7, "emage")))["beats"]
     assert "a 0.71 (chance 0.42) with 1.5 beats a second of each joint" in told
     assert "over 120 onsets, with EMAGE's published mean speeds" in told
@@ -266,7 +266,7 @@ def test_the_verdict_goes_through_the_ladder() -> None:
     )
     assert verdict.judgement.startswith(
         "On this clip the paper's claim, that global rotations jerk less than local ones, shows: "
-        "from local to global less by 33%. Beside global: joint less by 10%, full more by 20%; "
+        "from local to global 33 % less. Compared with global: joint 10 % less, full 20 % more; "
         "joint is calmer here. Full jerks more than global: its constraints did not help. "
         "This is one clip, one sample and one training of each"
     )
@@ -275,10 +275,10 @@ def test_the_verdict_goes_through_the_ladder() -> None:
 
 def test_swapped_numbers_turn_the_verdict_round() -> None:
     for jerks, words, are_calmer in [
-        ((120, 90, 80), "shows: from local to global less by 25%.", "full is calmer"),
-        ((100, 80, 110), "shows: from local to global less by 20%.", "none is calmer"),
+        ((120, 90, 80), "shows: from local to global 25 % less.", "full is calmer"),
+        ((100, 80, 110), "shows: from local to global 20 % less.", "none is calmer"),
         ((100, 98, 99), "does not show: from local to global alike within 5 %.", "none is calmer"),
-        ((90, 100, 110), "does not show: from local to global more by 11%.", "none is calmer"),
+        ((90, 100, 110), "does not show: from local to global 11 % more.", "none is calmer"),
     ]:
         numbers = zip(RUNGS, jerks, strict=True)
         systems = {name: both(tip_jerk_m_s3=float(jerk)) for name, jerk in numbers}
@@ -296,7 +296,7 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
     )
     other = {f"globaldiff_full{end}": 100.0 for end in ends}
     for local, words in (
-        (apart, "shows: from local to full less by 50% (47% to 52%, 3 samples)."),
+        (apart, "shows: from local to full 50 % less (47 to 52 %, 3 samples)."),
         (open_, "does not show: from local to full not told apart by 3 samples."),
     ):
         verdict = said(**local, **other)
@@ -337,8 +337,10 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
         "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; recorded 50."
     )
     words = "Over 3 clips the paper's claim, that global rotations jerk less than local ones, shows"
-    assert f"{words}: from local to full less by 50% (47% to 52%, 3 clips)." in verdict.judgement
-    assert "These are 3 clips and one training of each: an example." in verdict.judgement
+    assert f"{words}: from local to full 50 % less (47 to 52 %, 3 clips)." in verdict.judgement
+    assert (
+        "These are 3 clips and one training of each: an example, no evidence." in verdict.judgement
+    )
     many = verdict_over_clips("right_middle", jerk_over_clips([clips[1]] * 10))
     assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
     assert verdict_over_clips("right_middle", jerk_over_clips(clips[:1])) is None
