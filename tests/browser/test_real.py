@@ -586,6 +586,13 @@ def test_several_clips_are_one_run_each_is_seen_and_all_come_back_from_one_file(
     other.close()
 
 
+OPENED = """() => {
+    const box = document.querySelector("#own-player .stage .reading details");
+    if (box && !box.open) box.querySelector("summary").click();
+    return box?.querySelector("li").checkVisibility();
+}"""
+
+
 def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     page: Page, tmp_path: Path
 ) -> None:
@@ -602,8 +609,9 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     expect(page.locator("#own-status")).to_contain_text("Measured 1 motion")
     chips = page.locator("#own-player .stage .reading summary")
     expect(chips).to_have_text(["how it was read"])
-    chips.press("Space")
     told = page.locator("#own-player .stage .reading li")
+    page.wait_for_function(OPENED)
+    chips.focus()
     for words in ("z up: spine, head", "cm: in metres", "flat hand: fingers bend by"):
         expect(told.filter(has_text=words)).to_be_visible()
     turn_to(page, (390, 844, "dark"))

@@ -143,7 +143,10 @@ class TabRunner(ABC):
                 blank = next(steps)
                 self._unfinished.add(visitor)
                 yield blank
-                yield from steps
+                for update in steps:
+                    if visitor not in self._unfinished:
+                        raise CancelledRun  # what was on its way is told nobody
+                    yield update
             self._unfinished.discard(visitor)
         except CancelledRun:
             self._unfinished.discard(visitor)
