@@ -144,7 +144,7 @@ class TabRunner(ABC):
                 self._unfinished.add(visitor)
                 yield blank
                 for update in steps:
-                    if visitor not in self._unfinished:
+                    if job.is_cancelled():
                         raise CancelledRun  # what was on its way is told nobody
                     yield update
             self._unfinished.discard(visitor)
