@@ -203,7 +203,7 @@ def launch(
     media, private = Media(), Kept[Path]()
     kept, opened = KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
-        opened = (keep_own(kept, config.opened, config.temp / "opened", media, config.weights),)
+        opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
     services = Services(
         config=config,
         catalogue=catalogue,

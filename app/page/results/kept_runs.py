@@ -35,8 +35,6 @@ from app.page.visitors.kept import Kept
 from app.page.visitors.visitors import is_same
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
-from app.run.requests.request import Ask
-from app.run.takes.take import asked_of
 
 PARAMETER = "run"
 """Of the page's address."""
@@ -54,8 +52,6 @@ class KeptRun:
     """For the browser that asked for it."""
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
-    asked: Ask | None = None
-    """As which takes of its plans are made; None where none are."""
     ended: float = field(default_factory=time.time)
     token: str = ""
     clips: dict[str, KeptRun] = field(default_factory=dict)
@@ -162,10 +158,15 @@ class KeptRuns(Kept[KeptRun]):
         job: Job,
         showing: Showing,
         form: Mapping[str, Any] | None = None,
-        asked: Ask | None = None,
+        *,
+        is_edited: bool = False,
     ) -> KeptRun:
-        run = KeptRun(job, showing, form or {}, asked)
-        if asked is not None and showing.performed():
+        """
+        Args:
+            is_edited: whether takes of its plans are made, where it has any.
+        """
+        run = KeptRun(job, showing, form or {})
+        if is_edited and showing.performed():
             showing.say()
         run.token = self.keep(run, job.folder, None)
         return run
@@ -175,17 +176,12 @@ class KeptRuns(Kept[KeptRun]):
         job: Job,
         showings: Mapping[str, Showing],
         form: Mapping[str, Any] | None = None,
-        weights: Path | None = None,
+        *,
+        is_edited: bool = False,
     ) -> KeptRun:
-        """Keep a run, or those of several clips by name; returns the first that has any motion.
-
-        Args:
-            weights: of takes of its plans; None makes none.
-        """
+        """Keep a run, or those of several clips by name; returns the first that has any motion."""
         kept = {
-            clip: self.keep_run(
-                job, each, form, weights and asked_of(each.folder, each.record, weights)
-            )
+            clip: self.keep_run(job, each, form, is_edited=is_edited)
             for clip, each in showings.items()
         }
         for run in kept.values() if len(kept) > 1 else ():
@@ -235,7 +231,7 @@ class KeptRuns(Kept[KeptRun]):
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path) -> str:
+def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
     """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
     token.
 
@@ -246,7 +242,7 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media, weights: Path
     showings = showings_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(showings.values())).record.kind == "generated"
     job = Job("", "generate" if is_made else "own_motion", temp)
-    return kept.keep_clips(job, showings, weights=weights).token
+    return kept.keep_clips(job, showings, is_edited=is_made).token
 
 
 def address_of(*runs: KeptRun) -> str:

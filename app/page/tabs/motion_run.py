@@ -162,7 +162,7 @@ class RunRunner(TabRunner):
             has_left = [end_run(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
                 raise
-        kept = services.kept.keep_clips(job, showings(), form, ask.weights if form else None)
+        kept = services.kept.keep_clips(job, showings(), form, is_edited=bool(form))
         if ask.has_video and kept.record.state == "done" and not kept.clips:
             self.videos.want(job.visitor, kept, ask)
         yield {

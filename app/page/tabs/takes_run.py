@@ -21,7 +21,7 @@ from app.page.visitors.visitors import cookie_of, visitor_of
 from app.run.output.run_folder import drop_unfinished
 from app.run.requests.request import Event, Grown
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of, locked_of
-from app.run.takes.take import TakeRequest, make_take
+from app.run.takes.take import TakeAsk, make_take
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
 """Characters."""
@@ -55,6 +55,7 @@ class TakesRunner:
     """Makes the takes of one tab's runs."""
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
+        self._weights = services.config.weights
         self._worker = services.worker
         self._kept = services.kept
         self._jobs = services.jobs
@@ -82,11 +83,16 @@ class TakesRunner:
         try:
             asked = Asked.of(told)
             run = self._kept.edited(asked.run, cookie)
-            if run is None or run.asked is None:
+            if run is None:
                 raise RunError(text.EDITS_GONE)
             showing = run.showing
-            changes = edits_of(asked.edits), locked_of(asked.locked)
-            wanted = TakeRequest(run.asked, showing.folder, asked.start, *changes)
+            wanted = TakeAsk(
+                out=showing.folder,
+                weights=self._weights,
+                start=asked.start,
+                edits=edits_of(asked.edits),
+                locked=locked_of(asked.locked),
+            )
             with self._jobs.opened(visitor, "takes") as job:
                 yield self._said(showing, text.TAKE_STARTING, state="working")
                 yield from self._made(job, wanted, showing)
@@ -99,7 +105,7 @@ class TakesRunner:
                 raise gr.Error(sentence, print_exception=False) from error
             yield self._said(showing, sentence, is_refused=True)
 
-    def _made(self, job: Job, wanted: TakeRequest, showing: Showing) -> Iterator[Updates]:
+    def _made(self, job: Job, wanted: TakeAsk, showing: Showing) -> Iterator[Updates]:
         def told(events: list[Event]) -> Updates:
             if not any(isinstance(event, Grown) for event in events):
                 return {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,14 +42,11 @@ MAX_EDITED_S = 180.0
 _BYTES_A_SECOND = 500_000
 
 
-@dataclass(frozen=True)
-class TakeRequest:
-    """Which motion is to be changed, and how."""
+@dataclass(frozen=True, kw_only=True)
+class TakeAsk(Ask):
+    """Which motion of the run in ``out`` is to be changed, and how; the take comes into it, made by
+    ``weights`` as the run was asked for."""
 
-    run: Ask
-    """That the motion is of."""
-    folder: Path
-    """The run's; the take comes into it."""
     start: str
     """The row whose plan is changed."""
     edits: tuple[Edit, ...] = ()
@@ -79,7 +76,7 @@ class _TakeWriter(RunWriter):
         self._on_event(Grown(self.folder.out))
 
 
-def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
     """Change the plan and perform it again; of the motion each window is told as it is made.
 
     Raises:
@@ -95,35 +92,35 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
     from model.plan.plan import PlanError, read_plan
     from model.speech.audio import SpeechLimits, load_speech
 
-    asked, record = request.run, read_run(request.folder)
-    start = record.row(request.start)
-    performed = start and file_of(request.folder, start.files.get("performed"))
+    record = read_run(ask.out)
+    asked, start = _as_the_run(ask, record), record.row(ask.start)
+    performed = start and file_of(ask.out, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan(performed), words_of(request.folder, record)
+    plan, words = read_plan(performed), words_of(ask.out, record)
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
             f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
         )
     numbers = [row.take.number for row in record.rows if row.take]
-    if request.edits and len(numbers) >= MAX_TAKES:
+    if ask.edits and len(numbers) >= MAX_TAKES:
         raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
-    require_free_space(request.folder, int(_BYTES_A_SECOND * plan.duration_s))
+    require_free_space(ask.out, int(_BYTES_A_SECOND * plan.duration_s))
     of = start.take.of if start.take else start.name
     system_name, sample = row_of(of, asked.systems, asked.samples)
     system = get_system(system_name, asked.weights)
     speech = load_speech(asked.speech or "", SpeechLimits(max_s=asked.max_speech_s))
-    with ResultFolder(request.folder, is_kept=True) as folder:
+    with ResultFolder(ask.out, is_kept=True) as folder:
         try:
-            before = _ready(request, start, system, speech, sample, plan, words, should_cancel)
-            if not request.edits:
+            before = _ready(asked, start, system, speech, sample, plan, words, should_cancel)
+            if not ask.edits:
                 return Take(0)
             try:
-                done = edited(plan, request.edits, words, request.locked)
+                done = edited(plan, ask.edits, words, ask.locked)
             except PlanError as error:
-                offers = offers_for(plan, request.edits[-1], words, request.locked)
-                if len(request.edits) > 1 or not offers:
+                offers = offers_for(plan, ask.edits[-1], words, ask.locked)
+                if len(ask.edits) > 1 or not offers:
                     raise
                 return Take(0, (str(error),), offers)
             number = 1 + max(numbers, default=0)
@@ -135,7 +132,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             (row,) = alone.rows
             run = _TakeWriter(folder, alone, on_event, should_cancel)
             written = run.performed(name, done.plan)
-            beside = load_motion(_there(request.folder, record, of))
+            beside = load_motion(_there(ask.out, record, of))
 
             def on_piece(motion: Motion) -> None:
                 if asked.post_filter != "savgol":
@@ -147,11 +144,11 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
             made = perform(system, speech, options, before, should_cancel, on_piece)
             take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
             row.files["windows"] = shown_file(name, ENDING)
-            save_performance(made, request.folder / row.files["windows"])
+            save_performance(made, ask.out / row.files["windows"])
             shown = filtered(made.motion, asked.post_filter)
             run.motion(name, shown, f"{file_stem(name)}.npz")
-            _tell(request.folder, row, written, words)
-            run.file(request.folder / row.files["told"])
+            _tell(ask.out, row, written, words)
+            run.file(ask.out / row.files["told"])
             run.finish("")
         except Cancelled as error:
             raise CancelledRun from error
@@ -161,7 +158,7 @@ def make_take(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCanc
 
 
 def _ready(
-    request: TakeRequest,
+    ask: Ask,
     row: Row,
     system: System,
     speech: Speech,
@@ -174,16 +171,16 @@ def _ready(
     from model.generation.again import ENDING, load_performance, perform, save_performance
     from model.motion.motion import load_motion
 
-    windows = file_of(request.folder, row.files.get("windows"))
+    windows = file_of(ask.out, row.files.get("windows"))
     if windows is not None:
-        motion = load_motion(_there(request.folder, read_run(request.folder), row.name))
+        motion = load_motion(_there(ask.out, read_run(ask.out), row.name))
         return load_performance(windows, system, plan, motion)
     one = {"samples": 1, "first_sample": sample - 1, "conditions": (plan,)}
-    made = perform(system, speech, options_of(request.run, system, **one), None, should_cancel)
+    made = perform(system, speech, options_of(ask, system, **one), None, should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
-    save_performance(made, request.folder / row.files["windows"])
-    _tell(request.folder, row, plan, words)
-    with changed(request.folder) as record:
+    save_performance(made, ask.out / row.files["windows"])
+    _tell(ask.out, row, plan, words)
+    with changed(ask.out) as record:
         record.put(row)
     return made
 
@@ -236,17 +233,16 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     }
 
 
-def asked_of(folder: Path, record: RunRecord, weights: Path) -> Ask | None:
-    """As the motion of a run's folder was asked for, as far as takes are made by it; None where
-    none can be."""
+def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
+    """With what its run was asked for, as far as takes are made by it."""
     own = [row.name for row in record.rows if "performed" in row.files and row.take is None]
     systems = tuple(dict.fromkeys(SampleName.parse(name).system for name in own))
-    speech = file_of(folder, record.sound)
-    if record.kind != "generated" or speech is None or not systems:
-        return None
+    speech = file_of(ask.out, record.sound)
+    if record.kind != "generated" or speech is None:
+        raise RunError(text.EDITS_GONE)
     known = (*SAMPLING, "post_filter", "joint")
     told = {name: record.asked[name] for name in known if name in record.asked}
-    return Ask(speech=speech, out=folder, weights=weights, systems=systems, **told)
+    return replace(ask, speech=speech, systems=systems, **told)
 
 
 def words_of(folder: Path, record: RunRecord) -> tuple[Word, ...]:

@@ -14,7 +14,7 @@ from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
 from app.run.requests.request import Ask, Event, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of, offers_for
-from app.run.takes.take import Take, TakeRequest, asked_of, make_take, row_of
+from app.run.takes.take import Take, TakeAsk, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures
@@ -228,7 +228,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
-    asked = TakeRequest(run, folder, PLANNED)
+    asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED)
     assert make_take(asked, lambda event: None, never) == Take(0)
     rows: list[Row] = []
 
@@ -264,10 +264,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
     assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
-    as_told = asked_of(elsewhere, record, run.weights)
-    assert as_told is not None and as_told.systems == (PLANNED,)
-    assert (as_told.seed, as_told.steps, as_told.speech) == (4, 2, elsewhere / "speech.wav")
-    again = TakeRequest(as_told, elsewhere, made.name, (back,))
+    again = replace(asked, out=elsewhere, start=made.name, edits=(back,))
     assert make_take(again, lambda event: None, never).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
@@ -279,7 +276,7 @@ def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
-    asked = TakeRequest(run, folder, PLANNED, (late,))
+    asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED, edits=(late,))
     before = read_run(folder)
     with pytest.raises(CancelledRun):
         make_take(asked, lambda event: None, lambda: True)

@@ -354,7 +354,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = keep_own(page.runs, made.folder, tmp_path / "opened", Media(), tmp_path)
+    own = keep_own(page.runs, made.folder, tmp_path / "opened", Media())
     page.opening._opened = (own,)
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
@@ -365,7 +365,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", Media(), tmp_path)
+        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", Media())
 
 
 def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp_path):
@@ -374,7 +374,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
         made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
     (job / "results/sheet.md").touch()
     page = Page(tmp_path / "page")
-    token = keep_own(page.runs, job / "results", tmp_path / "opened", Media(), tmp_path)
+    token = keep_own(page.runs, job / "results", tmp_path / "opened", Media())
     first = page.runs.find(token)
     assert first is not None and list(first.clips) == ["a", "b"]
     second = first.clips["b"]

@@ -17,7 +17,6 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.requests.display import Display
 from app.run.requests.request import (
-    Ask,
     Grown,
     OnEvent,
     Progress,
@@ -25,7 +24,7 @@ from app.run.requests.request import (
 )
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import edits_of, locked_of
-from app.run.takes.take import Take, TakeRequest
+from app.run.takes.take import Take, TakeAsk
 from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
@@ -168,9 +167,9 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
     number = 0
-    with changed(request.folder) as record:
+    with changed(request.out) as record:
         start = record.row(request.start)
         if start is None:
             raise RunError(text.EDITS_GONE)
@@ -182,10 +181,10 @@ def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -
             row.files.pop("told", None)
             record.put(row)
     if number:
-        on_event(Grown(request.folder))
-    with changed(request.folder) as record:
+        on_event(Grown(request.out))
+    with changed(request.out) as record:
         row.files["told"] = "told.json"
-        (request.folder / "told.json").write_text("{}")
+        (request.out / "told.json").write_text("{}")
         record.put(row)
     return Take(number, ("It was mended.",) if number else ())
 
@@ -203,9 +202,8 @@ class Editor:
         with ResultFolder(self.showing.folder, is_kept=True) as results:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
-        request = Ask(speech=folder / "talk.wav", out=self.showing.folder, systems=(ROW,))
         job = Job("me", "generate", folder / "run", COOKIE)
-        services.kept.keep_run(job, self.showing, None, request)
+        services.kept.keep_run(job, self.showing, is_edited=True)
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
@@ -237,9 +235,9 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+    def fails(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
         made = make(request, on_event, should_cancel)
-        with changed(request.folder) as record:  # as where its process is killed
+        with changed(request.out) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")
         raise PlanError(f"The hand has no time for {made.number}.")
 
