@@ -280,7 +280,7 @@ def plan_of_json(data: bytes, file: str) -> GesturePlan:
     try:
         return _reader().validate_json(text)
     except ValidationError as error:
-        raise PlanError(f"{file}: {_sentence(error)}") from None
+        raise PlanError(f"{file}: {sentence_of(error)}") from None
 
 
 @cache
@@ -288,7 +288,8 @@ def _reader() -> TypeAdapter:
     return TypeAdapter(GesturePlan)
 
 
-def _sentence(error: ValidationError) -> str:
+def sentence_of(error: ValidationError) -> str:
+    """What is wrong first, for a person."""
     first = error.errors(include_url=False, include_input=False)[0]
     own = first.get("ctx", {}).get("error")
     if isinstance(own, PlanError):

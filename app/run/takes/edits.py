@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, NotRequired, cast
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
 
 from app.errors import RunError
 from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
 from model.plan.files import ENDINGS, plan_in
-from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side
+from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side, sentence_of
 from model.plan.style import LIMITS, excited, style_of, with_style
 from model.speech.transcript import Word
 
 MAX_EDITS = 60
 """At once."""
 MAX_LOCKED = 2000
-MAX_SECONDS = 3600.0
 MAX_PLAN_CHARACTERS = 2_000_000
-LISTS = ("nods", "looks", "blinks")
 NOD_DEG = 8.0
 LOOK_S = 1.0
 AT_S = 0.05
@@ -32,7 +33,6 @@ Locked = tuple[str, float]
 """A hand, and when its gesture lands."""
 Values = Mapping[str, Any]
 Said = Sequence[Word]
-Reads = Callable[[object], Any]
 Does = Callable[[GesturePlan, Values, Said, Sequence[Gesture]], Edited]
 
 
@@ -58,10 +58,9 @@ class Offer:
 
 @dataclass(frozen=True)
 class Kind:
-    """What can be done, which values it has, and which of them it needs."""
+    """What can be done, and with which values."""
 
-    values: Mapping[str, Reads]
-    needs: tuple[str, ...]
+    reader: TypeAdapter
     does: Does
 
 
@@ -83,8 +82,8 @@ def locked_of(told: object) -> tuple[Locked, ...]:
     if not isinstance(told, list) or len(told) > MAX_LOCKED:
         raise RunError(f"Locked gestures come as a list of at most {MAX_LOCKED}.")
     try:
-        return tuple((_one_of(SIDES)(side), _second(lands)) for side, lands in told)
-    except (TypeError, ValueError) as error:
+        return tuple(_LOCKED.validate_python(told))
+    except ValidationError as error:
         raise RunError(f"A locked gesture is a hand and a time: {_why(error)}") from error
 
 
@@ -167,58 +166,17 @@ def _edit(told: object) -> Edit:
     if not isinstance(do, str) or kind is None:
         known = ", ".join(KINDS)
         raise RunError(f"There is no edit {printable(str(do))[:40]!r}; there are {known}.")
-    values = {name: value for name, value in told.items() if name != "do"}
-    unknown = sorted(set(values) - set(kind.values), key=str)
-    if unknown:
-        raise RunError(f"The edit {do!r} has no {printable(str(unknown[0]))[:40]!r}.")
     try:
-        found = {name: kind.values[name](value) for name, value in values.items()}
-    except (TypeError, ValueError) as error:
+        values = kind.reader.validate_python({k: v for k, v in told.items() if k != "do"})
+    except ValidationError as error:
         raise RunError(f"The edit {do!r} cannot be read: {_why(error)}") from error
-    missing = [name for name in kind.needs if name not in found]
-    if missing:
-        raise RunError(f"The edit {do!r} lacks {missing[0]!r}.")
-    if do in ("move", "add") and ("at" in found) == ("word" in found):
+    if do in ("move", "add") and ("at" in values) == ("word" in values):
         raise RunError(f"The edit {do!r} goes to a time or a word; tell one of them.")
-    return Edit(do, found)
+    return Edit(do, values)
 
 
-def _why(error: Exception) -> str:
-    return printable(str(error))[:120]
-
-
-def _number(least: float, most: float) -> Reads:
-    def read(value: object) -> float:
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
-            raise ValueError(f"{str(value)[:20]} is no number from {least:g} to {most:g}.")
-        return float(value)  # pyright: ignore[reportArgumentType]
-
-    return read
-
-
-def _one_of(valid: tuple[str, ...]) -> Reads:
-    def read(value: object) -> str:
-        if not isinstance(value, str) or value not in valid:
-            raise ValueError(f"{str(value)[:20]!r} is none of {', '.join(valid)}.")
-        return value
-
-    return read
-
-
-def _text(most: int) -> Reads:
-    def read(value: object) -> str:
-        if not isinstance(value, str) or len(value) > most:
-            raise ValueError(f"a text of at most {most} characters is missing.")
-        return value
-
-    return read
-
-
-def _index(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 200_000:
-        raise ValueError(f"{str(value)[:20]} is no number of a word.")
-    return value
+def _why(error: ValidationError) -> str:
+    return printable(sentence_of(error))[:120]
 
 
 def _gesture(told: Values) -> Gesture:
@@ -328,56 +286,69 @@ def _plan(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture
     return Edited(as_long_as(read.plan, plan.duration_s), read.notes)
 
 
-_second = _number(0.0, MAX_SECONDS)
-_one = {"side": _one_of(SIDES), "lands": _second}
-_hands = _one_of(Hands.__args__)
-_sliders = dict.fromkeys(LIMITS, _number(-1000, 1000))
+_STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+_Second = Annotated[float, Field(ge=0, le=3600, strict=True)]
+_LOCKED = TypeAdapter(list[tuple[Side, _Second]])
+
+
+def _kind(does: Does, **values: Any) -> Kind:
+    told = with_config(_STRICT)(TypedDict("Values", values))  # pyright: ignore
+    return Kind(TypeAdapter(told), does)
+
+
+def _within(least: float, most: float) -> Any:
+    return Annotated[float, Field(ge=least, le=most)]
+
+
+def _text(most: int) -> Any:
+    return Annotated[str, Field(max_length=most)]
+
+
+_one: dict[str, Any] = {"side": Side, "lands": _Second}
+_where: dict[str, Any] = {
+    "at": NotRequired[_Second], "word": NotRequired[Annotated[int, Field(ge=0, lt=200_000)]],
+}  # fmt: skip
 KINDS: Mapping[str, Kind] = {
-    "move": Kind({**_one, "at": _second, "word": _index}, (*_one,), _move),
-    "delete": Kind(_one, (*_one,), _of_both(lambda plan, one, told: editing.deleted(plan, one))),
-    "add": Kind(
-        {"kind": _text(40), "at": _second, "word": _index, "hands": _hands}, ("kind",), _add
-    ),
-    "hands": Kind(
-        {**_one, "hands": _hands}, (*_one, "hands"),
+    "move": _kind(_move, **_one, **_where),
+    "delete": _kind(_of_both(lambda plan, one, told: editing.deleted(plan, one)), **_one),
+    "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),
+    "hands": _kind(
         lambda plan, told, *_: editing.with_hands(plan, _gesture(told), told["hands"]),
+        **_one, hands=Hands,
     ),
-    "hold": Kind(
-        {**_one, "hold": _number(0.0, 60.0)}, (*_one, "hold"),
+    "hold": _kind(
         _of_both(lambda plan, one, told: editing.held(plan, one, told["hold"])),
+        **_one, hold=_within(0, 60),
     ),
-    "end": Kind(
-        {"side": _one_of(SIDES), "ends": _second, "at": _second}, ("side", "ends", "at"), _end
-    ),
-    "size": Kind(
-        {**_one, "size": _number(0.1, 4.0)}, (*_one, "size"),
+    "end": _kind(_end, side=Side, ends=_Second, at=_Second),
+    "size": _kind(
         _of_both(lambda plan, one, told: editing.sized(plan, one, told["size"])),
+        **_one, size=_within(0.1, 4),
     ),
-    "height": Kind(
-        {**_one, "by": _number(-1.0, 1.0)}, (*_one, "by"),
+    "height": _kind(
         _of_both(lambda plan, one, told: editing.raised(plan, one, told["by"])),
+        **_one, by=_within(-1, 1),
     ),
-    "speed": Kind(
-        {**_one, "speed": _number(0.2, 5.0)}, (*_one, "speed"),
+    "speed": _kind(
         _of_both(lambda plan, one, told: editing.hastened(plan, one, told["speed"])),
+        **_one, speed=_within(0.2, 5),
     ),
-    "nod": Kind(
-        {"at": _second, "depth": _number(1.0, 30.0)}, ("at",),
+    "nod": _kind(
         lambda plan, told, *_: editing.with_event(
             plan, Nod(told["at"], told.get("depth", NOD_DEG))),
+        at=_Second, depth=NotRequired[_within(1, 30)],
     ),
-    "blink": Kind(
-        {"at": _second}, ("at",),
-        lambda plan, told, *_: editing.with_event(plan, Blink(told["at"])),
+    "blink": _kind(
+        lambda plan, told, *_: editing.with_event(plan, Blink(told["at"])), at=_Second
     ),
-    "look": Kind(
-        {"at": _second, "lasts": _number(0.2, 60.0), "yaw": _number(-60, 60),
-         "pitch": _number(-40, 40)},
-        ("at", "yaw", "pitch"), _look,
+    "look": _kind(
+        _look, at=_Second, lasts=NotRequired[_within(0.2, 60)], yaw=_within(-60, 60),
+        pitch=_within(-40, 40),
     ),
-    "remove": Kind({"list": _one_of(LISTS), "at": _second}, ("list", "at"), _remove),
-    "style": Kind({**_sliders, "excite": _number(-1.0, 1.0)}, (), _style),
-    "plan": Kind(
-        {"name": _text(200), "text": _text(MAX_PLAN_CHARACTERS)}, ("name", "text"), _plan
+    "remove": _kind(_remove, list=Literal["nods", "looks", "blinks"], at=_Second),
+    "style": _kind(
+        _style, **dict.fromkeys(LIMITS, NotRequired[_within(-1000, 1000)]),
+        excite=NotRequired[_within(-1, 1)],
     ),
+    "plan": _kind(_plan, name=_text(200), text=_text(MAX_PLAN_CHARACTERS)),
 }  # fmt: skip

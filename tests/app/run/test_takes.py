@@ -22,7 +22,7 @@ from model.plan.plan import GesturePlan, PlanError, read_plan
 from model.plan.style import style_of
 from model.speech.audio import write_wav
 from model.speech.transcript import Word
-from model.systems.planned.config import PLANNED
+from model.systems.planned import PLANNED
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
@@ -171,20 +171,20 @@ def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
 
 def test_what_is_no_edit_is_refused() -> None:
     for told, match in [
-        ({"do": "move"}, "lacks 'side'"),
+        ({"do": "move"}, "'side': field required"),
         ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
         ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
-        ({"do": "move", "side": "up", "lands": 1.0, "at": 1.0}, "none of left, right"),
-        ({"do": "delete", "side": "left", "lands": True}, "no number"),
-        ({"do": "delete", "side": "left", "lands": float("nan")}, "no number"),
-        ({"do": "delete", "side": "left", "lands": -1}, "from 0 to 3600"),
-        ({"do": "delete", "side": "left", "lands": 10**400}, "no number"),
-        ({"do": "delete", "side": ["left"], "lands": 1}, "none of left, right"),
-        ({"do": "end", "side": "left", "ends": 1.0}, "lacks 'at'"),
-        ({"do": "size", "side": "left", "lands": 1, "size": 9}, r"from 0.1 to 4"),
+        ({"do": "move", "side": "up", "lands": 1.0, "at": 1.0}, "should be 'left' or 'right'"),
+        ({"do": "delete", "side": "left", "lands": True}, "valid number"),
+        ({"do": "delete", "side": "left", "lands": float("nan")}, "'lands'"),
+        ({"do": "delete", "side": "left", "lands": -1}, "greater than or equal to 0"),
+        ({"do": "delete", "side": "left", "lands": 10**400}, "'lands'"),
+        ({"do": "delete", "side": ["left"], "lands": 1}, "should be 'left' or 'right'"),
+        ({"do": "end", "side": "left", "ends": 1.0}, "'at': field required"),
+        ({"do": "size", "side": "left", "lands": 1, "size": 9}, "less than or equal to 4"),
         ({"do": "add", "kind": "x" * 41, "at": 1}, "at most 40 characters"),
-        ({"do": "add", "kind": "you", "word": 1.5}, "no number of a word"),
-        ({"do": "nod", "at": 1, "path": "/etc"}, "has no 'path'"),
+        ({"do": "add", "kind": "you", "word": 1.5}, "'word': input should be a valid integer"),
+        ({"do": "nod", "at": 1, "path": "/etc"}, "'path': extra inputs"),
         ({"do": ["nod"]}, "There is no edit"),
         ({}, "There is no edit"),
         ("nod", "is an object"),
