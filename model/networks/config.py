@@ -1,8 +1,6 @@
 """Shapes of networks that several families build on: frozen and validated."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 from model.motion.spaces import RotationSpace
 
@@ -11,11 +9,6 @@ from model.motion.spaces import RotationSpace
 class BranchConfig:
     """Shape of a stack of motion blocks, and what it is told."""
 
-    RETIRED: ClassVar[Mapping[str, Any]] = {
-        "frames_by": "attention", "interaction": "cross-attention", "decoupled": True,
-        "latent": True, "cepstra": 0, "codes": 0,
-    }  # fmt: skip
-    """See `model.storage.cards.from_dict`."""
     width: int = 192
     num_blocks: int = 3
     num_heads: int = 6

@@ -163,16 +163,13 @@ def to_json(config: Any) -> str:
 
 
 def from_dict(cls: type[T], values: dict[str, Any]) -> T:
-    """Rebuild a (nested) config from parsed JSON. A class may name fields of old cards in
-    ``RETIRED``, with the one value that is still built.
+    """Rebuild a (nested) config from parsed JSON.
 
     Raises:
         ValueError: if a field is unknown to this version.
     """
     if not is_dataclass(cls):
         raise TypeError(f"{cls} is no config.")
-    retired = getattr(cls, "RETIRED", {})
-    values = {n: v for n, v in values.items() if n not in retired or v != retired[n]}
     unknown = sorted(set(values) - {f.name for f in fields(cls)})
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}.")

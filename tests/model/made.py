@@ -18,9 +18,9 @@ from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
 from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.systems.face.config import ExpressionConfig, FaceTrainConfig
+from model.systems.face import ExpressionConfig, FaceTrainConfig
 from model.systems.face.face import FaceNetwork
-from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.training.config import TrainConfig
 from tests.helpers import smooth_motion_example
@@ -33,9 +33,7 @@ TINY_SYSTEMS = {
     "globaldiff/local": replace(TINY_NETWORK, rotation_space="local"),
     "globaldiff/global": TINY_NETWORK,
 }
-TINY_BEST = replace(
-    TINY_NETWORK, rotation_space="axis-angle", prior=True, speech_context=6, root="place"
-)
+TINY_BEST = replace(TINY_NETWORK, rotation_space="axis-angle", speech_context=6, root="place")
 
 
 def made_prior(channels: int, seed_frames: int = 8) -> GaussianPrior:

@@ -13,7 +13,7 @@ from model.networks.branch import ConditionedNetwork, MotionBranch
 from model.networks.layers import Attention
 from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior
-from model.systems.asynfusion.config import DualBranchConfig
+from model.systems.asynfusion import DualBranchConfig
 
 
 class CoSync(nn.Module):

@@ -8,11 +8,10 @@ import pytest
 import torch
 
 from model.networks.config import MatchingConfig
-from model.storage.cards import Card, CheckpointError, from_dict, with_setting
+from model.storage.cards import Card, CheckpointError, with_setting
 from model.storage.checkpoint import load_into, load_weights, save_weights
 from model.storage.files import WriteError, written_atomically
-from model.systems.asynfusion.config import presets
-from model.systems.gan.config import GeneratorConfig
+from model.systems.asynfusion import presets
 from model.systems.registry import families
 
 
@@ -59,16 +58,8 @@ def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
     assert (told.speakers, told.training_hours, told.steps) == ({"hana": 3}, 2.5, 9)
 
 
-def test_a_retired_field_of_an_old_card_is_read_where_it_says_what_is_still_built():
-    shape = {"width": 12, "num_heads": 2}
-    read = GeneratorConfig(**shape)
-    assert from_dict(GeneratorConfig, {**shape, "latent": True, "frames_by": "attention"}) == read
-    with pytest.raises(ValueError, match="GeneratorConfig has no field latent"):
-        from_dict(GeneratorConfig, {**shape, "latent": False})
-
-
 def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
-    config = presets("asynfusion/ddim")["small"]
+    config = presets("asynfusion/ddim")["demo"]
     faster = with_setting(config, "loss.velocity=3")
     assert faster == replace(config, loss=replace(config.loss, velocity=3.0))
     trained = [(family, system) for family in families() for system in family.trained]
@@ -92,7 +83,7 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
 )
 def test_what_is_wrong_with_a_setting_is_said(setting, says):
     with pytest.raises(ValueError, match=says):
-        with_setting(presets("asynfusion/ddim")["small"], setting)
+        with_setting(presets("asynfusion/ddim")["demo"], setting)
 
 
 def test_a_write_error_is_one_sentence_and_knows_its_cause_in_another_process_too(tmp_path):

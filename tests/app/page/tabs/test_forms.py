@@ -25,8 +25,8 @@ from app.run.requests.display import Display
 from app.run.requests.request import Ask, Progress
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
-from model.systems.globaldiff.config import BEST, SYSTEMS
-from model.systems.planned.config import PLANNED
+from model.systems.globaldiff import BEST, SYSTEMS
+from model.systems.planned import PLANNED
 from tests.app import fakes
 
 FORM: dict[str, Any] = {

@@ -11,7 +11,7 @@ from conventions.joints import FACE as FACE_JOINTS
 from model.data.prepared import prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
-from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
+from model.systems.asynfusion import DDIM, LCM_SYNC, presets
 from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
@@ -168,5 +168,5 @@ def test_the_student_begins_as_its_teacher_and_terms_on_feet_are_a_switch(
     assert {*parts} - {"feet", "contact"} == {*parts} & {*log_of(student)[0]} != {*parts}
     with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
         make_task(usual, data, TaskSetup(tmp_path))
-    with pytest.raises(ValueError, match="'huge' of asynfusion/ddim; choose one of demo, small"):
+    with pytest.raises(ValueError, match="'huge' of asynfusion/ddim; choose one of demo, paper"):
         family_of(DDIM).config("huge", DDIM)

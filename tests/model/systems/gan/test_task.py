@@ -12,13 +12,13 @@ from model.data.prepared import Batch, PreparedData, prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.checkpoint import load_weights
-from model.systems.gan import task as module
-from model.systems.gan.config import (
+from model.systems.gan import (
     STEP_COUNTS,
     WEIGHTS,
     DiscriminatorConfig,
     GanConfig,
 )
+from model.systems.gan import task as module
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system
@@ -194,5 +194,5 @@ def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(
 def test_presets_and_shapes_that_cannot_be_are_named():
     with pytest.raises(ValueError, match="width is 60, no multiple of 8 groups"):
         DiscriminatorConfig(width=60)
-    with pytest.raises(ValueError, match="'large' of gan/20; choose one of demo, small, smoke"):
+    with pytest.raises(ValueError, match="'large' of gan/20; choose one of demo, smoke"):
         family_of(WEIGHTS).config("large", WEIGHTS)
