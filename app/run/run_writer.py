@@ -303,6 +303,6 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
     from model.faults.evidence import ranked
 
     return [
-        Told(name=name, sentence=cut(finding.sentence), at=finding.worst_s)
+        Told(name=name, kind=finding.kind, sentence=cut(finding.sentence), at=finding.worst_s)
         for name, finding in ranked(findings)[:MAX_TOLD]
     ]

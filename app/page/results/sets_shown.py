@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from app.findings.measure_rows import MEASURES, written
+from app.findings.measure_rows import JERK, MEASURES, written
 from app.page.parts import markup
 from app.run.many.distances import TITLE as DISTANCE
-from app.run.many.table import JERK, cells_of
+from app.run.many.table import cells_of
 
 HEADING = "Results as sets"
 COUNTED = (
@@ -39,7 +39,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     )
     return (
         f'<div class="sets">{markup.heading(HEADING, counted)}'
-        f"{_worst(_ordered(told['worst']))}{figure}{_table(told['measures'], systems)}"
+        f"{_worst(told['worst'])}{figure}{_table(told['measures'], systems)}"
         f'<div class="downloads">{links}</div></div>'
     )
 
@@ -52,20 +52,16 @@ def number_of(count: int, what: str) -> str:
 def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Every clip by what is said of it, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in _ordered(told["worst"])
+        each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in told["worst"]
     }
     clips: list[str] = told["clips"]
     return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
 
 
-def _ordered(worst: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    return sorted(worst, key=lambda each: (-len(each["kinds"]), -each["jerk"]))
-
-
 def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     if not worst:
         return f'<p class="says">{NONE_FOUND}</p>'
-    unit = next(row.unit for row in MEASURES if (row.group, row.title) == JERK)
+    unit = next(row.unit for row in MEASURES if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
         f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span></li>"

@@ -29,12 +29,10 @@ def assumed_in(reading: Reading) -> dict[str, Any]:
     }
 
 
-def without_what_lacks(
-    values: Sequence[float | None], lacks: Collection[str]
-) -> list[float | None]:
-    """Values of `MEASURES`, none of those that need a part that is not there."""
-    pairs = zip(MEASURES, values, strict=True)
-    return [None if row.needs in lacks else value for row, value in pairs]
+def without_what_lacks(numbers: Mapping[str, float], lacks: Collection[str]) -> dict[str, float]:
+    """By the keys of `MEASURES`, none of those that need a part that is not there."""
+    needs = {row.key: row.needs for row in MEASURES}
+    return {key: value for key, value in numbers.items() if needs[key] not in lacks}
 
 
 def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:

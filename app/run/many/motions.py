@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError, sentence_of
+from app.findings.measure_rows import numbers_of
 from app.run.diagnostics import onsets_of
 from app.run.many.assumed import assumed_in, told_above, without_what_lacks
 from app.run.many.distances import (
@@ -30,7 +31,7 @@ from app.run.many.distances import (
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
 from app.run.many.record import file_sha256, is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, write_tables
+from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
@@ -44,7 +45,7 @@ from processes.pool import JobPool
 if TYPE_CHECKING:
     from model.motion.motion import Motion
 
-FORMAT = 4
+FORMAT = 5
 """Of a clip's record; another one is measured anew."""
 _SPEECH = "the speech"
 
@@ -335,11 +336,13 @@ def _measure_clip(
             motion = first_frames(reading.motion, shortest)
             motions.setdefault(name, []).append(motion)
             evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
-            kept = {"codes": moments_of(motion), "sha256": file_sha256(files[name][sample])}
             faults = without(find_faults(evidence), reading.lacks)
-            numbers = numbers_of(evidence.raw, faults) | kept
-            numbers["values"] = without_what_lacks(numbers["values"], reading.lacks)
-            told.append(numbers)
+            told.append({
+                "numbers": without_what_lacks(numbers_of(evidence.raw), reading.lacks),
+                "findings": [fault.kind for fault in faults],
+                "codes": moments_of(motion),
+                "sha256": file_sha256(files[name][sample]),
+            })  # fmt: skip
             if name == REFERENCE_NAME:
                 reference = evidence
         systems[name] = mean_of_samples(told)

@@ -13,7 +13,7 @@ from conventions.names import REFERENCE_NAME
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
 
 Record = dict[str, Any]
-"""``frames``, and in ``systems`` by name what `app.run.many.table.numbers_of` gives."""
+"""``frames``, and ``systems`` as of `app.run.many.table.write_tables`."""
 
 
 def stamp_of(files: Mapping[str, Path], said: object) -> dict[str, Any]:

@@ -1,11 +1,13 @@
 """One run for each of several clips, shared out over processes or a cluster.
 
-Each run's folder is that of a single run; ``clip.json`` comes last of all and says that the others
-are whole. Started again, the same command goes on with what has none.
+Each run's folder is that of a single run, and its `run.json` says at last of what it is whole.
+Started again, the same command goes on with what is not.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -14,10 +16,10 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import jerk_over_clips, verdict_over_clips
-from app.run.many.record import is_kept, keep, read_records, stamp_of
-from app.run.many.table import Above, numbers_of, write_tables
+from app.run.many.record import stamp_of
+from app.run.many.table import Above, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
-from app.run.output.run_folder import read_run
+from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.request import Ask, Done
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
@@ -26,7 +28,6 @@ from processes.pool import JobPool
 
 LIST_ENDING = ".txt"
 ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
-RECORD = "clip.json"
 
 
 @dataclass(frozen=True)
@@ -110,12 +111,11 @@ def do_clips(
         CancelledRun: where ``do`` said so.
         JobsError: if those who work are lost; what is done is kept.
     """
-    records = {clip: ask.out / RECORD for clip, ask in asks.items()}
     jobs = []
     for clip, ask in asks.items():
         stamp = _stamp(ask)
-        done = partial(is_kept, records[clip], stamp)
-        jobs.append(Job(clip, done, partial(_do_clip, clip, ask, records[clip], stamp, do)))
+        done = partial(_is_done, ask.out, stamp)
+        jobs.append(Job(clip, done, partial(_do_clip, clip, ask, stamp, do)))
     kept = sum(job.is_done() for job in jobs)
     num_done = kept
 
@@ -135,10 +135,9 @@ def do_clips(
                 runs[0].point, jerk_over_clips(run.numbers for run in runs)
             )
             notes += [] if verdict is None else [verdict.text]
-            numbers = read_records({clip: records[clip] for clip in clips})
-            names = list(numbers[clips[0]]["systems"])
+            names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             above = Above(notes, failed)
-            files = write_tables(out, names, clips, list(numbers.values()), above=above)
+            files = write_tables(out, names, clips, list(map(_kept, runs)), above=above)
     return ManyRuns(tuple(clips), kept, failed, files, tuple(notes))
 
 
@@ -211,37 +210,54 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-def _stamp(ask: Ask) -> dict[str, Any]:
+def _stamp(ask: Ask) -> str:
     """Of everything that decides what a run's files hold; not of where they lie."""
     bare = replace(ask, speech=ask.speech and Path(ask.speech.name), out=Path(), weights=Path())
     asked = asdict(replace(bare, plan=None, style=None))
     read = {"speech": ask.speech, "plan": ask.plan, "style": ask.style}
     files = {name: path for name, path in read.items() if path is not None}
     files |= {path.name: path for path in sorted(ask.weights.glob("*.safetensors"))}
-    return stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
+    stamp = stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
+    return hashlib.sha256(json.dumps(stamp).encode()).hexdigest()
 
 
 def _do_clip(
     clip: str,
     ask: Ask,
-    record: Path,
-    stamp: dict[str, Any],
+    stamp: str,
     do: Callable[[str, Ask], Done] | None,
 ) -> None:
     from app.run import pipeline
 
-    record.unlink(missing_ok=True)  # of other files, which are about to go
+    (ask.out / RUN).unlink(missing_ok=True)  # of other files, which are about to go
     remove_unfinished(ask.out)
-    result = pipeline.do(ask) if do is None else do(clip, ask)
-    diagnostics = result.diagnostics
-    motions = dict(diagnostics.systems)
-    if diagnostics.reference is not None:
-        motions[REFERENCE_NAME] = diagnostics.reference
-    systems = {
-        name: numbers_of(versions.raw, diagnostics.findings.get(name, ()))
-        for name, versions in motions.items()
+    if do is None:
+        pipeline.do(ask)
+    else:
+        do(clip, ask)
+    record = read_run(ask.out)
+    record.whole = stamp
+    record.write(ask.out / RUN)
+
+
+def _is_done(folder: Path, stamp: str) -> bool:
+    try:
+        return read_run(folder).whole == stamp
+    except RunError:
+        return False
+
+
+def _kept(run: RunRecord) -> dict[str, Any]:
+    """Of one clip, for the tables of all."""
+    return {
+        "systems": {
+            name: {
+                "numbers": of["raw"],
+                "findings": [each.kind for each in run.findings if each.name == name],
+            }
+            for name, of in run.numbers.items()
+        }
     }
-    keep(record, stamp, {"frames": result.num_frames, "systems": systems})
 
 
 def _sentence(error: Exception) -> str:

@@ -11,43 +11,27 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from app.findings.measure_rows import MEASURES, Measure, written
+from app.findings.measure_rows import JERK, MEASURES, Measure, written
 from app.run.many.distances import distance_rows
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
-if TYPE_CHECKING:
-    from model.faults.evidence import Finding
-    from model.measures.results import Measures
-
-JERK, NUM_WORST = ("Followed point", "Jerk"), 10
-"""The measure that orders equally faulty clips, and how many of a system are named."""
+NUM_WORST = 10
+"""Clips of a system that are named."""
 Cells = dict[str, list[str]]
 """By measure, what is told of each system."""
 OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
-"""By system, each clip and what `numbers_of` gave of it."""
+"""By system, each clip and what is kept of it."""
 Row = tuple[Any, ...]
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high"),
 )
-
-
-def numbers_of(raw: Measures, findings: Iterable[Finding]) -> dict[str, Any]:
-    """What is kept of one motion, as it is, for the tables of all."""
-    values = [row.read(raw) for row in MEASURES]
-    return {
-        "values": [
-            None if value is None or not np.isfinite(value) else row.scale * float(value)
-            for row, value in zip(MEASURES, values, strict=True)
-        ],
-        "findings": [finding.kind for finding in findings],
-    }
 
 
 def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -56,13 +40,17 @@ def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
     together."""
     if len(told) == 1:
         return dict(told[0])
-    columns = list(zip(*(each["values"] for each in told), strict=True))
-    known = [[value for value in column if value is not None] for column in columns]
+    known = {
+        row.key: [each["numbers"][row.key] for each in told if row.key in each["numbers"]]
+        for row in MEASURES
+    }
     counts = Counter(kind for each in told for kind in set(each["findings"]))
     codes = [each["codes"] for each in told]
     return {
-        "values": [float(np.mean(values)) if values else None for values in known],
-        "spread": [float(np.std(values, ddof=1)) if len(values) > 1 else None for values in known],
+        "numbers": {key: float(np.mean(values)) for key, values in known.items() if values},
+        "spread": {
+            key: float(np.std(values, ddof=1)) for key, values in known.items() if len(values) > 1
+        },
         "samples": len(told),
         "findings": [kind for kind, count in counts.items() if 2 * count >= len(told)],
         "codes": {
@@ -105,7 +93,8 @@ def write_tables(
     """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
     Args:
-        numbers: of each clip, as `numbers_of` in ``systems`` by name.
+        numbers: of each clip in ``systems`` by name the ``numbers`` of its motion as it is, by the
+            keys of `MEASURES`, and its ``findings`` by kind.
         origin: where they come from, as `app.run.many.record.origin_of` tells it.
         more: rows of measures that are taken of whole sets.
     """
@@ -145,11 +134,12 @@ def write_tables(
 
 def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
     """A header, a row for each clip of each system, and one for each that is left out."""
-    titles = [f"{row.group}: {row.title}{f' ({row.unit})' if row.unit else ''}" for row in MEASURES]
+    titles = [titled(row) for row in MEASURES]
     yield ("clip", "system", "findings", *titles, "left out because")
     for name, clips in of_systems.items():
         for clip, told in clips:
-            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *told["values"], "")
+            values = [told["numbers"].get(row.key) for row in MEASURES]
+            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *values, "")
     for clip, why in left_out.items():
         yield (clip, "", "", *[""] * len(titles), why)
 
@@ -168,32 +158,41 @@ class WorstClip:
 
 def worst_clips(of_systems: OfSystems) -> list[WorstClip]:
     """Those with most kinds of findings; of equal ones, the jerkiest first."""
-    (jerk,) = (i for i, row in enumerate(MEASURES) if (row.group, row.title) == JERK)
+
+    def badness(each: WorstClip) -> tuple[int, float]:
+        return len(each.kinds), each.jerk
+
     found: list[WorstClip] = []
     for name, clips in of_systems.items():
         if name == REFERENCE_NAME:
             continue
         faulty = [
-            WorstClip(name, clip, kinds, told["values"][jerk] or 0.0)
+            WorstClip(name, clip, kinds, told["numbers"].get(JERK, 0.0))
             for clip, told in clips
             if (kinds := list(dict.fromkeys(told["findings"])))
         ]
-        found += sorted(faulty, key=lambda each: (-len(each.kinds), -each.jerk))[:NUM_WORST]
-    return found
+        found += sorted(faulty, key=badness, reverse=True)[:NUM_WORST]
+    return sorted(found, key=badness, reverse=True)
 
 
 def _worst_lines(worst: list[WorstClip]) -> list[str]:
     if not worst:
         return []
-    lines = [
-        "| " + " | ".join(map(markdown, cells)) + " |"
+    rows = (
+        map(markdown, (each.system, each.clip, ", ".join(each.kinds), written(each.jerk)))
         for each in worst
-        for cells in [(each.system, each.clip, ", ".join(each.kinds), written(each.jerk))]
-    ]
+    )
     title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
-    (unit,) = (row.unit for row in MEASURES if (row.group, row.title) == JERK)
-    head = f"| system | clip | findings | jerk ({unit}) |", "|---|---|---|---|"
-    return ["", f"{title} first. All are in `clips.csv`.", "", *head, *lines]
+    (unit,) = (row.unit for row in MEASURES if row.key == JERK)
+    table = _grid(("system", "clip", "findings", f"jerk ({unit})"), rows)
+    return ["", f"{title} first. All are in `clips.csv`.", "", *table]
+
+
+def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """A table of Markdown; the cells of its rows are harmless."""
+    titles = [markdown(title) for title in head]
+    lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
+    return [lines[0], "|" + "---|" * len(titles), *lines[1:]]
 
 
 def _spread_lines(systems: list[str], numbers: list[dict[str, Any]]) -> list[str]:
@@ -202,23 +201,17 @@ def _spread_lines(systems: list[str], numbers: list[dict[str, Any]]) -> list[str
     several = [name for name in systems if any("spread" in each for each in told[name])]
     if not several:
         return []
-    lines = []
-    for place, row in enumerate(MEASURES):
-        spreads = {
-            name: [
-                value
-                for each in told[name]
-                if "spread" in each and (value := each["spread"][place]) is not None
-            ]
+    rows = []
+    for row in MEASURES:
+        spreads = [
+            [each["spread"][row.key] for each in told[name] if row.key in each.get("spread", ())]
             for name in several
-        }
-        if any(spreads.values()):
-            unit = f" ({row.unit})" if row.unit else ""
-            cells = (written(float(np.mean(v))) if v else "n/a" for v in spreads.values())
-            lines.append(f"| {row.group}: {row.title}{unit} | " + " | ".join(cells) + " |")
+        ]
+        if any(spreads):
+            cells = (written(float(np.mean(each)) if each else None) for each in spreads)
+            rows.append((titled(row), *cells))
     title = "How far samples of one clip lie apart: their standard deviation, mean over clips."
-    head = f"| measure | {' | '.join(map(markdown, several))} |", "|---|" + "---|" * len(several)
-    return ["", title, "", *head, *lines]
+    return ["", title, "", *_grid(("measure", *several), rows)]
 
 
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
@@ -237,11 +230,12 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
 
 
 def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
-    for place, measure in enumerate(MEASURES):
+    for measure in MEASURES:
+        title = measure.key
         values = {
-            name: [each["systems"][name]["values"][place] for each in numbers] for name in systems
+            name: [each["systems"][name]["numbers"].get(title) for each in numbers]
+            for name in systems
         }
-        title = f"{measure.group}: {measure.title}"
         for name in systems:
             known = [value for value in values[name] if value is not None]
             if not known:
@@ -263,9 +257,8 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     told: Cells = {}
     for title in dict.fromkeys(row["measure"] for row in rows):
         own = [row for row in rows if row["measure"] == title]
-        unit = own[0]["unit"]
         cells = [_cell(own, name, systems[-1]) for name in systems]
-        told[f"{title}{f' ({unit})' if unit else ''}"] = cells
+        told[_with_unit(title, own[0]["unit"])] = cells
     return told
 
 
@@ -298,20 +291,12 @@ def _sheet(
         f" the interval of the paired difference to {markdown(last)} leaves out 0. Differences of"
         " all pairs are in `many.csv`.",
         "",
-        "| measure | " + " | ".join(map(markdown, systems)) + " |",
-        "|---|" + "---|" * len(systems),
-        *(f"| {title} | " + " | ".join(cells) + " |" for title, cells in means.items()),
+        *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]
     kinds = sorted({kind for found in findings.values() for kind in found})
     if kinds:
-        lines += [
-            "",
-            "| clips with | " + " | ".join(map(markdown, systems)) + " |",
-            "|---|" + "---|" * len(systems),
-        ]
-        for kind in kinds:
-            counts = [str(findings[name].get(kind, 0)) for name in systems]
-            lines.append(f"| {kind} | " + " | ".join(counts) + " |")
+        counts = ((kind, *(str(findings[name].get(kind, 0)) for name in systems)) for kind in kinds)
+        lines += ["", *_grid(("clips with", *systems), counts)]
     return lines
 
 
@@ -325,7 +310,7 @@ def draw_spread(
     """Write ``distributions.png`` and beside it; files and what must be said of them.
 
     Args:
-        numbers: of each clip, as `app.run.many.table.numbers_of` in ``systems`` by name.
+        numbers: as of `write_tables`.
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []
@@ -339,12 +324,12 @@ def draw_spread(
     shown = [name for name in systems if name not in left_out]
     values = DataFrame(
         [
-            (f"{row.title}{_whose(row)}", name, value)
-            for place, row in enumerate(MEASURES)
+            (_with_unit(f"{row.title}{_whose(row)}", row.unit), name, value)
+            for row in MEASURES
             if row.is_first
             for name in shown
             for each in numbers
-            if (value := each["systems"][name]["values"][place]) is not None
+            if (value := each["systems"][name]["numbers"].get(row.key)) is not None
         ],
         columns=["measure", "system", "value"],
     )
@@ -357,6 +342,13 @@ def draw_spread(
 
 
 def _whose(row: Measure) -> str:
-    """What stands behind the title of a measure."""
-    whose = " of the point" if row.group == "Followed point" else ""
-    return f"{whose} ({row.unit})" if row.unit else whose
+    return " of the point" if row.group == "Followed point" else ""
+
+
+def titled(row: Measure) -> str:
+    """Its key and its unit."""
+    return _with_unit(row.key, row.unit)
+
+
+def _with_unit(title: str, unit: str) -> str:
+    return f"{title} ({unit})" if unit else title

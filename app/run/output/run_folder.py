@@ -49,7 +49,7 @@ def _stays_inside(name: str) -> str:
     return name
 
 
-_ENDING = r"^(\.[a-z0-9]{1,8})?$"
+_ENDING, _SHA256 = r"^(\.[a-z0-9]{1,8})?$", r"^([0-9a-f]{64})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -108,6 +108,7 @@ class Told(_Strict):
     """A finding."""
 
     name: Name
+    kind: Annotated[str, Field(max_length=80), AfterValidator(printable)] = ""
     sentence: Text
     at: Number | None = None
     """The second at which it is worst."""
@@ -131,8 +132,10 @@ class RunRecord(_Strict):
     """As the command or the form asked for it; of files only their names."""
     settings: Annotated[dict[Name, Text], Field(max_length=60)] = {}
     """The same in words, as two runs are compared by."""
-    speech_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    speech_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
     """Of the file of speech; empty without any."""
+    whole: Annotated[str, Field(pattern=_SHA256)] = ""
+    """Of one of several clips, at last: of all that decides what the files hold."""
     point: Name
     """The fingertip or joint that the numbers follow."""
     layout: Annotated[dict[Name, Any], Field(max_length=8, exclude=True)] = {}

@@ -12,9 +12,9 @@ from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.findings.verdict import jerk_over_clips
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
-from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
+from app.run.many.speeches import find_speeches, generate_many, is_many
 from app.run.output.bars import Bars
-from app.run.output.run_folder import is_run_zip, read_run, runs_in, zip_run
+from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
 from app.run.requests.request import Ask, Event, Progress
 from model.generation.clip_noise import clip_seed
 from model.plan.editing import added, gestures
@@ -51,7 +51,7 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
     for clip in runs.clips:
         names = {path.name for path in (out / clip).iterdir()}
-        assert {"globaldiff-local.npz", "provenance.json", RECORD} <= names
+        assert {"globaldiff-local.npz", "provenance.json", RUN} <= names
         assert not any(name.endswith(".png") for name in names)
     told_of_all = json.loads((out / "many.json").read_text())
     assert told_of_all["clips"] == ["a", "b", "c"]
@@ -68,8 +68,8 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     assert not np.array_equal(*motions)
 
     times = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
-    (out / "a" / RECORD).write_text("{")
-    (out / "b" / RECORD).unlink()
+    (out / "a" / RUN).write_text("{")
+    (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
     runs = generate_many(asked, HERE)
     assert runs.kept == 1 and runs.clips == ("a", "b", "c")
@@ -161,7 +161,7 @@ def test_a_person_who_stops_it_is_told_that_it_goes_on(
     assert capsys.readouterr().err == (
         "stopped; what is done is kept, and the same command goes on.\n"
     )
-    assert (tmp_path / "out" / "a" / RECORD).is_file()
+    assert (tmp_path / "out" / "a" / RUN).is_file()
 
 
 def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path):

@@ -8,9 +8,9 @@ from conventions.names import REFERENCE_NAME
 
 
 def numbers(clips: int, systems: list[str]) -> list[dict]:
-    values = [None if row.group.startswith("Beat") else 1.0 for row in MEASURES]
+    told = [row.key for row in MEASURES if not row.group.startswith("Beat")]
     return [
-        {"systems": {name: {"values": [v and v + k for v in values]} for name in systems}}
+        {"systems": {name: {"numbers": dict.fromkeys(told, 1.0 + k)} for name in systems}}
         for k in range(clips)
     ]
 
