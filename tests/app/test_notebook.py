@@ -1,16 +1,18 @@
 """The program from Python: files and arrays in, motion, numbers and players out."""
 
+import ast
+import json
+import re
+from typing import Any
+
 import numpy as np
 import pytest
 
-from app import notebook
 from app.errors import RunError
-from app.notebook import diagnose, generate
-from app.notebook.comparing import compare
-from app.notebook.inputs import named_motions, read_motion, read_speech
+from app.notebook import compare, diagnose, generate, named_motions, read_motion, read_speech
 from model.motion.motion import save_motion
 from model.speech.audio import SpeechError
-from tests.helpers import smooth_motion_example
+from tests.helpers import ROOT, smooth_motion_example
 from tests.model.made import made_waveform
 
 
@@ -34,8 +36,6 @@ def test_what_is_no_sound_is_refused():
         read_speech((np.zeros((2, 3, 4)), 16_000))
     with pytest.raises(SpeechError, match="does not exist"):
         read_speech("nothing.wav")
-    with pytest.raises(AttributeError, match="no attribute 'generated'"):
-        _ = notebook.generated
 
 
 def test_fields_that_no_run_has_are_refused():
@@ -91,3 +91,45 @@ def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights)
     assert done.compare().names == tuple(names)
     html = done.show().html
     assert all(f'"{name}"' in html for name in names) and "jerk in m/s³" in html
+
+
+CELLS = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+def ran(source: str, names: dict[str, Any]) -> Any:
+    """The value of the cell's last line, as Jupyter shows it."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "cell", "exec"), names)
+    return (
+        None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    )
+
+
+def words(text: str) -> str:
+    """What does not depend on the processor."""
+    return "".join(NUMBER.sub("#", text).split())
+
+
+@pytest.mark.slow
+def test_it_runs_from_top_to_bottom(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    shown = 0
+    for cell in CELLS:
+        if cell["cell_type"] != "code":
+            continue
+        value = ran("".join(cell["source"]), names)
+        told = [output["data"] for output in cell["outputs"]]
+        assert len(told) == 1, "every cell of the notebook shows something, and was executed"
+        if "text/html" in told[0]:
+            html = "".join(told[0]["text/html"])
+            assert words(value._repr_html_())[:400] == words(html)[:400]
+        elif "image/png" not in told[0]:
+            shown += 1
+            assert words("".join(told[0]["text/plain"])) == words(repr(value))
+    assert shown > 5
+    both = names["both"]
+    assert list(both) == ["globaldiff/local", "globaldiff/global", "workbench/planned"]
+    assert all(motion.num_frames == 180 for motion in both.values())
