@@ -21,6 +21,7 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, Measure, nearest, numbers_of, written
 from app.page.alone import player_alone
+from app.run.ask import Ask
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
@@ -29,7 +30,6 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.pipeline import do
 from app.run.planning import make_plan
-from app.run.requests.request import Ask
 from app.run.run_writer import RunWriter
 from app.run.videos.export import RenderAsk, render_motion
 from conventions.names import REFERENCE_NAME, Version, file_stem
@@ -392,7 +392,7 @@ def generate(
             one that plans.
         plan: what the systems that plan are to perform; None lets them plan.
         reference: recorded motion of the same speech, to be measured and shown beside.
-        asked: further fields of `app.run.requests.request.Ask`, such as ``seed``, ``speaker``,
+        asked: further fields of `app.run.ask.Ask`, such as ``seed``, ``speaker``,
             ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
     """
     systems = usual_planner() if systems is None else systems

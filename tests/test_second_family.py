@@ -14,8 +14,8 @@ from frame_regression import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
 from app.page.tabs.systems.systems import ladder
+from app.run.ask import Ask
 from app.run.pipeline import do
-from app.run.requests.request import Ask
 from model import evaluate as measuring
 from model.evaluation.clips import Cast
 from model.generation.windows import GenerateOptions, generate_motion

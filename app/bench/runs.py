@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from app.bench.measured import Figure, peak_mb
+from app.run.ask import SIZES_PX, Ask, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
-from app.run.requests.request import SIZES_PX, Ask, Event, Grown
 from conventions.rates import FPS
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData

@@ -16,10 +16,10 @@ from app.commands.said import name_file, say
 from app.config import default_body
 from app.errors import RunError, sentence_of
 from app.flags import File
+from app.run.ask import Assumed
 from app.run.body_motion import body_motion
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
-from app.run.requests.request import Assumed
 from conventions.names import printable
 from model.formats.reading import Told
 

@@ -16,13 +16,13 @@ from app.commands.said import bars, name_file, say
 from app.config import default_body
 from app.errors import RunError
 from app.flags import Count, File, Names, family_files, part_of, use_family_files, whole, written
+from app.run.ask import SAMPLING, Ask, OnEvent, ShouldCancel
+from app.run.display import Display
 from app.run.experiments.hearing import HearingAsk, measure_hearing
 from app.run.experiments.mechanism import MechanismAsk, show_mechanism
 from app.run.experiments.step_curve import StepsAsk, measure_step_curve
 from app.run.output.run_folder import read_run
 from app.run.planning import find_plan, is_motion, make_plan
-from app.run.requests.display import Display
-from app.run.requests.request import SAMPLING, Ask, OnEvent, ShouldCancel
 from app.run.videos.export import RenderAsk, render_motion
 from conventions.views import CLOSE_UPS
 from model.formats.reading import MOTIONS, ROTATIONS, told_as

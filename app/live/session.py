@@ -19,8 +19,8 @@ from app.errors import RunError
 from app.live.minute import LastMinute, Minute
 from app.live.sound import read_sound
 from app.live.told_plan import manner_of, told_plan
+from app.run.ask import Ask, Take
 from app.run.pieces import frames_message
-from app.run.requests.request import Ask, Take
 from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:

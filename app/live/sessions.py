@@ -15,7 +15,7 @@ from pathlib import Path
 from app.errors import RunError, without_folders
 from app.live.session import KEEP_S, NOT_THERE
 from app.live.sound import Microphone
-from app.run.requests.request import Ask
+from app.run.ask import Ask
 from processes.child import Child, Gone
 
 MAX_SESSIONS = 10

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import Ask
 from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.speech.transcript import NOTHING_SAID

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
+from app.run.ask import MAX_COMPARED, Ask
 from app.run.body_motion import SOLE_M, picture_motions
 from app.run.diagnostics import check_start, onsets_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import ending_of
-from app.run.requests.request import MAX_COMPARED, Ask
-from app.run.requests.settings import names_of_motions
 from app.run.rows import Rows
 from app.run.run_writer import RunWriter
+from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
+from app.run.ask import SAMPLING, Ask, Take, steps_of
 from app.run.diagnostics import check_start, onsets_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body, get_system
@@ -14,10 +15,9 @@ from app.run.output.provenance import origin_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
 from app.run.output.telling import Reporter
-from app.run.requests.request import SAMPLING, Ask, Take, steps_of
-from app.run.requests.settings import title_of
 from app.run.rows import Rows, names_that_fit
 from app.run.run_writer import RunWriter
+from app.run.settings import title_of
 from app.run.timeline import heard_accents, make_timeline
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.errors import CancelledRun, RunError
 from app.findings.sentences import sentences_of
+from app.run.ask import Ask, Done, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion, in_register
 from app.run.diagnostics import (
     figure6_of,
@@ -30,10 +31,9 @@ from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, begun
-from app.run.requests.request import Ask, Done, OnEvent, ShouldCancel
-from app.run.requests.settings import settings_of, title_of
 from app.run.rows import Rows
 from app.run.run_writer import RunWriter
+from app.run.settings import settings_of, title_of
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable

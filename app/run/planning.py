@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.requests.request import Ask
+from app.run.ask import Ask
 from app.run.words import SpokenWords
 from model.formats.reading import Told
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.run.ask import MAX_COMPARED
 from app.run.followed_point import TipSource
 from app.run.output.telling import Reporter
-from app.run.requests.request import MAX_COMPARED
 from conventions.names import REFERENCE_NAME, SampleName
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from app.errors import CancelledRun, sentence_of
 from app.findings.measure_rows import numbers_of
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
+from app.run.ask import Grown, OnEvent, ShouldCancel
 from app.run.body_motion import Register, register_of
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
@@ -36,7 +37,6 @@ from app.run.output.run_folder import (
 )
 from app.run.output.telling import Reporter
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.requests.request import Grown, OnEvent, ShouldCancel
 from app.run.timeline import (
     heard_accents,
     longest_s,

@@ -11,7 +11,7 @@ from model.speech.transcript import NOTHING_SAID, Transcript, read_words
 if TYPE_CHECKING:
     import numpy as np
 
-    from app.run.requests.request import WordsAsked
+    from app.run.ask import WordsAsked
     from model.speech.recognised import Hearing
 
 _LOOK_EVERY_S = 0.1

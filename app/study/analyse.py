@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
+from app.run.ask import OnEvent, ShouldCancel
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import OnEvent, ShouldCancel
 from app.study.design.key import read_key
 
 MAX_REASONS_SHOWN = 3

@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from app.errors import RunError
+from app.run.ask import OnEvent, ShouldCancel
 from app.run.models import get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
-from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, read_key, write_key

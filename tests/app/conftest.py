@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.requests.request import Ask
+from app.run.ask import Ask
 from tests.model.made import made_waveform
 
 

@@ -20,18 +20,18 @@ from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.services import Services
-from app.run.followed_point import choose_tip_source
-from app.run.made import row_names
-from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import add_file, read_run
-from app.run.pipeline import MEASURED, record_of
-from app.run.requests.request import (
+from app.run.ask import (
     Ask,
     Grown,
     OnEvent,
     Progress,
     ShouldCancel,
 )
+from app.run.followed_point import choose_tip_source
+from app.run.made import row_names
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import add_file, read_run
+from app.run.pipeline import MEASURED, record_of
 from app.run.run_writer import RunWriter
 from app.run.timeline import make_timeline
 from app.run.words import given_words

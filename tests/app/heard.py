@@ -1,6 +1,6 @@
 """What a task of `app.page.queue.worker` tells while it works."""
 
-from app.run.requests.request import Event, Progress, Stage
+from app.run.ask import Event, Progress, Stage
 
 
 class Heard:

@@ -25,8 +25,8 @@ from playwright.sync_api import (
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
+from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.many.opened import do_in_folder
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
 from app.study.export import ExportRequest, export_study, zipped
 from model.plan.plan import GesturePlan, HandPhase, Nod

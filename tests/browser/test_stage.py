@@ -14,9 +14,9 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs import live, own_motion
+from app.run import display
 from app.run.body_motion import body_motion
 from app.run.pieces import frames_message
-from app.run.requests import display
 from app.run.videos.seen_video import Seen
 from model.motion.altered import exaggerate
 from model.motion.filtering import smooth_motion

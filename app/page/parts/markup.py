@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from app import text
-from app.run.requests.request import STAGES, Stage
+from app.run.ask import STAGES, Stage
 
 WORDS = {
     "jerk": "Change of acceleration: how much it trembles and jolts. Lower is smoother.",

@@ -21,7 +21,7 @@ from app.page.parts.html_parts import AT_ONCE, in_turn, named_fields
 from app.page.queue.jobs import Job, Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.visitors.visitors import cookie_of, visitor_of
-from app.run.requests.request import Event, Grown, OnEvent, Progress, ShouldCancel
+from app.run.ask import Event, Grown, OnEvent, Progress, ShouldCancel
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from app.errors import CancelledRun, FaultElsewhere, RunError
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.ask import OnEvent, ShouldCancel
 from processes.child import Child, Gone
 
 Asked = TypeVar("Asked")

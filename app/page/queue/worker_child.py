@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CancelledRun, sentence_of
-from app.run.requests.request import Event
+from app.run.ask import Event
 from processes.child import parent_channel
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")

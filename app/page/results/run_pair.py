@@ -21,7 +21,7 @@ from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
 from app.page.routes.media import Media
 from app.run.output.run_folder import RunRecord, colors_of
-from app.run.requests.settings import MOTIONS, NONE, SEED, SPEECH, differing
+from app.run.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.timeline import NUM_SECONDS
 from conventions.names import REFERENCE_NAME, short_names
 

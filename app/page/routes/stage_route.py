@@ -45,8 +45,8 @@ def prepare() -> None:
 @functools.cache
 def stage_facts() -> bytes:
     """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    from app.run.display import FULL_SPEED_M_S
     from app.run.followed_point import TIP
-    from app.run.requests.display import FULL_SPEED_M_S
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
     from renderer.files.glb import STEP_M

@@ -17,8 +17,8 @@ from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import PAGE_SIZE_PX, FormParts
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.services import Services
-from app.run.requests.display import Display
-from app.run.requests.request import Ask
+from app.run.ask import Ask
+from app.run.display import Display
 from conventions.views import CLOSE_UPS
 from model.systems.registry import family_of, usual_systems
 

@@ -31,11 +31,7 @@ from app.page.parts.catalogue import (
 )
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
 from app.page.tabs.services import Services
-from app.run.followed_point import TIP
-from app.run.many.opened import SPEECHES
-from app.run.many.speeches import ENDINGS
-from app.run.requests.display import Display
-from app.run.requests.request import (
+from app.run.ask import (
     MAX_CLIPS,
     MAX_SAMPLES,
     MAX_STEPS,
@@ -43,7 +39,11 @@ from app.run.requests.request import (
     WordsAsked,
     parse_steps,
 )
-from app.run.requests.upload_check import TOO_MANY_CLIPS
+from app.run.display import Display
+from app.run.followed_point import TIP
+from app.run.many.opened import SPEECHES
+from app.run.many.speeches import ENDINGS
+from app.run.upload_check import TOO_MANY_CLIPS
 from conventions.names import POST_FILTERS, printable
 from conventions.views import CLOSE_UPS
 from model.systems.registry import sampler_title

@@ -27,9 +27,9 @@ from app.page.tabs.motion import FormParts, ask_from_form, kept_values
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind
 from app.page.visitors.visitors import cookie_of, is_same
+from app.run.ask import Ask, Event, Grown, Progress, Stage
 from app.run.many.opened import do_in_folder
 from app.run.output.run_folder import end_run
-from app.run.requests.request import Ask, Event, Grown, Progress, Stage
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""

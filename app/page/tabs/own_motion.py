@@ -16,11 +16,11 @@ from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs.motion import LAST_FRAME, FormParts, words_of
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner, display_names
 from app.page.tabs.services import Services
+from app.run.ask import MAX_COMPARED, read_assumptions, read_channel
 from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
 from app.run.many.unpacked import stem_of
-from app.run.requests.request import MAX_COMPARED, read_assumptions, read_channel
-from app.run.requests.upload_check import kind_of
+from app.run.upload_check import kind_of
 
 TAB = "Your motion"
 SETS = (".zip", ".tgz", ".gz", ".tar")

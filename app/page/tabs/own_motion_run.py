@@ -22,12 +22,12 @@ from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.services import Services
 from app.page.visitors.kept import Kept
+from app.run.ask import MAX_COMPARED, Ask
+from app.run.display import Display
 from app.run.many.motions import Sets, measure_sets
 from app.run.many.opened import is_one_run
 from app.run.many.unpacked import is_packed, stem_of
-from app.run.requests.display import Display
-from app.run.requests.request import MAX_COMPARED, Ask
-from app.run.requests.upload_check import FileKind, kind_of
+from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, printable
 from conventions.views import CLOSE_UPS
 

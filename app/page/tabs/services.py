@@ -20,7 +20,7 @@ from app.page.queue.worker import Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.routes.media import Media
 from app.page.visitors.kept import Kept
-from app.run.requests.upload_check import Given, UploadKind, refusal_of
+from app.run.upload_check import Given, UploadKind, refusal_of
 
 log = logging.getLogger(__name__)
 

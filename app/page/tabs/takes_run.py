@@ -18,8 +18,8 @@ from app.page.queue.runner import Updates, follow
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import cookie_of, visitor_of
+from app.run.ask import Event, Grown
 from app.run.output.run_folder import drop_unfinished
-from app.run.requests.request import Event, Grown
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of, locked_of
 from app.run.takes.take import TakeAsk, make_take
 

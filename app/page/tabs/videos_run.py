@@ -21,7 +21,7 @@ from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts, saved_link
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
-from app.run.requests.request import Ask, Event, Grown, OnEvent, ShouldCancel
+from app.run.ask import Ask, Event, Grown, OnEvent, ShouldCancel
 from app.run.videos.seen_video import Seen, SeenRequest, draw_seen
 from app.run.videos.videos import draw_behind
 from conventions.rates import FPS

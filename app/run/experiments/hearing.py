@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from app.errors import RunError
 from app.flags import written
+from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.body_motion import in_register
 from app.run.followed_point import choose_tip_source
 from app.run.made import options_of
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from app.run.videos.videos import draw_videos, jobs_of
 from conventions.names import file_stem, short_names

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from app.errors import RunError
+from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.display import Display
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.requests.display import Display
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from app.run.videos.videos import draw_videos, jobs_of
 from model.speech.transcript import NOTHING_SAID

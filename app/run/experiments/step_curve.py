@@ -13,10 +13,10 @@ from tyro.conf import arg
 from app.errors import RunError
 from app.findings.comparison import ALIKE
 from app.flags import a_count, written
+from app.run.ask import MAX_STEPS, Ask, OnEvent, ShouldCancel
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.requests.request import MAX_STEPS, Ask, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from conventions.names import short_names
 from model.storage.harmless import csv_text

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError, sentence_of
 from app.findings.measure_rows import numbers_of
+from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.diagnostics import onsets_of
 from app.run.many.assumed import assumed_in, told_above, without_what_lacks
 from app.run.many.distances import (
@@ -35,7 +36,6 @@ from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS
 from model.formats.reading import MOTIONS, REFERENCE, Reading, Told

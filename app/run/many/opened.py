@@ -12,6 +12,16 @@ from typing import Annotated
 from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
+from app.run.ask import (
+    MAX_COMPARED,
+    Ask,
+    Done,
+    Event,
+    OnEvent,
+    Opened,
+    Progress,
+    ShouldCancel,
+)
 from app.run.many.speeches import asks_of, do_clips
 from app.run.many.unpacked import Limits, is_packed, unpacked
 from app.run.output.run_folder import (
@@ -26,17 +36,7 @@ from app.run.output.run_folder import (
     runs_in,
 )
 from app.run.pipeline import do
-from app.run.requests.request import (
-    MAX_COMPARED,
-    Ask,
-    Done,
-    Event,
-    OnEvent,
-    Opened,
-    Progress,
-    ShouldCancel,
-)
-from app.run.requests.upload_check import check_clips
+from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import (
     NOTHING_SAID,

@@ -16,11 +16,11 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import jerk_over_clips, verdict_over_clips
+from app.run.ask import Ask, Done
 from app.run.many.record import stamp_of
 from app.run.many.table import Above, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.run_folder import RUN, RunRecord, read_run
-from app.run.requests.request import Ask, Done
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
 from processes.job import Job

@@ -26,7 +26,7 @@ from typing import IO, Any, cast
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
 from app.run.output.result_folder import UNFINISHED, require_free_space
-from app.run.requests.upload_check import PACKED
+from app.run.upload_check import PACKED
 from conventions.names import printable
 from model.storage.files import write_error
 from model.storage.npz import MAX_FILE_BYTES

@@ -1,1 +1,1 @@
-"""The folder that a run leaves: whole or not there, with what made it; may import requests."""
+"""The folder that a run leaves: whole or not there, with what made it."""

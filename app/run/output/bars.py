@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from app import text
-from app.run.requests.request import Event, Progress
+from app.run.ask import Event, Progress
 from conventions.names import printable
 
 

@@ -8,8 +8,8 @@ import platform
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from app.run.ask import OF_SYSTEMS, Ask
 from app.run.output.run_folder import told_of
-from app.run.requests.request import OF_SYSTEMS, Ask
 
 if TYPE_CHECKING:
     from model.generation.base import System

@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from app.errors import RunError
+from app.run.ask import MAX_CLIPS, Ask
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import MAX_CLIPS, Ask
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
 from model.storage.files import written_atomically
 

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.errors import CancelledRun
-from app.run.output.run_folder import RowKind
-from app.run.requests.request import (
+from app.run.ask import (
     OnEvent,
     Progress,
     ShouldCancel,
     Stage,
 )
+from app.run.output.run_folder import RowKind
 
 
 class Reporter:

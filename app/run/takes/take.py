@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.run.ask import SAMPLING, Ask, Grown, OnEvent, ShouldCancel
 from app.run.made import options_of
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
@@ -22,7 +23,6 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
-from app.run.requests.request import SAMPLING, Ask, Grown, OnEvent, ShouldCancel
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked, Offer, edited, offers_for
 from conventions.names import SampleName, file_stem

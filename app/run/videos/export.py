@@ -12,11 +12,11 @@ from tyro.conf import arg
 
 from app.errors import RunError
 from app.flags import File, written
+from app.run.ask import Ask, CloseUps, Height, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.telling import Reporter
-from app.run.requests.request import Ask, CloseUps, Height, OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos, jobs_of
 from conventions.views import Framing, View
 from model.formats.reading import lengths_apart

@@ -12,13 +12,13 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from app import text
 from app.errors import RunError
+from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.body_motion import MAX_FRAMES, body_motion, in_register
+from app.run.display import FromBrowser, Look, check_display
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
-from app.run.requests.display import FromBrowser, Look, check_display
-from app.run.requests.request import Ask, OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos, jobs_of
 from conventions.names import printable
 from conventions.views import BUILDS, LOOKS, TONES

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from app.errors import CancelledRun, RunError
+from app.run.ask import Ask, Grown, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion, picture_motions
+from app.run.display import Display, displayed, marks_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run
 from app.run.output.telling import Reporter
-from app.run.requests.display import Display, displayed, marks_of
-from app.run.requests.request import Ask, Grown, OnEvent, ShouldCancel
 from app.run.rows import names_that_fit
 from conventions.names import file_stem
 from conventions.views import View

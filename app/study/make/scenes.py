@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.run.ask import Ask
 from app.run.models import get_body
-from app.run.requests.request import Ask
 from app.run.videos.videos import draw_videos, picture_of
 from app.study.design.key import Stimulus
 from app.study.design.plan import Clip, Plan

@@ -14,7 +14,7 @@ from PIL import Image
 
 from app.commands import doctor
 from app.commands.cli import main, parse
-from app.run.requests.display import Display
+from app.run.display import Display
 from model.motion.motion import save_motion
 from model.plan.textgrid import NamedTier, Row, textgrid_of
 from renderer.video.compose import band_height

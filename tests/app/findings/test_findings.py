@@ -12,9 +12,9 @@ from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples
 from app.findings.measure_rows import JERK
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
 from app.findings.verdict import jerk_over_clips, verdict_of, verdict_over_clips
+from app.run.ask import Ask
 from app.run.examples import FIRST_LOOK
 from app.run.pipeline import do
-from app.run.requests.request import Ask
 from conventions.names import short_names
 from model.diagnostics import Versions
 from model.measures import beats

@@ -24,9 +24,9 @@ from app.live.session import LiveSession, check_live, live_ask, why_less
 from app.live.sessions import LiveSessions, Place
 from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
 from app.live.told_plan import told_plan
+from app.run.ask import Ask
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message
-from app.run.requests.request import Ask
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion

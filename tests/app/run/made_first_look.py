@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
+from app.run.ask import Ask
 from app.run.body_motion import picture_motions
 from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
 from app.run.followed_point import TIP, choose_tip_source
@@ -14,7 +15,6 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import do
-from app.run.requests.request import Ask
 from app.run.run_writer import RunWriter
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE

@@ -14,15 +14,15 @@ from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import CancelledRun, RunError
 from app.findings.sentences import told_findings
+from app.run.ask import Ask, Stage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.display import Display
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
-from app.run.requests.display import Display
-from app.run.requests.request import Ask, Stage
-from app.run.requests.settings import names_of_motions
+from app.run.settings import names_of_motions
 from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
 from model.measures.point import Spectrum

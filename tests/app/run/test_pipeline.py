@@ -13,12 +13,7 @@ import pytest
 from PIL import Image
 
 from app.errors import CancelledRun, RunError, sentence_of
-from app.run.body_motion import register_of
-from app.run.models import get_system, warming_up
-from app.run.output.run_folder import RunRecord, read_run
-from app.run.pieces import HEADER, frames_message
-from app.run.pipeline import do
-from app.run.requests.request import (
+from app.run.ask import (
     Ask,
     Done,
     Event,
@@ -27,6 +22,11 @@ from app.run.requests.request import (
     Progress,
     Take,
 )
+from app.run.body_motion import register_of
+from app.run.models import get_system, warming_up
+from app.run.output.run_folder import RunRecord, read_run
+from app.run.pieces import HEADER, frames_message
+from app.run.pipeline import do
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import write_wav

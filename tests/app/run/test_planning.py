@@ -9,9 +9,9 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.pipeline import do
 from app.run.planning import make_plan
-from app.run.requests.request import Ask
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
+from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run, opened
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
@@ -26,7 +27,6 @@ from app.run.output.run_folder import (
 )
 from app.run.pieces import HEADER
 from app.run.pipeline import do, record_of
-from app.run.requests.request import Ask, Event, Grown
 from app.run.run_writer import RunWriter, findings_told
 from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import load_motion, save_motion

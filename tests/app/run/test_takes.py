@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
+from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
-from app.run.requests.request import Ask, Event, Grown
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of, offers_for
 from app.run.takes.take import Take, TakeAsk, make_take, row_of
 from model.motion.motion import load_motion

@@ -11,14 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import CancelledRun, RunError
+from app.run.ask import Ask, Progress
 from app.run.body_motion import SOLE_M, body_motion, in_register, picture_motions, register_of
+from app.run.display import Display, Look
 from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_videos
-from app.run.requests.display import Display, Look
-from app.run.requests.request import Ask, Progress
 from app.run.rows import names_that_fit
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import (

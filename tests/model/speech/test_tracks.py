@@ -7,7 +7,7 @@ import pytest
 from scipy.io import wavfile
 
 from app.errors import RunError
-from app.run.requests.request import read_channel
+from app.run.ask import read_channel
 from conventions.rates import SAMPLE_RATE
 from model.speech.audio import SpeechLimits, load_speech
 from tests.model.speech.test_audio import assert_refused, ffmpeg

@@ -19,7 +19,7 @@ from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.results.result_parts import figures_html
 from app.page.tabs.services import Services
-from app.run.requests.request import Ask, Event, Grown
+from app.run.ask import Ask, Event, Grown
 from model.generation.family import Use
 from model.systems.registry import usual_systems
 

@@ -7,8 +7,8 @@ import pytest
 from app.errors import RunError
 from app.page.player.first_look_shown import first_look
 from app.page.routes.media import Media
+from app.run.ask import Ask, Event, Grown
 from app.run.examples import STEADY, TREMBLING
-from app.run.requests.request import Ask, Event, Grown
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
 from tests.app.fakes import made_motion, make_generate

@@ -13,7 +13,7 @@ import pytest
 
 from app.page.parts.html_parts import AT_ONCE, in_turn
 from app.page.queue.jobs import Jobs
-from app.run.requests.request import OnEvent, ShouldCancel
+from app.run.ask import OnEvent, ShouldCancel
 from tests.app.page.made import until
 from tests.app.page.queue.test_runner import Runner
 

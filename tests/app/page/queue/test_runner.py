@@ -15,7 +15,7 @@ from app.errors import CancelledRun, RunError
 from app.page.queue.jobs import Job, Jobs
 from app.page.queue.runner import TabRunner, Updates, follow
 from app.page.visitors.files import sweep
-from app.run.requests.request import (
+from app.run.ask import (
     Ask,
     Event,
     Grown,

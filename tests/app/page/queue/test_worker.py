@@ -10,8 +10,8 @@ import pytest
 
 from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.queue.worker import Limits, Worker
+from app.run.ask import Ask, Event, Grown, Progress
 from app.run.pipeline import do
-from app.run.requests.request import Ask, Event, Grown, Progress
 from model.motion.motion import save_motion
 from processes import ended
 from tests.app.page.queue import ends

@@ -22,11 +22,11 @@ from app.page.results.kept_runs import KeptRuns, address_of
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
+from app.run.ask import Ask
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.requests.request import Ask
-from app.run.requests.settings import NONE, differing, settings_of
 from app.run.run_writer import RunWriter
+from app.run.settings import NONE, differing, settings_of
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
 from model.speech.transcript import Transcript, Word

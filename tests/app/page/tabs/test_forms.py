@@ -20,9 +20,9 @@ from app.page.tabs.own_motion_run import MAX_NAME, display_names, has_sets, own_
 from app.page.tabs.services import Services
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, collect_files, plan_text
+from app.run.ask import Ask, Progress
+from app.run.display import Display
 from app.run.made import row_names
-from app.run.requests.display import Display
-from app.run.requests.request import Ask, Progress
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
 from model.systems.globaldiff import BEST, SYSTEMS

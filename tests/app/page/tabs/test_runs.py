@@ -31,9 +31,9 @@ from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
 from app.page.tabs.videos_run import VideosBehind
+from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
 from app.run.many.motions import Sets
 from app.run.output.run_folder import zip_run
-from app.run.requests.request import Ask, OnEvent, Progress, ShouldCancel
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech

@@ -13,15 +13,15 @@ from app.page.queue.jobs import Job
 from app.page.results.result_parts import build_results
 from app.page.tabs.takes_run import Asked, TakesRunner
 from app.page.tabs.videos_run import SeenRunner
-from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import TakeOf, changed, read_run
-from app.run.requests.display import Display
-from app.run.requests.request import (
+from app.run.ask import (
     Grown,
     OnEvent,
     Progress,
     ShouldCancel,
 )
+from app.run.display import Display
+from app.run.output.result_folder import ResultFolder
+from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import edits_of, locked_of
 from app.run.takes.take import Take, TakeAsk

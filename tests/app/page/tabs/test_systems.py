@@ -11,11 +11,11 @@ from app.page.tabs.systems.hearing import HearingRunner
 from app.page.tabs.systems.mechanism import MechanismRunner
 from app.page.tabs.systems.step_curve import StepCurveRunner
 from app.page.tabs.systems.systems import NOT_HERE, ladder
+from app.run.ask import Ask, Grown, OnEvent, Progress, ShouldCancel
 from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, changed
-from app.run.requests.request import Ask, Grown, OnEvent, Progress, ShouldCancel
 from app.run.run_writer import RunWriter
 from model.systems.globaldiff import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff import LADDER_EXPLAINED as EXPLAINED

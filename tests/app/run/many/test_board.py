@@ -10,9 +10,9 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.board import Entry, Value, board_page, entries_of, merged, read_board, write_board
 from app.run.many.motions import diagnose_folders
-from app.run.requests.request import Ask
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
 

@@ -10,9 +10,9 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.distances import EMAGE_TITLE, LEAST_CODES, emage_distances, keep_codes
 from app.run.many.motions import diagnose_folders
-from app.run.requests.request import Ask
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.run.ask import Ask
 from app.run.many.speeches import generate_many
 from app.run.output.run_folder import RUN, read_run
-from app.run.requests.request import Ask
 from model.speech.audio import write_wav
 from processes.pool import JobPool
 from tests.model.made import made_waveform

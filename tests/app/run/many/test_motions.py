@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders
 from app.run.many.table import interval
 from app.run.pipeline import do
-from app.run.requests.request import Ask
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
 from model.formats.read import read_any_motion

@@ -12,11 +12,11 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.check import check_sets, told
 from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
 from app.run.many.unpacked import Limits, unpacked
-from app.run.requests.request import Ask
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders, measure_sets
-from app.run.requests.request import Ask
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav

@@ -11,11 +11,11 @@ import pytest
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.findings.verdict import jerk_over_clips
+from app.run.ask import Ask, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import find_speeches, generate_many, is_many
 from app.run.output.bars import Bars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
-from app.run.requests.request import Ask, Event, Progress
 from model.generation.clip_noise import clip_seed
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file

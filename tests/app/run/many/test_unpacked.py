@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from app.errors import RunError
+from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders
 from app.run.many.unpacked import Limits, unpacked
-from app.run.requests.request import Ask
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
 

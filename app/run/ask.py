@@ -12,7 +12,7 @@ from tyro.conf import arg
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.flags import File, Names, Text, a_count, names_of, one_of, some_of, written
-from app.run.requests.display import Display, check_display
+from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
 from model.formats.reading import Told, read_told

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from app.findings.comparison import point_title
-from app.run.requests.request import Ask, Steps
+from app.run.ask import Ask, Steps
 from conventions.names import printable, short_names
 from model.systems.registry import sampler_title
 

@@ -10,7 +10,7 @@ from typing import Literal
 from zipfile import is_zipfile
 
 from app.errors import RunError, sentence_of
-from app.run.requests.request import MAX_CLIPS, OnEvent, ShouldCancel
+from app.run.ask import MAX_CLIPS, OnEvent, ShouldCancel
 from conventions.names import printable
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
