@@ -1,7 +1,6 @@
 """A page that is open, attacked from one address while another visitor is served. ``pytest -rP``
 shows the numbers; ``ATTACK_BODIES=34`` attacks for longer (`make soak`)."""
 
-import json
 import os
 import time
 from collections.abc import Iterator
@@ -11,19 +10,13 @@ import pytest
 
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
-from tests.soak.attacks import (
-    NAMED,
-    TricklingSockets,
-    live_socket,
-    send_tiny_files,
-    zip_of_nothing,
-)
+from tests.soak.attacks import NAMED, send_tiny_files, zip_of_nothing
 from tests.soak.server import Server, server
 from tests.soak.visitor import Refused, Visitor
 
 OTHER, LAB = 3, 50
 """Numbers of visitors, each with an address of its own."""
-ATTACKER_AT, OTHER_AT = "127.0.1.200", "127.0.1.4"
+ATTACKER_AT = "127.0.1.200"
 IS_LONG = "ATTACK_BODIES" in os.environ
 pytestmark = () if IS_LONG else pytest.mark.slow
 BODIES = int(os.environ.get("ATTACK_BODIES", "12"))
@@ -41,28 +34,11 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 
 
 @pytest.fixture(scope="module")
-def trickling(page: Server) -> Iterator[TricklingSockets]:
-    """Ten sockets that trickle while everything else goes on."""
-    with TricklingSockets(page.address, 10, ATTACKER_AT) as sockets:
-        yield sockets
-
-
-@pytest.fixture(scope="module")
 def motion(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A second and a half."""
     path = tmp_path_factory.mktemp("motion") / "short.npz"
     save_motion(smooth_motion_example(45), path)
     return path.read_bytes()
-
-
-def test_ten_sockets_that_trickle_leave_places_for_others(
-    page: Server, trickling: TricklingSockets
-) -> None:
-    say(f"live places taken by ten sockets of one address: {trickling.num_let_in}")
-    assert trickling.num_let_in < 10
-    assert all("address" in told for told in trickling.endings)
-    with live_socket(page.address, OTHER_AT) as other:
-        assert "token" in json.loads(other.recv())
 
 
 def test_tiny_files_hold_nobody_up_and_are_not_kept(page: Server, motion: bytes) -> None:
@@ -86,10 +62,3 @@ def test_a_zip_named_many_times_holds_nobody_up(page: Server) -> None:
                 waits.append(time.monotonic() - asked_at)
     say(f"longest wait of another meanwhile: {max(waits, default=0):.2f} s")
     assert max(waits, default=0) < 5
-
-
-def test_sockets_that_trickle_lose_their_places(trickling: TricklingSockets) -> None:
-    until = time.monotonic() + 60
-    while trickling.num_open and time.monotonic() < until:
-        time.sleep(0.5)
-    assert trickling.num_open == 0
