@@ -202,6 +202,12 @@ def test_headline_and_power_say_who_came_first_and_how_surely():
     assert headline(weak) == "realism: global, local and rival are not told apart."
 
 
+def test_agreement_is_told_by_krippendorffs_marks() -> None:
+    marks = {0.8: "agree well", 0.667: "agree fairly", 0.1: "agree little", 0.0: "than by chance"}
+    for alpha, told in marks.items():
+        assert told in say("agreement", alpha, "ordinal", 9)
+
+
 def test_a_tie_has_no_winner_in_its_first_line() -> None:
     key = made_key(num_clips=10)
     (result,) = analyse_participants(made_participants(key, 4, ALIKE), key)

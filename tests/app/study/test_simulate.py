@@ -70,6 +70,7 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, raters, strengths, seed, 
 def test_raters_choose_as_often_as_the_model_says():
     key = made_key(num_clips=10)
     votes = votes_of(made_participants(key, 300, ALIKE), key, "realism")
+    assert votes.is_smooth.mean() == pytest.approx(ALIKE.smoothness, abs=0.05)
     score = votes[(votes.left == "local") & (votes.right == "global")].score
     seen = [(score == value).mean() for value in (1, 0.5, 0)]
     assert seen == pytest.approx(list(davidson(-1.0 + ALIKE.left_advantage, 0.5)), abs=0.03)

@@ -89,5 +89,5 @@ HANDS = (
         "goal_right", (0.0, "0.2 -0.3 0.1"), (1.5, "0.2 0.1 0.3"), (2.0, "0.1 0 0.4"),
         (3.0, "0.2 -0.3 0.1"),
     ),
-    tier("apex", (2.0, "offer right whole"), (2.0, "offer left other")),
+    tier("apex", (0.5, "offer right far"), (2.0, "offer right whole"), (2.0, "offer left other")),
 )  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, strokes_of
+from model.plan.kinds import PLACES, PREPARATION_S, STROKE_S, KindTable, strokes_of
 from model.plan.plan import SIDES, GesturePlan, Side
 from model.plan.tracks import tracks_of
 from tests.model.plan.made import REST, Said, made_plan, phase, resting
@@ -90,6 +90,11 @@ def test_weights_carry_the_table(table):
     assert again.names == table.names and again.calls == table.calls
     np.testing.assert_allclose(again.goal, table.goal, rtol=1e-6)
     assert [again.place(name) for name in ("", "none", "big", "there")] == [0, 0, 1, 4]
+
+
+def test_usual_places_are_before_the_body_within_an_arm() -> None:
+    places = np.array(list(PLACES.values()))
+    assert (places[:, [0, 2]] > 0).all() and (np.linalg.norm(places, axis=1) < 0.6).all()
 
 
 STILL = resting(8.0)

@@ -77,6 +77,9 @@ def test_augmentation_keeps_pitch_and_differs_between_samples():
     assert (varied[0] - varied[1])[:, :NUM_MELS].abs().mean() > 0.05
     again = augment_mel(rows, torch.Generator().manual_seed(0))
     torch.testing.assert_close(varied, again)
+    loud = 6 + torch.rand(4, 60, 68)  # where no noise is heard, another level for each band
+    other = (augment_mel(loud, torch.Generator().manual_seed(0)) - loud)[..., :NUM_MELS]
+    assert other.std(dim=1).max() < 1e-4 and 0.1 < other[..., :32].abs().max() < 9 / 20
 
 
 def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():

@@ -85,6 +85,13 @@ def test_positions_read_back_are_those_of_the_motion(body, tmp_path):
     for finger, vertex in TIP_VERTICES.items():
         end = positions[f"{finger}3 end"][1]
         np.testing.assert_allclose(end, body.template[vertex], atol=1e-5)
+    no_tips = {"template": body.template[:99], "shape_dirs": body.shape_dirs[:99]}
+    small = replace(body, **no_tips, regions=None)
+    write_bvh(small, BodyMotion.resting(1), tmp_path / "small.bvh")
+    for places in (positions, read_bvh(tmp_path / "small.bvh")[1]):
+        ends = [name for name in places if name.endswith(" end")]
+        lengths = [np.linalg.norm(places[it][0] - places[it[:-4]][0]) for it in ends]
+        assert 0.01 < min(lengths) < max(lengths) < 0.1
 
 
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 180.0])

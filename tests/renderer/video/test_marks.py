@@ -1,7 +1,5 @@
 """Trails, colours and notices in pictures."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -96,8 +94,12 @@ def test_marks_beyond_the_picture_are_cut_off():
         assert render_stills(body, motion, [3], SETTINGS, stage=stage, marks=marks).any()
 
 
-def test_painting_leaves_the_picture_it_was_given():
-    blank = np.full((240, 160, 3), 200, np.uint8)
-    painter = MarkPainter(Marks(notice="n", tag="t"), replace(SETTINGS).panels)
-    painted = painter.paint(blank, 0, [])
-    assert (blank == 200).all() and (painted != 200).any()
+def test_painting_leaves_the_picture_it_was_given_and_legends_lie_apart():
+    blank, panel = np.full((240, 160, 3), 200, np.uint8), SETTINGS.panels[0]
+    nowhere = Trail(np.full((1, 3), np.nan), np.ones(1), np.zeros(1, bool), "slow to fast")
+    marks = Marks(nowhere, Heat(np.zeros((1, NUM_JOINTS)), "jerk"), "n", "t")
+    camera = stage_for(load_body(), [BodyMotion.resting()], SETTINGS).camera
+    painted = MarkPainter(marks, SETTINGS.panels).paint(blank, 0, 3 * [camera])
+    assert (blank == 200).all()
+    edges = np.flatnonzero(np.diff((painted[: panel.height] != 200).any(axis=(1, 2))))
+    assert np.diff(edges)[1::2].tolist() == [4, 4]  # between two legends and the notice
