@@ -10,7 +10,6 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from app.commands.runs import Pool
 from app.commands.said import bars, name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
@@ -22,7 +21,6 @@ Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the exp
 def export(
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")],
     out: Path,
-    pool: Pool,
     body: File = None,
     weights: Path = BUNDLED_WEIGHTS,
     workers: int = 2,
@@ -45,10 +43,7 @@ def export(
         raise RunError(f"--workers must be at least 1; got {workers}.")
     body = body or default_body()
     read = read_plan(plan.absolute())
-    is_shared = pool.processes is not None or pool.scheduler is not None
-    options = ExportOptions(
-        *(weights.absolute(), body and body.absolute(), workers), pool.jobs() if is_shared else None
-    )
+    options = ExportOptions(weights, body, workers)
     try:
         with bars() as shown:
             workspace = export_study(

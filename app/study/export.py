@@ -5,30 +5,34 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.ask import OnEvent, ShouldCancel
-from app.run.models import get_system
+from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
-from app.run.videos.videos import draw_videos
+from app.run.videos.videos import draw_videos, picture_of
 from app.study.design.blinding import make_key, stimuli_of
-from app.study.design.key import Key, read_key, write_key
+from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
-from app.study.make.motions import Source, read_sources
-from app.study.make.scenes import Draw, Maker, never
+from app.study.make.motions import Source, read_sources, shown_motions
+from app.study.make.mp4 import fill_alike
 from app.study.make.workspace import ExportOptions, Workspace, sha256
 from conventions.views import View
-from processes.job import Job
-from processes.pool import JobPool
+
+if TYPE_CHECKING:
+    from renderer.body.body import BodyMotion
+
+Draw = Callable[..., object]
+"""`app.run.videos.videos.draw_videos`, or what a test puts in its place."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +96,13 @@ def export_study(
     options = options or ExportOptions()
     design = make_design(plan)
     sources = read_sources(plan)
-    workspace = Workspace(out.absolute() if options.pool else out)
+    workspace = Workspace(out)
     made_of = _fingerprint(plan, sources, options)
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = Maker(plan, workspace, stimuli_of(key), options, draw, should_cancel)
-        key = _make_videos(maker, key, sources, on_progress)
+        maker = _Maker(plan, workspace, options, draw, on_progress, should_cancel)
+        key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, options, workspace)
         workspace.clean()
@@ -123,79 +127,120 @@ def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
     return key
 
 
-def _make_videos(
-    maker: Maker, key: Key, sources: tuple[Source, ...], on_progress: Callable[[float], None]
-) -> Key:
-    """Make every video that is not there yet, clip after clip or shared out among those who work;
-    the key that knows them."""
-    plan, workspace = maker.plan, maker.workspace
+@dataclass(frozen=True)
+class _Maker:
+    """Videos: generated, drawn under one camera, encoded alike, joined."""
 
-    def take(note: Path) -> None:
-        nonlocal key
-        videos = dict(key.videos)
-        for blind in json.loads(note.read_text()):
-            if workspace.video(blind).is_file():
-                videos[blind] = replace(videos[blind], sha256=sha256(workspace.video(blind)))
-        key = replace(key, videos=videos)
-        write_key(key, workspace.key)
-        note.unlink()
+    plan: Plan
+    workspace: Workspace
+    options: ExportOptions
+    draw: Draw
+    on_progress: Callable[[float], None]
+    should_cancel: Callable[[], bool]
 
-    for note in workspace.notes.glob("*.json"):  # of an export that was killed before it heard
-        take(note)
-    undone = {
-        (stimulus.clip, stimulus.view)
-        for stimulus, blind in maker.names.items()
-        if not (path := workspace.video(blind)).is_file()
-        or sha256(path) != key.videos[blind].sha256
-    }
-    missing: dict[Source, tuple[View, ...]] = {
-        source: tuple(view for view in plan.views if (source.clip.name, view) in undone)
-        for source in sources
-        if source.clip.name in {clip for clip, _ in undone}
-    }
-    if missing:
-        maker = replace(maker, tracks=_tracks(maker, sources))
-    notes = {source.clip.name: workspace.notes / f"{n}.json" for n, source in enumerate(sources)}
-    frames = {source.clip.name: source.num_frames for source in missing}
-    done = 0.0
+    def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
+        """Make every video that is not there yet, scene after scene (a clip from one view); the key
+        that knows them, which is kept after each scene."""
+        names, video = stimuli_of(key), self.workspace.video
+        undone = {
+            (stimulus.clip, stimulus.view)
+            for stimulus, blind in names.items()
+            if not video(blind).is_file() or sha256(video(blind)) != key.videos[blind].sha256
+        }
+        tracks = self._tracks(sources, {stimulus.speech for stimulus in names}) if undone else {}
+        frames = {source.clip.name: source.num_frames for source in sources}
+        whole, done = sum(frames[clip] for clip, _ in undone), 0.0
+        for source in sources:
+            views = [view for view in self.plan.views if (source.clip.name, view) in undone]
+            motions = self._motions(source) if views else {}
+            for view in views:
 
-    def tell(clip: str, share: float) -> None:
-        on_progress((done + share * frames[clip]) / sum(frames.values()))
+                def tell(share: float, before: float = done, of: int = source.num_frames) -> None:
+                    self.on_progress((before + share * of) / whole)
 
-    def on_done(clip: str) -> None:
-        nonlocal done
-        take(notes[clip])
-        tell(clip, 1.0)
-        done += frames[clip]
+                here = source.clip.name, view
+                scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
+                self._make_scene(view, scene, motions, tracks, tell)
+                made = {b: replace(key.videos[b], sha256=sha256(video(b))) for b in scene.values()}
+                key = replace(key, videos={**key.videos, **made})
+                write_key(key, self.workspace.key)
+                done += source.num_frames
+        self.on_progress(1.0)
+        return key
 
-    is_here, make = maker.options.pool is None, maker.make
-    if not is_here:  # where nobody hears or cancels
-        alone = replace(maker.options, parallel=1, pool=None)
-        make = replace(maker, options=alone, should_cancel=never).make
-    jobs = []
-    for source, views in missing.items():
-        name = source.clip.name
-        heard = {"on_progress": partial(tell, name)} if is_here else {}
-        work = partial(make, source.clip, views, notes[name], **heard)
-        jobs.append(Job(name, notes[name].is_file, work))
-    pool = maker.options.pool or JobPool(1, is_patient=False)
-    for error in pool.do_all(jobs, on_done).values():
-        raise error
-    if not missing:
-        on_progress(1.0)
-    return key
+    def _motions(self, source: Source) -> dict[str, BodyMotion]:
+        options = self.options
+        return shown_motions(self.plan, source, options.weights, options.body, self.should_cancel)
 
+    def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
+        """One track for each speech that is heard."""
+        tracks = {}
+        for number, source in enumerate(sources):
+            if source.clip.name in heard and source.speech is not None:
+                track = self.workspace.work / f"speech-{number}.m4a"
+                media.encode_speech(source.speech.waveform, track, source.clip.name)
+                tracks[source.clip.name] = track
+        return tracks
 
-def _tracks(maker: Maker, sources: tuple[Source, ...]) -> dict[str, Path]:
-    """One track for each speech that is heard."""
-    heard = {stimulus.speech for stimulus in maker.names}
-    tracks = {}
-    for number, source in enumerate(sources):
-        if source.clip.name in heard and source.speech is not None:
-            track = maker.workspace.work / f"speech-{number}.m4a"
-            media.encode_speech(source.speech.waveform, track, source.clip.name)
-            tracks[source.clip.name] = track
-    return tracks
+    def _make_scene(
+        self,
+        view: View,
+        scene: Mapping[Stimulus, str],
+        motions: Mapping[str, BodyMotion],
+        tracks: Mapping[str, Path],
+        on_progress: Callable[[float], None],
+    ) -> None:
+        """All videos of a clip from one view, of equal length in frames and bytes."""
+        firsts: dict[str, str] = {}
+        for stimulus, blind in scene.items():
+            firsts[stimulus.system] = min(blind, firsts.get(stimulus.system, blind))
+        # The rest of the bit rate is filled up. Shares follow the blind names, which tell nothing:
+        # what is filled up then tells nothing either.
+        ranked = sorted(firsts, key=lambda system: firsts[system])
+        shares = {system: 1 - media.RATE_STEP * rank for rank, system in enumerate(ranked)}
+        streams = self._streams(view, motions, shares, on_progress)
+        for stimulus, blind in scene.items():
+            track = tracks[stimulus.speech] if stimulus.speech else None
+            media.join(streams[stimulus.system], track, self.workspace.video(blind))
+        media.pad_alike([self.workspace.video(blind) for blind in scene.values()])
+        for stream in streams.values():
+            stream.unlink()
+
+    def _streams(
+        self,
+        view: View,
+        motions: Mapping[str, BodyMotion],
+        shares: Mapping[str, float],
+        on_progress: Callable[[float], None],
+    ) -> dict[str, Path]:
+        """The picture of each system as a stream; the n-th pictures have equally many bytes."""
+        from renderer.scene.stage import set_stage
+        from renderer.video.workers import RenderJob
+
+        asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
+        settings = picture_of(asked, view, crf=0)  # encoded once more
+        body = self.options.body
+        stage = set_stage(get_body(body), list(motions.values()), view, settings.aspect)
+        work = self.workspace.work
+        drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
+        streams = {name: path.with_suffix(".h264") for name, path in drawn.items()}
+
+        def encode(name: str) -> None:
+            media.encode_picture(drawn[name], streams[name], self.plan.size, shares[name])
+            drawn[name].unlink()
+
+        self.draw(
+            {
+                name: RenderJob(motion, drawn[name], None, settings, body, stage=stage)
+                for name, motion in motions.items()
+            },
+            on_progress=on_progress,
+            on_done=encode,
+            should_cancel=self.should_cancel,
+            parallel=self.options.parallel,
+        )
+        fill_alike(list(streams.values()))
+        return streams
 
 
 def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions) -> str:

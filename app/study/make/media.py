@@ -40,7 +40,7 @@ RATE_TOLERANCE = 0.004
 """Of the rate that the encoder was asked for."""
 RATE_STEP = 0.01
 """Between the rates of two videos of a scene, so that chance does not decide which is filled up
-more; see `app.study.make.scenes`."""
+more; see `app.study.export`."""
 _GRAIN = "noise=c0s=4:c0f=t:all_seed=7"
 
 LONG_AGO_S = 946_684_800

@@ -13,7 +13,6 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.videos.videos import PARALLEL_VIDEOS
 from model.storage.files import written_atomically
-from processes.pool import JobPool
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,6 @@ class ExportOptions:
     """A licensed SMPL-X npz; None is the open body."""
     parallel: int = PARALLEL_VIDEOS
     """Videos drawn at once."""
-    pool: JobPool | None = None
-    """Who makes the clips, several at once; None makes one after the other, here."""
 
 
 class Workspace:
@@ -38,8 +35,6 @@ class Workspace:
         self.private = out / "researcher_only"
         self.key = self.private / "key.json"
         self.work = self.private / "unfinished"
-        self.notes = self.private / "made"
-        """Of clips that were made and the key does not know of yet."""
 
     def open(self) -> None:
         """Make the folders, or go on in those of an earlier run.
@@ -56,7 +51,7 @@ class Workspace:
             self.private.mkdir(parents=True, exist_ok=True)
             self.private.chmod(0o700)
             shutil.rmtree(self.work, ignore_errors=True)
-            for folder in (self.work, self.notes, self.media):
+            for folder in (self.work, self.media):
                 folder.mkdir(parents=True, exist_ok=True)
             for folder in (self.bundle, self.media, self.private):
                 for part in folder.glob(".*.part*"):  # of a run that was killed
@@ -79,8 +74,7 @@ class Workspace:
 
     def clean(self) -> None:
         """Remove what only the making needed."""
-        for folder in (self.work, self.notes):
-            shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(self.work, ignore_errors=True)
 
 
 def sha256(path: Path) -> str:

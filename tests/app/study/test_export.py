@@ -19,10 +19,9 @@ from app.study.export import export_study
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.mp4 import read_mp4
-from app.study.make.workspace import ExportOptions, Workspace, sha256
+from app.study.make.workspace import Workspace, sha256
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
-from processes.pool import JobPool
 from tests.app.study.made_study import (
     CLIPS,
     FRAMES,
@@ -103,13 +102,15 @@ def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
 
 
 def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_path):
-    """Nothing catches what ends it. Clips shared out give the same study as those made in turn."""
+    """Nothing catches what ends it, in the first scene and in the second."""
     plan, out = plan_of(inputs), tmp_path / "a"
     with pytest.raises(Killed):
         export_study(plan, out, draw=kill_at(1))
     first = read_key(Workspace(out).key)
     with pytest.raises(Killed):
         export_study(plan, out, draw=kill_at(4))
+    made = [video.sha256 for video in read_key(Workspace(out).key).videos.values()]
+    assert sum(digest != NOT_MADE for digest in made) == 2
     (out / "participant_bundle" / "media" / ".0123.part.mp4").write_bytes(b"half")
     study = export_study(plan, out, draw=draw_noise)
     key = read_key(study.key)
@@ -118,44 +119,9 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
     other.private.mkdir(parents=True)
     blank = {name: replace(video, sha256=NOT_MADE) for name, video in key.videos.items()}
     write_key(replace(key, videos=blank), other.key)  # keys are drawn: it gets that of the first
-    options, shares = ExportOptions(pool=JobPool(1)), []
-    with pytest.raises(ValueError, match="not today"):
-        export_study(plan, tmp_path / "b", options, draw=draw_but_the_garden)
-    made = [video.sha256 for video in read_key(other.key).videos.values()]
-    assert sum(digest != NOT_MADE for digest in made) == 2
-    export_study(plan, tmp_path / "b", options, draw=draw_noise, on_progress=shares.append)
-    assert shares == [1.0] and not (other.private / "made").exists()  # the clip that was left
+    export_study(plan, tmp_path / "b", draw=draw_noise)
     assert tree(other.bundle) == tree(study.bundle)
     assert other.key.read_bytes() == study.key.read_bytes()
-
-
-def draw_but_the_garden(jobs, **options) -> None:
-    """The garden is the second clip of the plan."""
-    if any("clip-1" in str(job.out) for job in jobs.values()):
-        raise ValueError("not today")
-    draw_noise(jobs, **options)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("worker", ["process", "dask"])
-def test_two_workers_make_the_study_that_one_process_makes(inputs, tmp_path, worker):
-    plan = plan_of(inputs)
-    here = export_study(plan, tmp_path / "here", draw=draw_noise)
-    apart = Workspace(tmp_path / "apart")
-    apart.private.mkdir(parents=True)
-    shutil.copy(here.key, apart.key)
-    if worker == "process":
-        options = ExportOptions(pool=JobPool(2))
-        export_study(plan, tmp_path / "apart", options, draw=draw_noise)
-    else:
-        pytest.importorskip("distributed", reason="Dask is not installed")
-        from tests.processes.test_cluster import scheduler, workers
-
-        with scheduler(tmp_path) as (_, file), workers(file, 2):
-            options = ExportOptions(pool=JobPool(scheduler=file))
-            export_study(plan, tmp_path / "apart", options, draw=draw_noise)
-    assert tree(apart.bundle) == tree(here.bundle)
-    assert apart.key.read_bytes() == here.key.read_bytes()
 
 
 def test_a_rate_missed_in_half_a_second_is_no_leak(inputs, tmp_path, monkeypatch):
