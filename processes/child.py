@@ -37,7 +37,6 @@ class Child:
         module: str,
         *arguments: str,
         environment: Mapping[str, str] | None = None,
-        has_group: bool = True,
         is_log_handed_on: bool = False,
     ) -> None:
         """
@@ -45,11 +44,9 @@ class Child:
             module: run as ``python -m``; it finds its end by `parent_channel`.
             arguments: of its command line, after the channel's.
             environment: variables beside those of this process.
-            has_group: whether it leads a process group, so that `end` also ends what it started.
             is_log_handed_on: whether what it says goes to standard error.
         """
         self._channel, theirs = Pipe()
-        self._has_group = has_group
         self._killed_before = memory_kills()
         self._process = subprocess.Popen(
             [
@@ -63,7 +60,7 @@ class Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             pass_fds=(theirs.fileno(),),
-            start_new_session=has_group,
+            start_new_session=True,
         )
         theirs.close()
         assert self._process.stdout is not None
@@ -73,7 +70,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Also of its process group, where it leads one."""
+        """Also of its process group, which it leads, so that `end` also ends what it started."""
         return self._process.pid
 
     def is_alive(self) -> bool:
@@ -141,10 +138,7 @@ class Child:
             except subprocess.TimeoutExpired:
                 pass
         try:
-            if self._has_group:
-                os.killpg(self.pid, signal.SIGKILL)
-            else:
-                self._process.kill()
+            os.killpg(self.pid, signal.SIGKILL)
         except ProcessLookupError:
             pass
         self._process.wait()

@@ -15,8 +15,8 @@ from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
-from renderer.video.render import PIECE_FRAMES, RenderSettings
-from renderer.video.workers import RenderJob, draw_jobs, failure, processes_worth
+from renderer.video.render import RenderSettings
+from renderer.video.workers import RenderJob, draw_jobs, failure
 from tests.processes.made import wait_for
 from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion
@@ -163,54 +163,4 @@ def test_whoever_cancels_or_fails_meanwhile_ends_what_runs_and_what_waits(tmp_pa
     shares: list[float] = []
     with pytest.raises(Cancelled):
         draw_jobs(jobs, shares.append, should_cancel=lambda: any(shares), parallel=1)
-    check_nothing_is_left(tmp_path)
-
-
-def test_several_processes_make_the_same_file_as_one(tmp_path):
-    motion = waving_motion(2 * PIECE_FRAMES + 1, walk_m=4.0)  # the camera follows
-    job = RenderJob(motion, settings=settings(), still_frames=(0, 20, 32))
-    jobs = {
-        count: replace(job, out=tmp_path / f"{count}.mp4", num_processes=count) for count in (1, 2)
-    }
-    results = draw_jobs(jobs)
-    assert (tmp_path / "1.mp4").read_bytes() == (tmp_path / "2.mp4").read_bytes()
-    np.testing.assert_array_equal(results[1], results[2])
-    assert len(results[1]) == 3
-
-
-@pytest.mark.parametrize(
-    ("num_frames", "cores", "processes"),
-    [(1, 8, 1), (599, 8, 1), (600, 8, 2), (9000, 3, 3), (9000, 64, 4)],
-)
-def test_a_further_process_has_to_be_worth_its_start(num_frames, cores, processes):
-    assert processes_worth(num_frames, cores) == processes
-
-
-def draws(process_id: int) -> bool:
-    """Whether it draws a share of a video still."""
-    try:
-        return b"worker_child" in Path(f"/proc/{process_id}/cmdline").read_bytes()
-    except OSError:  # it has ended
-        return False
-
-
-@pytest.mark.parametrize(
-    "end",
-    ["kill the leader", pytest.param("cancel", marks=SLOW), pytest.param("crash", marks=SLOW)],
-)
-def test_processes_that_share_a_video_end_together(tmp_path, end):
-    painters: list[int] = []
-
-    def act(leader: int) -> None:
-        painters.extend(children_of(leader))
-        assert len(painters) == 2
-        if end != "cancel":
-            os.kill(painters[0] if end == "crash" else leader, signal.SIGKILL)
-
-    job = replace(long_job(tmp_path), num_processes=2)
-    with pytest.raises(Cancelled if end == "cancel" else GLError):
-        draw_jobs(
-            {"v": job}, once_drawing(act), should_cancel=lambda: end == "cancel" and bool(painters)
-        )
-    wait_for(lambda: not any(map(draws, painters)))
     check_nothing_is_left(tmp_path)
