@@ -1,4 +1,4 @@
-"""The report's figures as SVG: bars after the paper's Figure 7, pairs, strengths and jitter.
+"""The report's figures as SVG: bars after the paper's Figure 7, pairs and strengths.
 
 Readable without colour: bars differ in lightness and hatching, points by what stands beside them.
 Text is drawn as paths, so that every reader sees the same.
@@ -15,7 +15,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -33,7 +32,6 @@ HATCHES = ("", "///", "...", "xx")
 LINE_LENGTH = 14
 """Characters of a question's name in one line under its bars."""
 WIDTH_IN = 5.0
-RATIO_TICKS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 ROW_IN = 0.38
 LONGEST_NAME = 26
 """Characters of a system's name that figures show."""
@@ -138,26 +136,6 @@ def mean_values(result: QuestionResult) -> Figure:
 
 def _sorted(found: Sequence[Number]) -> list[Number]:
     return sorted(found, key=lambda one: one.limits[0])
-
-
-def jitter_points(points: pd.DataFrame) -> Figure:
-    """Each pair of videos: how much rougher one is, and how often the smoother was preferred."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
-        axes = figure.add_subplot()
-        axes.axhline(50, color=FAINT, lw=0.8, ls=(0, (4, 3)))
-        look = {"facecolor": "#ffffff", "edgecolor": INK, "alpha": 0.85}
-        sizes = 20 + 12 * points["named"].astype(int)
-        axes.scatter(points["ratio"], 100 * points["share"], s=sizes, **look)
-        axes.set_xscale("log")
-        ticks = [tick for tick in RATIO_TICKS if tick <= 1.3 * points["ratio"].to_numpy().max()]
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-        axes.set_ylim(-4, 104)
-        axes.set_xlabel("jerk of the rougher video / jerk of the smoother")
-        axes.set_ylabel("votes for the smoother (%)")
-        axes.set_title("larger circle: more votes named motion smoothness", fontsize=9, loc="left")
-    return figure
 
 
 def _forest(

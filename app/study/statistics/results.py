@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pydantic.dataclasses import dataclass as checked_dataclass
-from scipy import stats
 
 from app.errors import RunError
 from app.study.design.checked import STRICT, FieldError, read_checked
@@ -68,8 +67,6 @@ class QuestionResult:
     comparisons: int
     share_strictest: float | None
     """What the sign test sees at Holm's first step over all comparisons."""
-    points: pd.DataFrame = field(compare=False)
-    """Clip by clip, smoother against rougher: see `_points`."""
 
     def all(self, measure: str) -> list[Number]:
         return [number for number in self.numbers if number.measure == measure]
@@ -155,10 +152,8 @@ def _result(
     found.append(Number(f"krippendorff_alpha_{level}", value=krippendorff_alpha(units, level)))
     alone = smallest_share_detected(num_raters)
     found.append(Number("detectable_share_of_participants", value=alone))
-    points = pd.DataFrame()
     if jitter and not is_matched and not is_rating:
-        joined, points = join_jitter(votes, jitter)
-        found += joined
+        found += join_jitter(votes, jitter)
     comparisons = len(pairs) if is_rating else num_compared
     return QuestionResult(
         question=question,
@@ -174,7 +169,6 @@ def _result(
         num_of_means=num_of_means,
         comparisons=comparisons,
         share_strictest=smallest_share_detected(num_raters, ALPHA / max(1, comparisons)),
-        points=points,
     )
 
 
@@ -224,15 +218,9 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
     return jitter
 
 
-def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> tuple[list[Number], pd.DataFrame]:
+def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
     """Whether the smoother of two videos is preferred, where the reason was smoothness and where
-    not; and Spearman's correlation of the ratio of jerk and the share of the smoother. Without a
-    measured pair nothing.
-
-    Returns:
-        Of each clip and pair ``smoother``, ``rougher``, ``ratio`` (of jerk, 1 or more), ``share``
-        (of votes for the smoother) and ``named`` (how many named smoothness), too.
-    """
+    not; nothing of what is not measured."""
     jerk = {
         side: pd.Series(
             [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
@@ -241,29 +229,16 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> tuple[list[Number], pd.D
         )
         for side in ("left", "right")
     }
-    table = turned(votes, jerk["left"] > jerk["right"]).assign(
-        ratio=np.maximum(jerk["right"] / jerk["left"], jerk["left"] / jerk["right"])
-    )
-    rows = table.dropna(subset="ratio").query("ratio > 1")
-    if not len(rows):
-        return [], pd.DataFrame()
+    are_apart = (jerk["left"] - jerk["right"]).abs() > 0
+    rows = turned(votes, jerk["left"] > jerk["right"])[are_apart & (votes.score != 0.5)]
     found = []
     for measure, is_named in (
         ("smoother_chosen_naming_smoothness", True),
         ("smoother_chosen_otherwise", False),
     ):
-        part = pd.DataFrame(rows[(rows.score != 0.5) & (rows.is_smooth == is_named)])
+        part = pd.DataFrame(rows[rows.is_smooth == is_named])
         found += share_numbers(measure, part) if len(part) else []
-    points = (
-        rows.groupby(["clip", "left", "right"])
-        .agg(ratio=("ratio", "first"), share=("score", "mean"), named=("is_smooth", "sum"))
-        .reset_index()
-        .rename(columns={"left": "smoother", "right": "rougher"})
-    )
-    rho, p = None, None
-    if len(points) >= 4 and points.ratio.nunique() > 1 and points.share.nunique() > 1:
-        rho, p = map(float, stats.spearmanr(points.ratio, points.share))  # pyright: ignore
-    return [*found, Number("jerk_ratio_share_spearman", value=rho, p=p)], points
+    return found
 
 
 @dataclass(frozen=True)
