@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
-from app.bench.measured import Figure
+from app.bench.runs import Figure
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer

@@ -1,16 +1,24 @@
-"""What speech, generation, training and whole runs cost."""
+"""What speech, generation, training and whole runs cost, and what is measured in processes of its
+own."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import tempfile
 import time
-from dataclasses import replace
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from app.bench.measured import Figure, peak_mb
+from app.config import PROJECT
 from app.run.ask import SIZES_PX, Ask, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
@@ -24,6 +32,7 @@ from model.systems.registry import families, family_of, list_systems, usual_syst
 from model.training.parallel import WHOLE
 from model.training.task import TaskSetup
 
+START_TIMEOUT_S = 60.0
 SAMPLES = 5
 PAGE_SIZE_PX = 640
 """Height of a body in the page's player."""
@@ -31,6 +40,60 @@ SHORT_S, LONG_S = 60.0, 600.0
 BATCH, WARM_STEPS = 64, 2
 SPEECH_DIMS = {"mel64": 68, "wavlm": 1024}
 _FRAMES = 600
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number beside what was aimed at."""
+
+    name: str
+    value: float
+    unit: str
+    aim: str = ""
+    cpu: float | None = None
+    """The same by CPU time, which a busy machine disturbs less."""
+
+    def line(self) -> str:
+        cpu = "" if self.cpu is None else f"(CPU {self.cpu:.2f})"
+        return f"{self.name:<44} {self.value:>9.2f} {self.unit:<9} {cpu:<14} {self.aim}".rstrip()
+
+
+def peak_mb(*arguments: str) -> float:
+    """Peak memory of Python with these arguments, or of a process it starts if that is more."""
+    command, nowhere = [sys.executable, *arguments], subprocess.DEVNULL
+    child = subprocess.Popen(command, cwd=PROJECT, stdout=nowhere, stderr=nowhere)
+    _, status, usage = os.wait4(child.pid, 0)
+    if status:
+        raise RuntimeError(f"It failed: {' '.join(command)}")
+    return usage.ru_maxrss / 1024  # kilobytes on Linux
+
+
+@contextmanager
+def served_page(weights: Path, folder: Path) -> Iterator[str]:
+    """The address of a page that has just been started, as on a fresh machine."""
+    address = "http://127.0.0.1:7899/"
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory(dir=folder) as fresh:
+        page = subprocess.Popen(
+            [sys.executable, "app.py", "--port", "7899", "--weights", str(weights.resolve())],
+            cwd=PROJECT,
+            env={**os.environ, "TMPDIR": fresh, "XDG_CACHE_HOME": fresh},
+            stdout=subprocess.DEVNULL,  # nothing stands between the rows
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            while True:
+                try:
+                    urllib.request.urlopen(address, timeout=5).read()
+                    break
+                except (urllib.error.URLError, ConnectionError) as error:
+                    if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
+                        raise RuntimeError("The page did not start.") from error
+                    time.sleep(0.05)
+            yield address
+        finally:
+            page.terminate()
+            page.wait()
 
 
 def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
