@@ -84,7 +84,7 @@ def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarr
 
 
 COARSER_PATH = Path(__file__).parents[1] / "assets" / "coarser.npz"
-"""Made by `tools.bake.coarser`."""
+"""Made by `tools.bake`."""
 
 
 @functools.cache

@@ -1,5 +1,4 @@
-"""``python -m tools.bake.coarser``: coarser meshes of the open body, for browsers that draw on
-the processor.
+"""Coarser meshes of the open body, for browsers that draw on the processor.
 
 Vertices are taken out one by one, each where that changes the surface least (quadric error
 metrics, Garland and Heckbert 1997); those that stay are where they were, so that a coarser mesh is
@@ -9,7 +8,6 @@ no more than other faces among the same vertices, and skin, colours and face hol
 from __future__ import annotations
 
 import heapq
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,9 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from conventions.joints import JOINT_NAMES
-from renderer.body.body import Body, load_body
-from renderer.body.look import COARSER_PATH
-from tools.bake.pack import write_npz
+from renderer.body.body import Body
 
 NUM_FACES = (12_000, 5_500, 2_800, 900)
 """Of each mesh, from fine to coarse."""
@@ -219,15 +215,3 @@ class _Collapse:
         self._around[vertex] = set()
         self._quadrics[onto] += self._quadrics[vertex]
         self._areas[onto] += self._areas[vertex]
-
-
-def main() -> int:
-    """Write the meshes beside the body."""
-    meshes = coarser(surface_of(load_body()))
-    write_npz(COARSER_PATH, {f"faces_{k}": mesh.astype(np.uint16) for k, mesh in enumerate(meshes)})
-    sys.stderr.write(f"{[len(mesh) for mesh in meshes]} faces in {COARSER_PATH}\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
