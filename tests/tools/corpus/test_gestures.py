@@ -7,7 +7,6 @@ from conventions.rates import SAMPLE_RATE
 from tools.corpus.gesture.choice import (
     STALE,
     Choice,
-    Places,
     contrast_halves,
     directions,
     list_items,
@@ -87,7 +86,7 @@ def test_a_contrast_has_two_halves_and_a_plain_sentence_none():
 
 def test_the_halves_go_to_the_two_sides_and_words_keep_their_side():
     words = spoken(CONTRAST, "Taste the sauce and the bread.")
-    places = Places(words, (), ANNA, np.random.default_rng(0))
+    places = Choice(words, (), ANNA, np.random.default_rng(0))
     at = {(word.sentence, word.text): k for k, word in enumerate(words)}
     bread, sauce = (places.aside_m(at[0, text]) for text in ("bread", "sauce"))
     assert bread > 0.04  # the left, the other hand's side
@@ -98,8 +97,8 @@ def test_the_halves_go_to_the_two_sides_and_words_keep_their_side():
 
 def test_a_keyword_does_not_call_the_same_gesture_again_at_once():
     words = spoken(*(["Stop, please stop, you have to stop."] * 40))
-    choice = Choice(ANNA, np.random.default_rng(1))
-    names = [choice.gesture(range(k, k + 7), words)[0] for k in range(0, len(words) - 7, 7)]
+    choice = Choice(words, (), ANNA, np.random.default_rng(1))
+    names = [choice.gesture(range(k, k + 7))[0] for k in range(0, len(words) - 7, 7)]
     calls = [k for k, name in enumerate(names) if name == "stop"]
     assert len(calls) >= 3
     assert np.diff(calls).min() > STALE
@@ -116,9 +115,8 @@ def test_the_items_of_a_list_lie_side_by_side():
     assert items[3] == 1.0
     assert items[4] == 0.0
     assert items[9] == -1.0
-    places = Places(words, phrases, ANNA, np.random.default_rng(0))
+    places = Choice(words, phrases, ANNA, np.random.default_rng(0))
     assert places.aside_m(3) > 0.04 > -0.04 > places.aside_m(9)
-    assert not places.contrasts(3)
 
 
 def test_left_and_right_are_sides_and_right_now_is_not():
@@ -128,8 +126,8 @@ def test_left_and_right_are_sides_and_right_now_is_not():
 
 
 def test_a_contrast_calls_the_hand_of_its_side():
-    choice = Choice(PEOPLE["milo"], np.random.default_rng(5))
-    left = [choice.hands(GESTURES["offer"], 0.08, contrasts=True) == ["left"] for _ in range(300)]
+    choice = Choice(spoken(CONTRAST), (), PEOPLE["milo"], np.random.default_rng(5))
+    left = [choice.hands(GESTURES["offer"], 0.08, 1) == ["left"] for _ in range(300)]
     assert np.mean(left) > 0.7
 
 

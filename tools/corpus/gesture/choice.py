@@ -1,7 +1,7 @@
 """What to gesture, with which hand, and where a speaker puts ideas."""
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
@@ -23,39 +23,59 @@ OWN_SIDE_SHARE = 0.75  # of one-handed gestures of a contrast are made by the ne
 STALE = 5  # a gesture that a word called for is not called again by this many chunks
 
 
-class Choice:
-    """Draws gestures and hands for one speaker, and remembers the last ones."""
+ASIDE_M = 0.065
+CONTRAST_ASIDE_M = 0.085
+MIN_ITEMS = 3  # of a list
+FIRST_MARKS = frozenset("one some either before here not rather".split())
+SECOND_MARKS = frozenset("but other others or now there another".split())
+NEW_PLACE_SHARE = 0.3  # of the stressed words that have no place yet
 
-    def __init__(self, speaker: Speaker, rng: np.random.Generator):
+
+class Choice:
+    """Draws gestures, hands and places for one speaker, and remembers the last gestures and on
+    which side of the gesture space an idea was put.
+
+    The first half of a contrast goes to the side of the other hand, the second to that of the
+    dominant hand; the items of a list are set down one by one.
+    """
+
+    def __init__(
+        self,
+        words: Sequence[SpokenWord],
+        phrases: Sequence[Phrase],
+        speaker: Speaker,
+        rng: np.random.Generator,
+    ):
+        self._words = words
         self._speaker = speaker
         self._rng = rng
         self._recent: deque[str] = deque(maxlen=STALE)
         self._free_hands: list[str] | None = None
+        self._known: dict[str, float] = {}
+        first = SIDE_SIGN[speaker.other_hand]
+        halves = contrast_halves(words) | directions(words, first)
+        self._contrast = {k: half * first for k, half in halves.items()}
+        self._items = {k: place * first for k, place in list_items(words, phrases).items()}
 
-    def gesture(
-        self, chunk: range, words: tuple[SpokenWord, ...], listed: Collection[int] = ()
-    ) -> tuple[str, int]:
-        """The gesture's name and the word it lands on: a word that calls for it, or an accent.
-
-        ``listed`` are the words of lists, whose items are set down one by one.
-        """
-        called = self._called_for(chunk, words)
-        strongest = max(chunk, key=lambda k: words[k].accent)
+    def gesture(self, chunk: range) -> tuple[str, int]:
+        """The gesture's name and the word it lands on: a word that calls for it, or an accent."""
+        called = self._called_for(chunk)
+        strongest = max(chunk, key=lambda k: self._words[k].accent)
         if called is not None:
             name, index = called
-        elif strongest in listed and self._rng.random() < LISTED_SHARE:
+        elif strongest in self._items and self._rng.random() < LISTED_SHARE:
             name, index = LISTED[self._rng.integers(len(LISTED))], strongest
         else:
             name, index = self._generic(), strongest
         self._recent.append(name)
         return name, index
 
-    def hands(self, gesture: GestureShape, aside_m: float, contrasts: bool = False) -> list[str]:
+    def hands(self, gesture: GestureShape, aside_m: float, index: int) -> list[str]:
         """The hands that take part, the leading one first; a place aside may call its own hand.
 
-        Where two sides are contrasted, it mostly does.
+        Where the word is of one of two sides, it mostly does.
         """
-        rng, speaker = self._rng, self._speaker
+        rng, speaker, contrasts = self._rng, self._speaker, index in self._contrast
         nearest = SIDES[0] if aside_m > 0 else SIDES[1]
         second = nearest if aside_m else speaker.other_hand
         one = speaker.dominant if rng.random() < speaker.dominance else second
@@ -80,9 +100,9 @@ class Choice:
         """After a rest the hands of free gestures are drawn anew."""
         self._free_hands = None
 
-    def _called_for(self, chunk: range, words: tuple[SpokenWord, ...]) -> tuple[str, int] | None:
+    def _called_for(self, chunk: range) -> tuple[str, int] | None:
         """A gesture with the word that calls for it; stressed words are obeyed more often."""
-        rng = self._rng
+        rng, words = self._rng, self._words
         candidates = []
         for k in chunk:
             for name in KEYWORDS.get(words[k].text, ()):
@@ -104,46 +124,6 @@ class Choice:
         weights *= [FAVOURITE if n in self._speaker.favourites else 1.0 for n in names]
         weights *= [0.4 if n == last else 1.0 for n in names]
         return names[self._rng.choice(len(names), p=weights / weights.sum())]
-
-
-ASIDE_M = 0.065
-CONTRAST_ASIDE_M = 0.085
-MIN_ITEMS = 3  # of a list
-FIRST_MARKS = frozenset("one some either before here not rather".split())
-SECOND_MARKS = frozenset("but other others or now there another".split())
-NEW_PLACE_SHARE = 0.3  # of the stressed words that have no place yet
-
-
-class Places:
-    """Remembers on which side of the gesture space an idea was put.
-
-    The first half of a contrast goes to the side of the other hand, the second to that of the
-    dominant hand.
-    """
-
-    def __init__(
-        self,
-        words: Sequence[SpokenWord],
-        phrases: Sequence[Phrase],
-        speaker: Speaker,
-        rng: np.random.Generator,
-    ):
-        self._words = words
-        self._rng = rng
-        self._known: dict[str, float] = {}
-        first = SIDE_SIGN[speaker.other_hand]
-        halves = contrast_halves(words) | directions(words, first)
-        self._contrast = {k: half * first for k, half in halves.items()}
-        self._items = {k: place * first for k, place in list_items(words, phrases).items()}
-
-    def contrasts(self, index: int) -> bool:
-        """Whether the word belongs to one of two sides."""
-        return index in self._contrast
-
-    @property
-    def listed(self) -> Collection[int]:
-        """The words of lists."""
-        return self._items.keys()
 
     def aside_m(self, index: int) -> float:
         """Metres to the speaker's left for a gesture on this word; 0 for the middle."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from model.plan.plan import Phase
-from tools.corpus.gesture.choice import Choice, Places
+from tools.corpus.gesture.choice import Choice
 from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
 from tools.corpus.gesture.manner import Habit, distance_from_neutral
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
@@ -79,8 +79,7 @@ class _Planner:
         self.speaker = speaker
         self.rng = rng
         self.manner = Habit(speaker, rng)
-        self.choice = Choice(speaker, rng)
-        self.places = Places(utterance.words, utterance.phrases, speaker, rng)
+        self.choice = Choice(utterance.words, utterance.phrases, speaker, rng)
         first_s = utterance.phrases[0].start_s
         listens = any(span.start_s < first_s for span in utterance.listening)
         rests = speaker.listening_rest_of if listens else speaker.rest_of
@@ -105,10 +104,10 @@ class _Planner:
     def gesture(self, chunk: range) -> None:
         """One gesture, its beats and its hold."""
         rng, speaker, words = self.rng, self.speaker, self.utterance.words
-        name, word_index = self.choice.gesture(chunk, words, self.places.listed)
+        name, word_index = self.choice.gesture(chunk)
         gesture = GESTURES[name]
-        aside_m = self.places.aside_m(word_index)
-        hands = self.choice.hands(gesture, aside_m, self.places.contrasts(word_index))
+        aside_m = self.choice.aside_m(word_index)
+        hands = self.choice.hands(gesture, aside_m, word_index)
         word = words[word_index]
         apex_s = word.beat_s - rng.normal(0.05, 0.03)
         end_s = words[chunk[-1]].end_s

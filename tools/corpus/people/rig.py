@@ -1,7 +1,6 @@
 """The skeleton the corpus moves: SMPL-X joints in numpy, rest positions of the open body.
 
-A twin of ``model.motion.kinematics`` that needs no torch: every worker process would
-pay two seconds for it.
+It needs no torch, for which every worker process would pay two seconds.
 """
 
 from dataclasses import dataclass
@@ -12,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.joints import JOINT_INDEX, PARENTS
+from renderer.body.skinning import global_transforms
 
 ASSET = Path(__file__).resolve().parents[3] / "model" / "assets" / "skeleton.npz"
 SIDES = ("left", "right")
@@ -78,12 +78,6 @@ def forward_kinematics(
     rig: Rig, local_rot: Float[np.ndarray, "T 55 3 3"], trans: Float[np.ndarray, "T 3"]
 ) -> tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]:
     """World rotations and positions of every joint; the pelvis sits at its rest place + trans."""
-    global_rot = np.empty_like(local_rot)
-    positions = np.empty(local_rot.shape[:-1])
-    global_rot[:, 0] = local_rot[:, 0]
-    positions[:, 0] = rig.rest_joints[0] + trans
-    for joint in range(1, NUM_JOINTS):
-        parent = PARENTS[joint]
-        global_rot[:, joint] = global_rot[:, parent] @ local_rot[:, joint]
-        positions[:, joint] = positions[:, parent] + global_rot[:, parent] @ rig.offsets[joint]
-    return global_rot, positions
+    rest = np.broadcast_to(rig.rest_joints, local_rot.shape[:-1])
+    global_rot, positions = global_transforms(local_rot, rest)
+    return global_rot, positions + trans[:, None]

@@ -4,23 +4,27 @@ Writes a Markdown page with the statistics of the speakers beside those of real 
 corpus is told from real motion and speech from other speech, and a picture of gestures beside it.
 """
 
+import csv
 import logging
+import re
 import sys
+from itertools import groupby
 from pathlib import Path
 
+from tqdm import tqdm
+
+from model.speech.audio import SpeechError
 from model.storage.files import written_atomically
+from model.storage.npz import MotionError
 from tools.command import called
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
-from tools.corpus.people.rig import open_body_rig
+from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
+from tools.corpus.people.rig import Rig, open_body_rig
 from tools.corpus.report.drawing import draw_gestures
-from tools.corpus.report.measuring import (
-    ClipFile,
-    MeasuredClip,
-    ReportError,
-    list_clips,
-    measure_clips,
-)
 from tools.corpus.report.page import report_page
+from tools.corpus.report.realism import MeasuredClip, ReportError, measure_clip
+
+log = logging.getLogger(__name__)
 
 
 def write_report(
@@ -38,13 +42,17 @@ def write_report(
         raise ReportError(f"--clips must be at least 1; found {clips}.")
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     rig = open_body_rig()
-    chosen = _first_of_each_speaker(list_clips(data), clips)
+    by_speaker: dict[str, list[str]] = {}
+    found = list_clips(data)
+    for clip_id in found:
+        by_speaker.setdefault(clip_id.split("_")[1], []).append(clip_id)
+    chosen = {each: found[each] for ids in by_speaker.values() for each in ids[:clips]}
     real_clips: list[MeasuredClip] = []
     if real is not None:
-        real_clips = measure_clips(list_clips(real)[:clips], rig, "Measuring real clips")
-    speakers: dict[str, list[MeasuredClip]] = {}
-    for clip in measure_clips(chosen, rig, "Measuring the corpus"):
-        speakers.setdefault(clip.speaker, []).append(clip)
+        first = dict(list(list_clips(real).items())[:clips])
+        real_clips = measure_clips(first, rig, "Measuring real clips")
+    measured = measure_clips(chosen, rig, "Measuring the corpus")
+    speakers = {name: list(own) for name, own in groupby(measured, lambda clip: clip.speaker)}
     manifest = data / MANIFEST
     seed = int(read_manifest(manifest)["seed"]) if manifest.is_file() else None
     draw_gestures(rig, out.parent / "figures" / "corpus_gestures.png")
@@ -52,12 +60,46 @@ def write_report(
         path.write_text(report_page(speakers, real_clips, seed), encoding="utf-8")
 
 
-def _first_of_each_speaker(clips: list[ClipFile], count: int) -> list[ClipFile]:
-    """Grouped by speaker, in the order of their first clips."""
-    by_speaker: dict[str, list[ClipFile]] = {}
-    for clip in clips:
-        by_speaker.setdefault(clip.speaker, []).append(clip)
-    return [clip for group in by_speaker.values() for clip in group[:count]]
+def list_clips(root: Path) -> dict[str, ClipPaths]:
+    """By id the clips in the table of splits that have motion and sound.
+
+    Raises:
+        ReportError: if there are none.
+    """
+    table = root / SPLIT_TABLE
+    ids: list[str] = []
+    if table.is_file():
+        with table.open(newline="") as file:
+            ids = [row.get("id") or "" for row in csv.DictReader(file)]
+    # An id that holds anything but letters, digits and _ could lead out of the folder.
+    clips = {each: clip_paths(root, each) for each in ids if re.fullmatch(r"\d+_\w+", each)}
+    there = {i: p for i, p in clips.items() if p.motion.is_file() and p.sound.is_file()}
+    if not there:
+        raise ReportError(
+            f"{root} holds no clips in BEAT2's layout ({MOTION}, {SOUND}, {SPLIT_TABLE})."
+        )
+    if len(there) < len(ids):
+        log.warning(
+            "%d of the %d clips in %s have no files.", len(ids) - len(there), len(ids), table
+        )
+    return there
+
+
+def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[MeasuredClip]:
+    """Measure all clips that can be used; the others are named in the log.
+
+    Raises:
+        ReportError: if none can be used.
+    """
+    measured = []
+    for clip_id, paths in tqdm(clips.items(), unit="clip", desc=title):
+        try:
+            measured.append(measure_clip(clip_id, paths, rig))
+        except (MotionError, SpeechError, ReportError) as error:
+            log.warning("Skipped %s: %s", clip_id, error)
+    if not measured:
+        raise ReportError(f"None of the {len(clips)} clips could be used; see the reasons above.")
+    return measured
 
 
 def main(arguments: list[str] | None = None) -> int:

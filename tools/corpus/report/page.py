@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tools.corpus.report.measuring import MeasuredClip
 from tools.corpus.report.realism import (
     FeatureGap,
     Figures,
+    MeasuredClip,
     alignment_scores,
     judge_realism,
     ridge_weights,

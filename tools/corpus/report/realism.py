@@ -22,15 +22,23 @@ from sklearn.metrics import roc_auc_score
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.motion import load_motion
+from model.plan.textgrid import textgrid_tiers
 from model.speech.audio import SpeechLimits, load_speech
+from tools.corpus.layout import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 
 LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
 RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
+MIN_FRAMES = 6 * FPS  # four windows
+EDGE = slice(30, -30)  # a second at both ends is left out of correlations
 BANDS = 12
 LAGS = range(-24, 25, 3)  # frames, 0.8 s either way
 RIDGE = 0.1
 SOUND_LIMITS = SpeechLimits(max_s=3600)
+
+
+class ReportError(ValueError):
+    """A report that cannot be made."""
 
 
 @dataclass(frozen=True)
@@ -272,6 +280,62 @@ def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
     frequency = np.fft.rfftfreq(len(velocity), 1 / FPS)
     share = power[frequency > TREMOR_HZ].sum() / power.sum()
     return float(np.log(share)), float((frequency * power).sum() / power.sum())
+
+
+@dataclass(frozen=True)
+class MeasuredClip:
+    """All figures of a clip."""
+
+    clip_id: str
+    realism: Figures
+    """Of the body, while it speaks."""
+    head_realism: Figures
+    """Of head and jaw, while they speak."""
+    duration_s: float
+    listening_s: float
+    hand_speed: Float[np.ndarray, " T"]
+    sound: Float[np.ndarray, "T B"]
+
+    @property
+    def speaker(self) -> str:
+        return self.clip_id.split("_")[1]
+
+
+def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
+    """All figures of one clip.
+
+    Raises:
+        MotionError, SpeechError, ReportError: if its files cannot be used.
+    """
+    posed = read_posed_clip(paths.motion, rig)
+    num_frames = len(posed.positions)
+    if num_frames < MIN_FRAMES:
+        raise ReportError(f"it has {num_frames} frames; at least {MIN_FRAMES} are needed.")
+    annotation = paths.textgrid
+    silences = read_listening(annotation) if annotation.is_file() else ()
+    return MeasuredClip(
+        clip_id=clip_id,
+        realism=realism_windows(posed, silences),
+        head_realism=head_windows(posed, silences),
+        duration_s=num_frames / FPS,
+        listening_s=sum((end - start for start, end in silences), 0.0),
+        hand_speed=hand_speed(posed)[EDGE],
+        sound=sound_features(paths.sound, num_frames)[EDGE].astype(np.float32),
+    )
+
+
+def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
+    """Seconds from and to which the speaker listens, from a TextGrid; none without such a tier.
+
+    Raises:
+        ReportError: if the file cannot be read.
+    """
+    try:
+        tiers, _ = textgrid_tiers(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise ReportError(f"{path.name} cannot be read.") from error
+    rows = next((tier.rows for tier in tiers if tier.name == "listening"), ())
+    return tuple((row.start_s, row.end_s) for row in rows if row.label)
 
 
 @dataclass(frozen=True)

@@ -107,15 +107,6 @@ def speak(
     return _with_accents(_join(sentences, lead_s), voice_rng)
 
 
-def speak_text(speaker: Speaker, sentences: list[str], rng: np.random.Generator) -> Utterance:
-    """The given sentences, spoken one after the other."""
-    parts = []
-    for text in sentences:
-        waveform, phones = say(text, speaker.voice)
-        parts.append(_Spoken(text, *_trim(waveform, phones), _draw_pause(text, speaker, rng)))
-    return _with_accents(_join(parts, LEAD_S), rng)
-
-
 @dataclass(frozen=True)
 class _Spoken:
     """One sentence as flite speaks it, and the silence after it."""
