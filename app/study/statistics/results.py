@@ -117,19 +117,17 @@ def _result(
     found: list[Number] = []
     if is_matched:
         for name in systems:
-            rows = between(votes, name, name + MISMATCHED)
-            found += share_numbers("right_choices", rows, name) if len(rows) else []
+            found += share_numbers("right_choices", between(votes, name, name + MISMATCHED), name)
     else:
         for pair in pairs:
-            rows = between(votes, *pair)
-            found += share_numbers("share", rows, *pair) if len(rows) else []
+            found += share_numbers("share", between(votes, *pair), *pair)
     found = with_holm(found)
     num_compared = sum(number.p is not None for number in found)
     if not is_matched and not is_rating:
         for name in systems:
             rows = first_places(values, name) if is_ranking else of(votes, name)
             measure = "first_places" if is_ranking else "share_of_all_votes"
-            found += share_numbers(measure, rows, name, is_tested=False) if len(rows) else []
+            found += share_numbers(measure, rows, name, is_tested=False)
         if len(systems) > 1:
             found += strength_numbers(votes, systems, has_sides=not is_ranking)
     num_of_means = 0
@@ -236,8 +234,7 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
         ("smoother_chosen_naming_smoothness", True),
         ("smoother_chosen_otherwise", False),
     ):
-        part = pd.DataFrame(rows[rows.is_smooth == is_named])
-        found += share_numbers(measure, part) if len(part) else []
+        found += share_numbers(measure, pd.DataFrame(rows[rows.is_smooth == is_named]))
     return found
 
 

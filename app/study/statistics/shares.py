@@ -102,13 +102,10 @@ def share_numbers(
 ) -> list[Number]:
     """Share, interval and test of ``score``, and the share with the two other intervals: also over
     clips, from `MIN_CLIPS` on, and plain Clopper-Pearson of decided votes as if all were
-    independent, only to compare with papers that print it.
-
-    Raises:
-        ValueError: if there are no votes.
+    independent, only to compare with papers that print it. Nothing without votes.
     """
     if not len(votes):
-        raise ValueError("There are no votes.")
+        return []
     score = votes.score
     wins, losses = int((score == 1).sum()), int((score == 0).sum())
     share = float(score.mean())
