@@ -122,21 +122,12 @@ class Child:
             status = None
         return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
 
-    def end(self, grace_s: float = 0.0) -> None:
-        """End it, and all of its group.
-
-        Args:
-            grace_s: how long it may take to tidy up once the channel is closed.
-        """
+    def end(self) -> None:
+        """End it, and all of its group."""
         if self._channel.closed:
             return
         self._outbox.put(None)
         self._channel.close()
-        if grace_s:
-            try:
-                self._process.wait(grace_s)
-            except subprocess.TimeoutExpired:
-                pass
         try:
             os.killpg(self.pid, signal.SIGKILL)
         except ProcessLookupError:
