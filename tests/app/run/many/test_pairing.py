@@ -1,10 +1,7 @@
 """Sets as people have them: how files are paired, averaged and checked, and how they are packed."""
 
 import csv
-import tarfile
-import zipfile
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +13,6 @@ from app.run.ask import Ask
 from app.run.many.check import check_sets, told
 from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
-from app.run.many.unpacked import Limits, unpacked
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
@@ -187,96 +183,6 @@ def test_the_command_line_tells_by_its_exit_status(
     assert main([*argv, str(tmp_path / "check"), "--check", "genea"]) == 1
     said = capsys.readouterr()
     assert "mine: clips that are missing: 1: c." in said.err and "check.md" in said.out
-
-
-def archive(path: Path, **files: bytes) -> Path:
-    if path.suffix == ".zip":
-        with zipfile.ZipFile(path, "w") as opened:
-            for name, content in files.items():
-                opened.writestr(name, content)
-        return path
-    with tarfile.open(path, "w:gz" if path.suffix == ".gz" else "w") as opened:
-        for name, content in files.items():
-            info = tarfile.TarInfo(name)
-            info.size = len(content)
-            opened.addfile(info, BytesIO(content))
-    return path
-
-
-def below(folder: Path) -> dict[str, bytes]:
-    paths = (path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-
-
-@pytest.fixture
-def into(tmp_path: Path) -> Path:
-    (tmp_path / "into").mkdir()
-    return tmp_path / "into"
-
-
-@pytest.mark.parametrize("name", ["a.zip", "a.tar.gz", "a.tar"])
-def test_archives_of_windows_and_in_archives_are_unpacked(name: str, tmp_path: Path, into: Path):
-    inner = archive(tmp_path / "in.tar.gz", **{"./deep/c.npz": b"three", "no.txt": b"no"})
-    files = {"my\\a.npz": b"one", "my/b.NPZ": b"two", "my/in.tar.gz": inner.read_bytes()}
-    if name != "a.zip":
-        files["my/a.npz"] = files.pop("my\\a.npz")
-    assert unpacked(archive(tmp_path / name, **files), into, NPZ) == 3
-    assert below(into) == {"my/a.npz": b"one", "my/b.NPZ": b"two", "my/in/deep/c.npz": b"three"}
-
-
-@pytest.mark.parametrize("kind", ["symlink", "hard link", "device", "sparse", "out", "root"])
-def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, into: Path):
-    info = tarfile.TarInfo("x.npz")
-    info.type = {
-        "symlink": tarfile.SYMTYPE,
-        "hard link": tarfile.LNKTYPE,
-        "device": tarfile.CHRTYPE,
-        "sparse": tarfile.GNUTYPE_SPARSE,
-    }.get(kind, tarfile.REGTYPE)
-    info.linkname = "/etc/passwd"
-    info.name = {"out": "../x.npz", "root": "/x.npz"}.get(kind, "x.npz")
-    with tarfile.open(tmp_path / "a.tar", "w") as opened:
-        opened.addfile(info)
-    with pytest.raises(RunError, match=r"link or device|leads out|no readable tar"):
-        unpacked(tmp_path / "a.tar", into, NPZ)
-    assert below(tmp_path).keys() == {"a.tar"}
-
-
-def test_limits_hold_for_tars_and_for_all_archives_together(tmp_path: Path, into: Path):
-    zeros = bytes(3 * 2**20)
-    bomb = archive(tmp_path / "a.tar.gz", **{"a.npz": zeros, "b.npz": zeros})
-    assert bomb.stat().st_size < 20_000
-    for limits, said in (
-        (Limits(file_bytes=2**20), "'a.npz' of 3 MiB; at most 1 MiB a file"),
-        (Limits(files=10, total_bytes=5 * 2**20), "unpack to"),
-        (Limits(files=1), "at most 1 are read"),
-    ):
-        with pytest.raises(RunError, match=said):
-            unpacked(bomb, into, NPZ, limits)
-        assert not below(into)
-    unread = archive(tmp_path / "u.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
-    with pytest.raises(RunError, match="would unpack to over 1 MiB"):
-        unpacked(unread, into, NPZ, Limits(files=10, total_bytes=2**20))
-    twice = archive(tmp_path / "t.zip", **{"x.tar.gz": bomb.read_bytes(), "c.npz": zeros})
-    with pytest.raises(RunError, match=r"x\.tar\.gz would unpack to"):
-        unpacked(twice, into, NPZ, Limits(files=10, total_bytes=8 * 2**20))
-
-
-def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, into: Path):
-    deep = archive(tmp_path / "0.zip", **{"a.npz": b"a"})
-    for place in range(1, 4):
-        deep = archive(tmp_path / f"{place}.zip", **{"in.zip": deep.read_bytes()})
-    with pytest.raises(RunError, match="an archive 3 deep; at most 2"):
-        unpacked(deep, into, NPZ)
-    whole = archive(tmp_path / "w.tar.gz", **{"a.npz": np.random.default_rng(0).bytes(9000)})
-    content = whole.read_bytes()
-    huge = tarfile.TarInfo("x")
-    huge.type, huge.size = tarfile.XHDTYPE, 2**31
-    for bad in (content[:600], content[:-500], b"", b"\x1f\x8b no", huge.tobuf()):
-        path = tmp_path / ("bad.tar" if bad == huge.tobuf() else "bad.tar.gz")
-        path.write_bytes(bad)
-        with pytest.raises(RunError, match=r"no readable tar|holds none"):
-            unpacked(path, into, NPZ)
 
 
 def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):

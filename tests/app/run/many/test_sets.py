@@ -102,6 +102,8 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     monkeypatch.setattr("app.run.many.motions.MAX_BYTES", 10 * held)
     with pytest.raises(RunError, match="at most 1 are read"):
         measure_sets(replace(asked, out=tmp_path / "three", reference=theirs))
+    for out in ("two", "three"):
+        assert not list((tmp_path / out).glob(".*")), "what was unpacked is gone"
 
 
 def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(folders, tmp_path):

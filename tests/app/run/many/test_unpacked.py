@@ -1,19 +1,17 @@
-"""Zips of sets: what they hold is measured as a folder is, and hostile ones do nothing."""
+"""Zips and tars of sets: what is wanted comes out of them, and hostile ones do nothing."""
 
 import stat
 import struct
+import tarfile
 import zipfile
-from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.ask import Ask
-from app.run.many.motions import diagnose_folders
 from app.run.many.unpacked import Limits, unpacked
-from model.motion.motion import save_motion
-from tests.helpers import smooth_motion_example
 
 NPZ = (".npz",)
 
@@ -22,6 +20,18 @@ def _zip(path: Path, *entries: tuple[str | zipfile.ZipInfo, bytes], packed: bool
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED if packed else 0) as archive:
         for name, content in entries:
             archive.writestr(name, content)
+    return path
+
+
+def _packed(path: Path, **files: bytes) -> Path:
+    """A zip or a tar, by its name."""
+    if path.suffix == ".zip":
+        return _zip(path, *files.items(), packed=True)
+    with tarfile.open(path, "w:gz" if path.suffix == ".gz" else "w") as archive:
+        for name, content in files.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            archive.addfile(info, BytesIO(content))
     return path
 
 
@@ -35,13 +45,18 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "deep" / "in"
 
 
-def test_wanted_files_come_out_at_any_depth(folder: Path, tmp_path: Path):
-    entries = [("set/a.npz", b"one"), ("set/more/b.npz", b"two"), ("set/read.me", b"text")]
-    entries += [("__MACOSX/set/._a.npz", b"not this"), ("set/.hidden/c.npz", b"nor this")]
-    path = _zip(tmp_path / "set.zip", *entries, packed=True)
-    assert unpacked(path, folder, NPZ) == 2
-    assert _all_below(folder) == {"set/a.npz", "set/more/b.npz"}
-    assert (folder / "set" / "more" / "b.npz").read_bytes() == b"two"
+@pytest.mark.parametrize("name", ["a.zip", "a.tar.gz", "a.tar"])
+def test_wanted_files_come_out_at_any_depth_also_of_archives_within(
+    name: str, folder: Path, tmp_path: Path
+):
+    inner = _packed(tmp_path / "in.tar.gz", **{"./deep/c.npz": b"three", "no.txt": b"no"})
+    files = {"my/a.npz": b"one", "my/b.NPZ": b"two", "my/in.tar.gz": inner.read_bytes()}
+    files |= {"__MACOSX/my/._a.npz": b"not this", "my/.hidden/c.npz": b"nor this"}
+    if name == "a.zip":  # as Windows writes them
+        files["my\\a.npz"] = files.pop("my/a.npz")
+    assert unpacked(_packed(tmp_path / name, **files), folder, NPZ) == 3
+    assert _all_below(folder) == {"my/a.npz", "my/b.NPZ", "my/in/deep/c.npz"}
+    assert (folder / "my" / "b.NPZ").read_bytes() == b"two"
 
 
 def test_times_follow_from_content(folder: Path, tmp_path: Path):
@@ -81,19 +96,27 @@ def test_links_and_devices_are_refused(kind: int, folder: Path, tmp_path: Path):
     assert not _all_below(folder)
 
 
-def test_limits_hold_before_a_byte_is_unpacked(folder: Path, tmp_path: Path):
+@pytest.mark.parametrize("name", ["bomb.zip", "bomb.tar.gz"])
+def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
+    name: str, folder: Path, tmp_path: Path
+):
     zeros = bytes(3 * 2**20)
-    path = _zip(tmp_path / "bomb.zip", ("a.npz", zeros), ("b.npz", zeros), packed=True)
+    path = _packed(tmp_path / name, **{"a.npz": zeros, "b.npz": zeros})
     assert path.stat().st_size < 20_000
     for limits, said in (
         (Limits(file_bytes=2**20), r"'a.npz' of 3 MiB; at most 1 MiB a file"),
-        (Limits(total_bytes=5 * 2**20), r"unpack to 6 MiB; at most 5 MiB"),
-        (Limits(files=1), r"holds 2 files; at most 1 are read"),
+        (Limits(files=10, total_bytes=5 * 2**20), r"unpack to"),
+        (Limits(files=1), r"at most 1 are read"),
     ):
         with pytest.raises(RunError, match=said):
             unpacked(path, folder, NPZ, limits)
     assert not _all_below(folder)
-    assert unpacked(path, folder, NPZ, Limits(2, 6 * 2**20, 3 * 2**20)) == 2
+    unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
+    with pytest.raises(RunError, match="would unpack to over 1 MiB"):
+        unpacked(unread, folder, NPZ, Limits(files=10, total_bytes=2**20))
+    within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
+    with pytest.raises(RunError, match=rf"{name} would unpack to"):
+        unpacked(within, folder, NPZ, Limits(files=10, total_bytes=8 * 2**20))
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
@@ -158,29 +181,36 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
         unpacked(tmp_path / "none.zip", folder, NPZ)
 
 
-def test_sets_in_zips_are_measured_as_folders_are_and_kept(tmp_path: Path):
-    for place, name in enumerate(("lively", "gt")):
-        (tmp_path / name).mkdir()
-        for seed, clip in enumerate("ab"):
-            save_motion(
-                smooth_motion_example(60, 9 * place + seed), tmp_path / name / f"{clip}.npz"
-            )
-    lively, gt = (
-        _zip(
-            tmp_path / f"{name}.zip",
-            *((f"x/{clip}.npz", (tmp_path / name / f"{clip}.npz").read_bytes()) for clip in "ab"),
-        )
-        for name in ("lively", "gt")
-    )
-    out, zipped = tmp_path / "out", tmp_path / "zipped"
-    diagnose_folders(Ask(motions=(tmp_path / "lively",), out=out, reference=tmp_path / "gt"))
-    zips = Ask(motions=(lively,), out=zipped, reference=gt)
-    assert diagnose_folders(zips).told["clips"] == ["a", "b"]
-    for table in ("many.csv", "clips.csv"):
-        assert (zipped / table).read_bytes() == (out / table).read_bytes()
-    again = diagnose_folders(zips)
-    assert any("2 clips had been measured before" in note for note in again.notes)
-    with pytest.raises(RunError, match="leads out"):
-        bad = _zip(tmp_path / "bad.zip", ("../a.npz", b""))
-        diagnose_folders(replace(zips, reference=bad))
-    assert not [path for path in zipped.iterdir() if path.name.startswith(".")]
+@pytest.mark.parametrize("kind", ["symlink", "hard link", "device", "sparse", "out", "root"])
+def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, folder: Path):
+    info = tarfile.TarInfo("x.npz")
+    info.type = {
+        "symlink": tarfile.SYMTYPE,
+        "hard link": tarfile.LNKTYPE,
+        "device": tarfile.CHRTYPE,
+        "sparse": tarfile.GNUTYPE_SPARSE,
+    }.get(kind, tarfile.REGTYPE)
+    info.linkname = "/etc/passwd"
+    info.name = {"out": "../x.npz", "root": "/x.npz"}.get(kind, "x.npz")
+    with tarfile.open(tmp_path / "a.tar", "w") as opened:
+        opened.addfile(info)
+    with pytest.raises(RunError, match=r"link or device|leads out|no readable tar"):
+        unpacked(tmp_path / "a.tar", folder, NPZ)
+    assert _all_below(tmp_path) == {"a.tar"}
+
+
+def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, folder: Path):
+    deep = _packed(tmp_path / "0.zip", **{"a.npz": b"a"})
+    for place in range(1, 4):
+        deep = _packed(tmp_path / f"{place}.zip", **{"in.zip": deep.read_bytes()})
+    with pytest.raises(RunError, match="an archive 3 deep; at most 2"):
+        unpacked(deep, folder, NPZ)
+    whole = _packed(tmp_path / "w.tar.gz", **{"a.npz": np.random.default_rng(0).bytes(9000)})
+    content = whole.read_bytes()
+    huge = tarfile.TarInfo("x")
+    huge.type, huge.size = tarfile.XHDTYPE, 2**31
+    for bad in (content[:600], content[:-500], b"", b"\x1f\x8b no", huge.tobuf()):
+        path = tmp_path / ("bad.tar" if bad == huge.tobuf() else "bad.tar.gz")
+        path.write_bytes(bad)
+        with pytest.raises(RunError, match=r"no readable tar|holds none"):
+            unpacked(path, folder, NPZ)
