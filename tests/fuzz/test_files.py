@@ -1,5 +1,6 @@
 """Every file that a stranger may bring is read, or refused in a sentence."""
 
+import io
 import json
 import subprocess
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.io import wavfile
 
 from app.run.body_motion import body_motion
 from app.study.design.key import read_key, write_key
@@ -107,12 +109,9 @@ def test_other_motion(ending: str, tmp_path: Path) -> None:
 
 
 def float_wav(samples: np.ndarray) -> bytes:
-    """Python's wave module writes integers only."""
-    data = samples.astype("<f4").tobytes()
-    numbers = [(16, 4), (3, 2), (1, 2), (16_000, 4), (64_000, 4), (4, 2), (32, 2)]
-    head = b"".join(number.to_bytes(size, "little") for number, size in numbers)
-    size = (36 + len(data)).to_bytes(4, "little")
-    return b"RIFF" + size + b"WAVEfmt " + head + b"data" + len(data).to_bytes(4, "little") + data
+    file = io.BytesIO()
+    wavfile.write(file, 16_000, samples.astype(np.float32))
+    return file.getvalue()
 
 
 def test_sounds(tmp_path: Path) -> None:
