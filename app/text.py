@@ -100,7 +100,7 @@ FIGURES = {
         "Fingertip trajectory and poses",
         "The fingertip over up to 300 frames (10 s), and poses every 50 frames. A jagged line is "
         "jitter that the eye may miss in the video; of more than two systems each has its own row.",
-        ("trajectory", "reference"),
+        ("trajectory",),
     ),
     "jitter": FigureText(
         "Where the jitter sits",
@@ -246,7 +246,7 @@ OF_ONE_CLIP = (
 CLIP = "Clip"
 CLIPS_TABLE = "{point} jerk in m/s³, as generated, clip by clip"
 CLIP_SHOWN = "Shown below"
-CLIPS_TITLE = "{title}, and {others} more"
+CLIPS_TITLE = "{count} clips: {systems}"
 CLIPS_DONE = "{done} of {count} clips are done; any of them can be chosen below the table."
 CLIPS_MEAN = "Mean [95 % interval over clips]"
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."

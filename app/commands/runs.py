@@ -3,7 +3,7 @@ render."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +21,7 @@ from app.run.display import Display
 from app.run.experiments.hearing import HearingAsk, measure_hearing
 from app.run.experiments.mechanism import MechanismAsk, show_mechanism
 from app.run.experiments.step_curve import StepsAsk, measure_step_curve
-from app.run.output.run_folder import read_run
+from app.run.output.run_folder import RunRecord, Told, read_run
 from app.run.planning import find_plan, is_motion, make_plan
 from app.run.videos.export import RenderAsk, render_motion
 from conventions.views import CLOSE_UPS
@@ -148,7 +148,6 @@ def generate(ask: Generate, files: Files, pool: Pool) -> None:
     comparison.mp4, figure6, diagnostics, provenance. Of many pieces each gets a folder of its own;
     started again, it goes on with what is not done.
     """
-    from app.findings.verdict import verdict_of
     from app.run.many.speeches import is_many
     from app.run.pipeline import do
 
@@ -159,8 +158,16 @@ def generate(ask: Generate, files: Files, pool: Pool) -> None:
         return
     with bars() as shown:
         result = do(asked, shown.take)
-    verdict = verdict_of(result.diagnostics)
-    _finish(result.files, [*result.notes, *([] if verdict is None else [verdict.text])])
+    record = read_run(result.out)
+    _finish(result.files, [*result.notes, *_told(record, record.gravest)])
+
+
+def _told(record: RunRecord, findings: Iterable[Told]) -> list[str]:
+    """What a run's numbers say, and what stands out."""
+    verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
+    said = [record.says[key] for key in ("step", "beats")]
+    found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
+    return [*filter(None, [*verdict, *said]), *found]
 
 
 def _generate_many(ask: Ask, pool: JobPool) -> None:
@@ -208,7 +215,6 @@ def diagnose(
         fps: frame rate of files that do not tell theirs, or lie.
         rotations: of the joints, where their number says too little.
     """
-    from app.findings.sentences import sentences_of, told_findings
     from app.run.many.unpacked import is_packed
     from app.run.pipeline import do
 
@@ -230,10 +236,8 @@ def diagnose(
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
     with bars() as shown:
         result = do(asked, shown.take)
-    sentences = sentences_of(result.diagnostics)
-    heard = filter(None, (sentences["step"], sentences["beats"]))
-    found = told_findings(result.diagnostics.findings)
-    _finish(result.files, [*result.notes, *heard, *found])
+    record = read_run(result.out)
+    _finish(result.files, [*result.notes, *_told(record, record.findings)])
 
 
 def _check_sets(ask: Ask) -> None:

@@ -1,7 +1,4 @@
-"""Measures of several systems and their samples, the highest against the lowest, as sentences.
-
-The words come from the numbers, so that swapped numbers turn the sentence round.
-"""
+"""Numbers of several systems and their samples beside each other, in words."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from math import floor, isfinite, log, log10
 from typing import TYPE_CHECKING
 
 from conventions.joints import TIP_VERTICES
-from conventions.names import SampleName
+from conventions.names import VERSIONS, SampleName
 
 if TYPE_CHECKING:
     from conventions.names import Version
@@ -22,7 +19,10 @@ if TYPE_CHECKING:
 ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""
 
-Read = Callable[["Measures"], float]
+SMOOTHED = "After Savitzky-Golay smoothing"
+"""Of `model.motion.filtering`, as the official code does it."""
+
+Read = Callable[["Measures"], float | None]
 """Takes one number out of the measures of a motion."""
 Samples = dict[int, float]
 """Number of a sample, from 1, to its value."""
@@ -84,12 +84,6 @@ def mean(samples: Samples) -> float:
     return sum(samples.values()) / len(samples)
 
 
-def extremes(values: Mapping[str, Samples]) -> tuple[str, str]:
-    """The systems with the highest and the lowest mean; of equal ones the first and the last."""
-    order = sorted(values, key=lambda system: -mean(values[system]))
-    return order[0], order[-1]
-
-
 def ratio_of(above: Samples, below: Samples) -> Ratio | None:
     """Mean over mean; samples with the same number had the same noise and are drawn in pairs.
 
@@ -106,95 +100,21 @@ def ratio_of(above: Samples, below: Samples) -> Ratio | None:
     return Ratio(interval.mean, len(shared), interval.low, interval.high)
 
 
-FEW_SAMPLES = 5
-"""An interval over fewer samples is told to be rough."""
+def told_of(values: Mapping[str, Samples], reference: float | None) -> str:
+    """Each system's mean: a 1, b 2; reference 3."""
+    told = ", ".join(f"{system} {plain(mean(each))}" for system, each in values.items())
+    return told if reference is None else f"{told}; reference {plain(reference)}"
 
 
-def comparison(
-    diagnostics: Diagnostics, read: Read, noun: str, unit: str, scale: float = 1.0
-) -> str:
-    """Highest against lowest system as generated, the same two after the filter, the reference."""
-
-    def told(value: float) -> str:
-        return f"{plain(scale * value)} {unit}"
-
-    raw = values_by_system(diagnostics, read, "raw")
-    filtered = values_by_system(diagnostics, read, "savgol")
-    if not raw:
-        return ""
-    reference = number_of(diagnostics.reference, read, "raw")
-    ending = "" if reference is None else f" The reference has {told(reference)}."
-    if len(raw) == 1:
-        (system,) = raw
-        own = f"{told(mean(raw[system]))}{_over_samples(raw[system])}"
-        after = f", {told(mean(filtered[system]))} after the filter" if system in filtered else ""
-        return f"On this clip {system} has a {noun} of {own}{after}.{ending}"
-    high, low = extremes(raw)
-    numbers = f"({plain(scale * mean(raw[high]))} against {told(mean(raw[low]))})"
-    ratio = ratio_of(raw[high], raw[low])
-    if ratio is None:
-        return (
-            f"On this clip the {noun} is highest with {high} and lowest with {low} {numbers}."
-            f"{ending}"
-        )
-    picked = "" if len(raw) == 2 else f", the highest and the lowest of {len(raw)},"
-    if ratio.is_alike:
-        text = f"On this clip {high} and {low}{picked} have the same {noun} within 5 % {numbers}"
-    else:
-        text = f"On this clip {high} has {times(ratio.value)} the {noun} of {low}"
-        text += f"{picked.rstrip(',')} {numbers}"
-    text += _interval(ratio)
-    if high in filtered and low in filtered:
-        text += _after_filter(high, low, ratio, ratio_of(filtered[high], filtered[low]))
-    return f"{text}.{ending} {_caveat(ratio, len(raw))}"
-
-
-def _after_filter(high: str, low: str, raw: Ratio, filtered: Ratio | None) -> str:
-    """What becomes of the two behind the filter."""
-    if filtered is None:
-        return ""
-    if filtered.is_alike:
-        return "; after the filter the two are the same within 5 %"
-    if filtered.value < 1.0:
-        return f"; after the filter {low} has {times(1.0 / filtered.value)} that of {high}"
-    of_both = f"{high} has {times(filtered.value)} that of {low}"
-    of_both = of_both if raw.is_alike else times(filtered.value)
-    return f"; after the filter {of_both}{_interval(filtered)}"
-
-
-def _interval(ratio: Ratio) -> str:
-    if ratio.low is None or ratio.high is None:
-        return ""
-    samples = f"{ratio.num_samples} samples"
-    return f", 95 % interval {plain(ratio.low)} to {plain(ratio.high)} over {samples}"
-
-
-def _caveat(ratio: Ratio, num_systems: int) -> str:
-    """What the comparison is worth."""
-    if ratio.low is None:
-        return "One sample each: of these motions, not of the systems."
-    parts = []
-    if ratio.is_open:
-        parts.append("The interval holds 1: these samples do not tell the two apart.")
-    if ratio.num_samples < FEW_SAMPLES:
-        parts.append(f"From only {ratio.num_samples} samples the interval is rough.")
-    if num_systems > 2:
-        parts.append("The two were picked as extremes, so their interval is too favourable.")
-    return " ".join([*parts, "One clip: nothing is said of other speech."])
-
-
-def _over_samples(samples: Samples) -> str:
-    return f" (mean of {len(samples)} samples)" if len(samples) > 1 else ""
-
-
-def word(ratio: float, more: str, less: str, same: str) -> str:
-    if abs(log(ratio)) < log(ALIKE):
-        return same
-    return more if ratio > 1.0 else less
-
-
-def times(ratio: float) -> str:
-    return f"{plain(ratio)} times"
+def numbers_told(diagnostics: Diagnostics, read: Read, noun: str) -> str:
+    """One number of each system and of the reference, as generated and smoothed; empty where none
+    was measured."""
+    lines: list[str] = []
+    for kind, start in zip(VERSIONS, (noun, SMOOTHED), strict=True):
+        if values := values_by_system(diagnostics, read, kind):
+            reference = number_of(diagnostics.reference, read, kind)
+            lines.append(f"{start}: {told_of(values, reference)}.")
+    return " ".join(lines)
 
 
 def plain(value: float) -> str:

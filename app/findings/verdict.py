@@ -3,7 +3,7 @@ say more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,13 +13,13 @@ from app.findings.comparison import (
     Samples,
     mean,
     number_of,
-    plain,
     point_title,
     ratio_of,
     samples_by_system,
+    told_of,
     values_by_system,
 )
-from app.findings.measure_rows import JERK, Numbers
+from app.findings.measure_rows import JERK, MEASURES, Numbers, nearest
 from app.findings.sentences import jerk_of
 from conventions.names import REFERENCE_NAME, listed, short_names
 from model.systems.registry import families
@@ -37,20 +37,25 @@ class Verdict:
     """Two sentences above the videos."""
 
     numbers: str
-    """The followed point's jerk in every system, and as recorded."""
+    """The followed point's jerk in every system, and in the reference."""
     judgement: str
-    """Whether the claim shows, and what would be needed; empty where nothing is compared."""
+    """What is more and what less, and what would be needed; empty where nothing is compared."""
 
     @property
     def text(self) -> str:
         return f"{self.numbers} {self.judgement}".strip()
 
 
-def verdict_of(diagnostics: Diagnostics) -> Verdict | None:
-    """The verdict on a run, from the motion as generated; None where no jerk was measured."""
+def verdict_of(diagnostics: Diagnostics, is_made: bool = True) -> Verdict | None:
+    """The verdict on a run, from the motion as generated; None where no jerk was measured.
+
+    Args:
+        is_made: by systems, whose claims and trainings are told of.
+    """
     jerk = values_by_system(diagnostics, jerk_of, "raw")
-    recorded = number_of(diagnostics.reference, jerk_of, "raw")
-    return _verdict(diagnostics.point, jerk, recorded) if jerk else None
+    reference = number_of(diagnostics.reference, jerk_of, "raw")
+    nearer = _nearer(diagnostics)
+    return _verdict(diagnostics.point, jerk, reference, nearer, is_made) if jerk else None
 
 
 def jerk_over_clips(clips: Iterable[Mapping[str, Numbers]]) -> dict[str, Samples]:
@@ -77,30 +82,43 @@ def verdict_over_clips(point: str, jerk: Mapping[str, Samples]) -> Verdict | Non
     """
     systems = {name: clips for name, clips in jerk.items() if name != REFERENCE_NAME}
     count = max(map(len, systems.values()), default=0)
-    recorded = mean(jerk[REFERENCE_NAME]) if REFERENCE_NAME in jerk else None
-    return _verdict(point, systems, recorded, count) if count > 1 else None
+    reference = mean(jerk[REFERENCE_NAME]) if REFERENCE_NAME in jerk else None
+    return _verdict(point, systems, reference, clips=count) if count > 1 else None
 
 
 def _verdict(
-    point: str, jerk: Mapping[str, Samples], recorded: float | None, clips: int = 1
+    point: str,
+    jerk: Mapping[str, Samples],
+    reference: float | None,
+    nearer: Sequence[str] = (),
+    is_made: bool = True,
+    clips: int = 1,
 ) -> Verdict:
     """
     Args:
         jerk: of several clips a value for each, else for each sample.
+        nearer: sentences of what the claims are not about.
     """
     names = short_names(jerk)
-    told = ", ".join(f"{names[name]} {plain(mean(values))}" for name, values in jerk.items())
-    ending = "" if recorded is None else f"; recorded {plain(recorded)}"
-    over = f", mean over {clips} clips" if clips > 1 else ""
-    numbers = f"{point_title(point)} jerk in m/s³{over}: {told}{ending}."
-    sentences = []
-    for claim in [family.claim for family in families() if family.claim is not None]:
-        sentences += _ladder(claim, jerk, names, clips)
-    return Verdict(numbers, " ".join([*sentences, *_needed(jerk, clips)]))
+    samples = max(map(len, jerk.values()))
+    drawn = f"{samples} samples" if clips == 1 else f"{clips} clips"
+    over = f", mean over {drawn}" if max(clips, samples) > 1 else ""
+    told = told_of({names[name]: values for name, values in jerk.items()}, reference)
+    numbers = f"{point_title(point)} jerk in m/s³{over}: {told}."
+    if len(jerk) < 2:
+        return Verdict(numbers, "")
+    here = "On this clip" if clips == 1 else f"Over {clips} clips"
+    claims = [family.claim for family in families() if family.claim is not None]
+    sentences = [sentence for claim in claims for sentence in _ladder(claim, jerk, names, here)]
+    if not sentences:
+        order = sorted(jerk, key=lambda name: mean(jerk[name]))
+        change = _change(ratio_of(jerk[order[0]], jerk[order[-1]]))
+        sentences = [f"From {names[order[-1]]}, which jerks most, to {names[order[0]]} {change}."]
+    return Verdict(numbers, " ".join([*sentences, *nearer, _needed(samples, clips, is_made)]))
 
 
 def _ladder(
-    claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str], clips: int
+    claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str], here: str
 ) -> list[str]:
     """The way through the claim's systems: what the first step gains, and whether what is added
     after it gains more."""
@@ -108,18 +126,17 @@ def _ladder(
     if not rungs:
         return []
     base, sentences = rungs[0], []
-    here, drawn = ("On this clip", "samples") if clips == 1 else (f"Over {clips} clips", "clips")
     if claim.more in jerk:
         ratio = ratio_of(jerk[base], jerk[claim.more])
         shows = "shows" if _is_calmer(ratio) else "does not show"
         sentences.append(
             f"{here} the paper's claim, that {claim.sentence}, {shows}: from "
-            f"{names[claim.more]} to {names[base]} {_change(ratio, drawn)}."
+            f"{names[claim.more]} to {names[base]} {_change(ratio)}."
         )
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
-    told = ", ".join(f"{names[name]} {_change(ratio, drawn)}" for name, ratio in added.items())
+    told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
     sentences.append(f"Compared with {names[base]}: {told}; {which} calmer here.")
@@ -132,19 +149,40 @@ def _ladder(
     return sentences
 
 
-def _change(ratio: Ratio | None, drawn: str) -> str:
+def _nearer(diagnostics: Diagnostics) -> list[str]:
+    """In which of the table's first measures a claim's weaker system is nearer to the reference."""
+    names, found = short_names(diagnostics.systems), []
+    for claim in (family.claim for family in families()):
+        if claim is None or not {claim.more, claim.plain} <= diagnostics.systems.keys():
+            continue
+        titles = []
+        for row in (each for each in MEASURES if each.is_first and each.has_target):
+            values = values_by_system(diagnostics, row.read, "raw")
+            both = {
+                name: mean(values[name]) for name in (claim.more, claim.plain) if name in values
+            }
+            target = number_of(diagnostics.reference, row.read, "raw")
+            if nearest(both, target) == (claim.more,):
+                titles.append(row.title.lower())
+        if titles:
+            which = f"{names[claim.more].capitalize()} is nearer to the reference than"
+            found.append(f"{which} {names[claim.plain]} in {listed(titles)}.")
+    return found
+
+
+def _change(ratio: Ratio | None) -> str:
     """How much less or more, with the range of the interval where several were drawn."""
     if ratio is None:
         return "cannot be compared"
     if ratio.is_open:
-        return f"not told apart by {ratio.num_samples} {drawn}"
+        return "not told apart"
     if ratio.is_alike:
         return "alike within 5 %"
     share = f"{_percent(ratio.value)} % {'less' if ratio.value < 1.0 else 'more'}"
     if ratio.low is None or ratio.high is None:
         return share
     low, high = sorted((ratio.low, ratio.high), key=lambda end: abs(end - 1.0))
-    return f"{share} ({_percent(low)} to {_percent(high)} %, {ratio.num_samples} {drawn})"
+    return f"{share} ({_percent(low)} to {_percent(high)} %)"
 
 
 def _percent(ratio: float) -> str:
@@ -157,15 +195,16 @@ def _is_calmer(ratio: Ratio | None) -> bool:
     return ratio is not None and ratio.value <= 1.0 / ALIKE and not ratio.is_open
 
 
-def _needed(jerk: Mapping[str, Samples], clips: int) -> list[str]:
-    if len(jerk) < 2:
-        return []
-    samples = max(len(values) for values in jerk.values())
-    seen = "one sample" if samples == 1 else f"{samples} samples"
-    seen = f"This is one clip, {seen}" if clips == 1 else f"These are {clips} clips"
+def _needed(samples: int, clips: int, is_made: bool) -> str:
+    """What a comparison is worth."""
+    if not is_made:
+        return "One clip is an example, no evidence."
+    seen = f"{clips} clips" if clips > 1 else "One clip, "
+    if clips == 1:
+        seen += "one sample" if samples == 1 else f"{samples} samples"
     if clips >= ENOUGH_CLIPS:
-        return [f"{seen} and one training of each: other trainings may give other numbers."]
-    return [
+        return f"{seen} and one training of each: other trainings may give other numbers."
+    return (
         f"{seen} and one training of each: an example, no evidence. A claim takes {ENOUGH_CLIPS} "
         "clips or more, several samples of each, and systems trained from several seeds."
-    ]
+    )

@@ -18,7 +18,7 @@ from app import text
 from app.errors import RunError
 from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
-from app.page.results.clips_shown import clips_html
+from app.page.results.clips_shown import clips_html, title_of
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.output.provenance import ARE, PROVENANCE
@@ -101,16 +101,13 @@ def player_alone(folder: Path, title: str = "") -> str:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
     values = [{**each.value(), "running": False, "begins": False} for each in played.values()]
     first = records[next(iter(played))]
-    told, own = first.verdict, first.title
-    if over_clips:
-        own = text.CLIPS_TITLE.format(title=own, others=len(records) - 1)
-    title = title or own
+    title = title or title_of(list(records.values()))
     head = f"<h1>{escape(title)}</h1>" if title else ""
     if over_clips:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
-    elif told is not None and first.kind == "generated":
-        head += f"<b>{escape(told.numbers)}</b> {escape(told.judgement)}"
+    elif first.verdict is not None:
+        head += f"<b>{escape(first.verdict.numbers)}</b> {escape(first.verdict.judgement)}"
     if (path := next(iter(runs.values())) / PROVENANCE).is_file():
         head += f"<p>{text.WEIGHTS.format(are=escape(str(json.loads(path.read_bytes())[ARE])))}</p>"
     files |= {BODY: body_glb(), FACTS: stage_facts(), BUILDS: builds()}

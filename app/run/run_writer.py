@@ -45,7 +45,7 @@ from app.run.timeline import (
     waveform_of,
     waveform_peaks,
 )
-from conventions.names import REFERENCE_NAME, VERSIONS, file_stem
+from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
 
 if TYPE_CHECKING:
     import numpy as np
@@ -280,7 +280,7 @@ class RunWriter(Reporter):
 
     def measured(self, diagnostics: Diagnostics) -> None:
         """Numbers that nothing will change any more, and what they say."""
-        record, verdict = self.record, verdict_of(diagnostics)
+        record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
         of_all = dict(diagnostics.systems)
         if diagnostics.reference is not None:
@@ -290,7 +290,8 @@ class RunWriter(Reporter):
             for name, versions in list(of_all.items())[:MAX_ROWS]
         }
         record.findings = findings_told(diagnostics.findings)
-        if verdict is not None:
+        verdict = verdict_of(diagnostics, is_made)
+        if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = Verdict(numbers=cut(verdict.numbers), judgement=cut(verdict.judgement))
         record.says = {key: cut(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
@@ -299,10 +300,16 @@ class RunWriter(Reporter):
 
 
 def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
-    """Of several motions, the gravest first."""
+    """Of several motions, the gravest first; last, and of no name, in which there is nothing."""
     from model.faults.evidence import ranked
 
-    return [
+    told = [
         Told(name=name, kind=finding.kind, sentence=cut(finding.sentence), at=finding.worst_s)
-        for name, finding in ranked(findings)[:MAX_TOLD]
+        for name, finding in ranked(findings)[: MAX_TOLD - 1]
     ]
+    labels = short_names(name for name in findings if name != REFERENCE_NAME)
+    clean = [label for name, label in labels.items() if not findings[name]]
+    if clean:
+        which = f" in {listed(clean)}" if len(labels) > 1 else ""
+        told.append(Told(sentence=cut(f"Nothing stands out{which}.")))
+    return told

@@ -230,8 +230,7 @@ def period(evidence: Evidence) -> list[Finding]:
         Finding(
             "period",
             f"The {found.part} {verb} anew every {found.frames} frames"
-            f" ({found.frames / FPS:.2f} s): jerk is {how}, in {found.periods} such stretches;"
-            f" by chance in one of {_one_in(found.chance)} clips.",
+            f" ({found.frames / FPS:.2f} s), as where windows or codes are joined: jerk is {how}.",
             {
                 "period_frames": found.frames,
                 "part": found.part,
@@ -245,8 +244,3 @@ def period(evidence: Evidence) -> list[Finding]:
             stretches=tuple((frame, frame) for frame in found.worst_frames),
         )
     ]
-
-
-def _one_in(chance: float) -> str:
-    number = 1 / max(chance, 1e-300)
-    return "over a million" if number > 1e6 else f"{float(f'{number:.1g}'):,.0f}"

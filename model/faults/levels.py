@@ -22,6 +22,7 @@ BRIEF_FRAMES, LEAST_FRAMES = 2 * FPS, 5 * FPS
 """Between them jerk alone is judged: a tremble shows in it at once."""
 LONG_FRAMES = 30 * FPS
 """From here on a clip is held against whole clips."""
+LONG, SHORT, BRIEF = "of 30 s and more", "of 5 to 30 s", "of 2 to 5 s"
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class People:
     low_limit: float
     high_limit: float
     """The range with room around it."""
+    lasts: str
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,9 @@ class Level:
         excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
         return [
             self._finding(
-                f"{self.title} is {self._told(value)}; recorded and procedural clips of such length"
-                f" have {self._told(people.lowest, False)} to {self._told(people.highest)}",
+                f"{self._told(value)}; {self._told(people.lowest, False)} to"
+                f" {self._told(people.highest, False)} in recorded and procedural clips"
+                f" {people.lasts}",
                 {"value": value, "people": [people.lowest, people.highest]},
                 is_low,
                 excess,
@@ -94,9 +97,9 @@ class Level:
             return []
         return [
             self._finding(
-                f"{self.title} is {_times(ratio)} the reference's ({self._told(value, False)}"
-                f" against {self._told(recorded)}); clips of people are within"
-                f" {people.differ:g} times of each other",
+                f"{self._told(value)}, {_times(ratio)} the reference's"
+                f" {self._told(recorded, False)}; clips of people differ by {people.differ:g} times"
+                " at most",
                 {"value": value, "reference": recorded, "ratio": ratio, "people": people.differ},
                 ratio < 1.0,
                 off / people.differ,
@@ -115,11 +118,11 @@ class Level:
         evidence: Evidence,
     ) -> Finding:
         worst = _worst(self, evidence, is_low)
-        where = f" Most of all at {clock(worst)}." if worst is not None and not is_low else ""
+        where = f", most at {clock(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
         return Finding(
             self.kind,
-            f"{found}: {means}.{where}",
+            f"{means}{where}: {self.title} is {found}.",
             {"unit": self.unit, **numbers},
             excess=excess,
             span=span,
@@ -175,43 +178,43 @@ def turning_speed_deg_s(evidence: Evidence) -> float:
 
 JERK = Level(
     "jerk",
-    "The jerk of all ten fingertips",
+    "the jerk of all ten fingertips",
     "m/s³",
     fingertip_jerk,
-    long=People(65.0, 135.0, 2.0, 55.0, 175.0),
-    short=People(43.0, 202.0, 2.4, 32.0, 235.0),
-    low_means="smoother than living hands, as behind a low-pass",
-    high_means="it shakes",
-    brief=People(49.0, 241.0, 5.0, 0.0, 310.0),
+    long=People(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
+    short=People(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
+    low_means="Smoother than living hands, as behind a low-pass",
+    high_means="It shakes",
+    brief=People(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
 )
 HIGH_FREQUENCY = Level(
     "high_frequency",
-    "The share of the wrists' power above 5 Hz",
+    "the share of the wrists' power above 5 Hz",
     "%",
     high_frequency_share,
-    long=People(0.0013, 0.011, 7.0, 0.0008, 0.015),
-    short=People(0.0005, 0.025, 14.0, 0.00025, 0.035),
-    low_means="smoother than living hands, as behind a low-pass",
-    high_means="fine shaking on top of the movement",
+    long=People(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
+    short=People(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
+    low_means="Smoother than living hands, as behind a low-pass",
+    high_means="Fine shaking on top of the movement",
     scale=100.0,
 )
 AMPLITUDE = Level(
     "amplitude",
-    "The swing of the upper body's joints",
+    "the swing of the upper body's joints",
     "°",
     amplitude_deg,
-    long=People(13.0, 20.0, 1.7, 10.5, 26.0),
-    short=People(8.9, 22.0, 2.1, 7.0, 29.0),
-    low_means="gestures are small",
-    high_means="gestures are large",
+    long=People(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
+    short=People(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
+    low_means="Gestures are small",
+    high_means="Gestures are large",
 )
 SPEED = Level(
     "speed",
-    "The turning of the upper body's joints",
+    "the turning of the upper body's joints",
     "°/s",
     turning_speed_deg_s,
-    long=People(19.0, 37.0, 1.9, 15.0, 46.0),
-    short=People(16.0, 48.0, 1.9, 12.5, 58.0),
-    low_means="it moves slowly or seldom",
-    high_means="it moves fast all the time",
+    long=People(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
+    short=People(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
+    low_means="It moves slowly or seldom",
+    high_means="It moves fast all the time",
 )

@@ -32,7 +32,7 @@ def lying(evidence: Evidence) -> list[Finding]:
         Finding(
             "lying",
             f"The spine is tilted by {tilt.mean:.0f}° on average: the body lies, or the file's up"
-            " is not y (z-up files are about 90° off).",
+            " is not y; --assume up=z reads z-up files.",
             {"spine_tilt_deg": tilt.mean},
             excess=tilt.mean / LYING_DEG,
         )

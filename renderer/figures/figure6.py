@@ -250,7 +250,7 @@ class Figure6:
                 max(self._lengths) > min(self._lengths),
             "Grey lines and markers: the frames of the snapshots.": self.shown_frames,
             self.marks.caption if self.marks else "": "b" in self.panels,
-            "Tremble: x, y and z less what lies below 5 Hz; one scale.": "d" in self.panels,
+            f"Tremble: faster than {CUT_OFF_HZ:g} Hz of x, y, z; one scale.": "d" in self.panels,
             f"Tip source: {self.tip_source}.": self.tip_source,
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,
@@ -293,7 +293,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
         "a": contents.point,
         "b": "Snapshots",
         "c": "Path in space (m)",
-        "d": f"Tremble: off its own path below {CUT_OFF_HZ:g} Hz",
+        "d": f"Tremble: what is faster than {CUT_OFF_HZ:g} Hz",
     }
     letters = dict(zip(contents.panels, PANELS, strict=False))  # those shown count from a
     parts = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=heights)[:, 0]

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import page_sentence
-from app.findings.sentences import GRAVEST
 from app.page.routes.media import Address
 from app.run.output.run_folder import (
     RUN,
@@ -116,7 +115,7 @@ class Showing:
             "begins": is_running,
             "findings": [
                 {"name": each.name, "sentence": each.sentence, "at": each.at}
-                for each in record.findings[:GRAVEST]
+                for each in record.gravest
             ],
             **({"editing": self._edited(self.editing)} if self.editing else {}),
             **self._addresses(beside),

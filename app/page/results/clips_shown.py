@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 from app import text
@@ -13,6 +13,14 @@ from app.page.parts import markup
 from app.run.many.table import interval
 from app.run.output.run_folder import RunRecord
 from conventions.names import short_names
+
+
+def title_of(records: Sequence[RunRecord]) -> str:
+    """Of a run, or of several clips that are one."""
+    if len(records) < 2:
+        return records[0].title
+    asked = records[0].settings.get("systems", "")
+    return text.CLIPS_TITLE.format(count=len(records), systems=asked)
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:

@@ -27,7 +27,7 @@ from app.page.parts.html_parts import shown
 from app.page.player.player import Showing, showings_in
 from app.page.queue.jobs import Job
 from app.page.queue.runner import Updates
-from app.page.results.clips_shown import clips_html
+from app.page.results.clips_shown import clips_html, title_of
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.routes.media import GONE, MadeFiles, Media
@@ -72,9 +72,7 @@ class KeptRun:
 
     @property
     def title(self) -> str:
-        others = len(self.clips) - 1
-        title = self.record.title
-        return text.CLIPS_TITLE.format(title=title, others=others) if self.clips else title
+        return title_of([run.record for run in self.clips.values()] or [self.record])
 
     @property
     def file_address(self) -> str:
@@ -137,7 +135,7 @@ def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
     return {
         parts.player: showing.value(),
         parts.figures: shown(figures),
-        parts.verdict: shown(verdict if record.kind == "generated" else ""),
+        parts.verdict: shown(verdict),
         parts.numbers: shown(measures_table(record) if record.numbers else ""),
     }
 

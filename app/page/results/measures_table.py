@@ -14,7 +14,6 @@ from typing import Literal
 from app import text
 from app.findings.comparison import point_title
 from app.findings.measure_rows import MEASURES, Measure, Numbers, nearest, signed, written
-from app.findings.sentences import GRAVEST, clean_line
 from app.page.parts import markup
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
@@ -191,17 +190,13 @@ def _finding(found: Told, label: str) -> str:
 
 def _findings(run: RunRecord) -> str:
     """What stands out in the motions, the gravest few apart, and in which nothing does."""
-    labels = short_names(run.numbers)
-    items = [_finding(found, labels.get(found.name, found.name)) for found in run.findings]
-    by_name = {n: [each for each in run.findings if each.name == n] for n in run.numbers}
-    line = clean_line(by_name)
-    clean = f"<p>{escape(line)}</p>" if line else ""
-    if not items:
-        return f'<div class="findings">{clean}</div>' if clean else ""
-    rest = "".join(items[GRAVEST:])
-    also = f"{text.ALSO_FOUND} ({len(items) - GRAVEST})"
-    more = f"<details><summary>{also}</summary><ul>{rest}</ul></details>" if rest else ""
-    return (
-        f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3>'
-        f"<ul>{''.join(items[:GRAVEST])}</ul>{more}{clean}</div>"
-    )
+    first = [_finding(found, run.label(found.name)) for found in run.gravest]
+    if not first:
+        return ""
+    rest = [
+        _finding(each, run.label(each.name)) for each in run.findings if each not in run.gravest
+    ]
+    also = f"{text.ALSO_FOUND} ({len(rest)})"
+    more = f"<details><summary>{also}</summary><ul>{''.join(rest)}</ul></details>" if rest else ""
+    title = f"<h3>{text.FINDINGS_TITLE}</h3>" if run.findings[0].name else ""
+    return f'<div class="findings">{title}<ul>{"".join(first)}</ul>{more}</div>'

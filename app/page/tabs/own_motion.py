@@ -28,7 +28,7 @@ SETS = (".zip", ".tgz", ".gz", ".tar")
 FILES_LABEL = "Motions, and what goes with them"
 FILES_HELP = (
     "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, or English as "
-    ".txt), zips of clips. What each is is seen from it."
+    ".txt), zips of clips. No order is needed: each is known by what is in it."
 )
 RECORDED_LABEL = "Recorded motion among them, as reference"
 NO_RECORDED = "none"

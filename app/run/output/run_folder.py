@@ -32,6 +32,7 @@ NO_RUN = (
 )
 _MAX_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
+GRAVEST = 3
 _OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_frames"}
 """Of an ask, what is nobody's business or no choice."""
 _MAX_STEM_BYTES = 200
@@ -105,9 +106,9 @@ class Row(_Strict):
 
 
 class Told(_Strict):
-    """A finding."""
+    """A finding; of no name, in which motions there is none."""
 
-    name: Name
+    name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
     kind: Annotated[str, Field(max_length=80), AfterValidator(printable)] = ""
     sentence: Text
     at: Number | None = None
@@ -171,6 +172,19 @@ class RunRecord(_Strict):
         names = [each.name for each in self.rows]
         at = names.index(row.name) if row.name in names else len(names)
         self.rows[at : at + 1] = [row]
+
+    @property
+    def gravest(self) -> list[Told]:
+        """The few findings that are told first, and in which motions there is none."""
+        return [
+            *self.findings[:GRAVEST],
+            *(each for each in self.findings[GRAVEST:] if not each.name),
+        ]
+
+    def label(self, name: str) -> str:
+        """How a motion is called."""
+        row = self.row(name)
+        return name if row is None else row.label
 
     @property
     def named(self) -> list[str]:

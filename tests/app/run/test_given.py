@@ -13,7 +13,6 @@ import pytest
 from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import CancelledRun, RunError
-from app.findings.sentences import told_findings
 from app.run.ask import Ask, Stage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
@@ -82,14 +81,14 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         rows = {(row["name"], row["measure"]) for row in csv.DictReader(file)}
     assert ("clip", "position_error_m") in rows and ("reference", "tip_jerk_m_s3") in rows
     assert "frames 20 to 39" in (request.out / "figure6.svg").read_text()
-    said = " ".join([*found.notes, *told_findings(found.diagnostics.findings)])
+    said = " ".join([*found.notes, *(each.sentence for each in read_run(request.out).findings)])
     for words_said in (
         "The reference has 55 frames; the first 40 were measured",
         "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
         "their.npz: joints 52, SMPL-H",
         "units cm",
         "no expressions",
-        "reference: 52 of 55 joints shake",
+        "52 of 55 joints shake",
     ):
         assert words_said in said
 
