@@ -76,9 +76,10 @@ void main() {
 
 const BODY_FRAGMENTS = `${HEAD({})}
 in vec3 lit;
+uniform float inside;  // of a sleeve, dark; of a coarser mesh slivers are turned away that are none
 out vec4 frag_color;
 void main() {
-    frag_color = vec4(gl_FrontFacing ? lit : 0.35 * lit, 1.0);  // the inside of a sleeve is dark
+    frag_color = vec4(gl_FrontFacing ? lit : inside * lit, 1.0);
 }`;
 
 const shadowShader = (defines) => `${HEAD(defines)}
@@ -499,6 +500,7 @@ export class Painter {
     gl.uniform3fv(body.at("cam_pos"), eye);
     gl.uniform3fv(body.at("shift"), shift);
     gl.uniform1f(body.at("heat_scale"), heat);
+    gl.uniform1f(body.at("inside"), level ? 1 : 0.35);
     gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
     if (isOver) {
       gl.enable(gl.BLEND);
