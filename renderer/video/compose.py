@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from conventions.rates import FPS
 from renderer.scene.stage import Panel
-from renderer.video.encoder import Encoder, VideoError, check_size, read_facts
+from renderer.video.encoder import Encoder, VideoError, VideoFacts, check_size, read_facts
 
 MAX_VIDEOS = 12
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
@@ -27,6 +27,35 @@ _INK, _PAPER = (38, 42, 50), (255, 255, 255)
 _TO_VIDEO = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
 
+Overlay = Literal["ghost", "wipe", "flicker"]
+OVERLAYS: tuple[Overlay, ...] = get_args(Overlay)
+FLICKER_FRAMES = 15
+"""One change in half a second: far below what can do harm to anyone."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """How two pictures share one: the first with the second laid over its body and beside it."""
+
+    overlay: Overlay
+    """A ghost has each printed in its own ink, one over the other."""
+    width: int
+    height: int
+    body: Panel
+    """Where both bodies stand, in each of the pictures and in the whole."""
+    beside: tuple[Panel, ...] = ()
+    """Close-ups of the second, which its picture has where the whole has them."""
+    edge: int = 0
+    """Of a wipe: so many columns of the body's panel show the first."""
+    inks: Sequence[str] = ("#d55e00", "#0072b2")
+    """Of a ghost, as #rrggbb."""
+
+    @property
+    def shorter(self) -> int:
+        """Side of half the picture, by which names are as large as they are."""
+        return min(self.width // 2, self.height)
+
+
 def compose_videos(
     videos: Sequence[Path],
     labels: Sequence[str],
@@ -35,8 +64,10 @@ def compose_videos(
     on_progress: Callable[[float], None] = lambda share: None,
     should_cancel: Callable[[], bool] = lambda: False,
     num_columns: int | None = None,
+    pair: Pair | None = None,
 ) -> None:
-    """Write videos beside one another, each row with a band of labels above its pictures.
+    """Write videos beside one another, each row with a band of labels above its pictures, or two of
+    them over each other.
 
     Rows, about equally long, are as many as leave the pictures largest on a screen. Frame n of the
     result shows frame n of every video; a shorter video holds its last frame.
@@ -46,17 +77,48 @@ def compose_videos(
         on_progress: called with the share done, 0 to 1.
         should_cancel: asked several times a second.
         num_columns: of each row but the last; None as many as leave the pictures largest.
+        pair: how two are laid over each other; None is beside.
 
     Raises:
         Cancelled: if ``should_cancel`` said so; no file is left.
         ValueError: if there are no or too many videos, or labels do not match them.
-        VideoError: if a video cannot be read, sizes differ, or ffmpeg fails; no file is left.
+        VideoError: if a video cannot be read, sizes do not fit, or ffmpeg fails; no file is left.
     """
     if not 1 <= len(videos) <= MAX_VIDEOS:
         raise ValueError(f"{len(videos)} videos were given; 1 to {MAX_VIDEOS} fit side by side.")
     if len(labels) != len(videos):
         raise ValueError(f"{len(labels)} labels were given for {len(videos)} videos.")
     facts = [read_facts(video) for video in videos]
+    lengths = [each.num_frames for each in facts]
+    if pair is None:
+        _check_alike(videos, facts)
+        first = facts[0]
+        grid = fit_grid(len(videos), first.width, first.height, num_columns)
+        shorter = min(grid.picture_width, grid.picture_height)
+        bands = [
+            label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
+            for row in grid.rows
+        ]
+        graph = _beside(_held(lengths), grid, is_smaller=grid.picture_width != first.width)
+    else:
+        check_size(pair.width, pair.height)
+        for video, each in zip(videos, facts, strict=True):
+            if each.width > pair.width or each.height > pair.height:
+                raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
+        inks = pair.inks if pair.overlay == "ghost" else None
+        bands = [label_band(labels, pair.width // 2, pair.shorter, pair.width, inks)]
+        graph = _over(_held(lengths), pair)
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = [Path(folder, f"labels{number}.png") for number in range(len(bands))]
+        for band, path in zip(bands, pictures, strict=True):
+            Image.fromarray(band).save(path)
+        inputs = [part for each in (*videos, *pictures) for part in ("-i", str(each))]
+        joined = ("-filter_complex", ";".join(graph), "-map", "[out]")
+        with Encoder(out, inputs, joined, max(lengths), speech_wav) as encoder:
+            encoder.follow(on_progress, should_cancel)
+
+
+def _check_alike(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> None:
     first = facts[0]
     for video, other in zip(videos, facts, strict=True):
         if (other.width, other.height) != (first.width, first.height):
@@ -64,96 +126,6 @@ def compose_videos(
                 f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} "
                 f"{first.width} x {first.height}; only equal sizes can stand side by side."
             )
-    lengths = [each.num_frames for each in facts]
-    grid = fit_grid(len(videos), first.width, first.height, num_columns)
-    shorter = min(grid.picture_width, grid.picture_height)
-    bands = [
-        label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
-        for row in grid.rows
-    ]
-    graph = _beside(_held(lengths), grid, is_smaller=grid.picture_width != first.width)
-    _join(videos, bands, graph, max(lengths), out, speech_wav, on_progress, should_cancel)
-
-
-Overlay = Literal["ghost", "wipe", "flicker"]
-OVERLAYS: tuple[Overlay, ...] = get_args(Overlay)
-FLICKER_FRAMES = 15
-"""One change in half a second: far below what can do harm to anyone."""
-
-
-@dataclass(frozen=True)
-class PairLayout:
-    """How two pictures share one."""
-
-    width: int
-    height: int
-    body: Panel
-    """Where both bodies stand, in each of the pictures and in the whole."""
-    beside: tuple[Panel, ...] = ()
-    """Close-ups of the second, which its picture has where the whole has them."""
-    edge: int = 0
-    """Of a wipe: so many columns of the body's panel show the first."""
-
-    @property
-    def shorter(self) -> int:
-        """Side of half the picture, by which names are as large as they are."""
-        return min(self.width // 2, self.height)
-
-
-def compose_pair(
-    videos: Sequence[Path],
-    labels: Sequence[str],
-    overlay: Overlay,
-    layout: PairLayout,
-    out: Path,
-    speech_wav: Path | None = None,
-    on_progress: Callable[[float], None] = lambda share: None,
-    should_cancel: Callable[[], bool] = lambda: False,
-    inks: Sequence[str] = ("#d55e00", "#0072b2"),
-) -> None:
-    """Write the first of two videos with the second laid over its body and beside it.
-
-    A ghost has each printed in its own ink, one over the other. A shorter video holds its last
-    frame.
-
-    Args:
-        labels: of both, in a band above.
-        inks: of a ghost, as #rrggbb.
-
-    Raises:
-        Cancelled, ValueError, VideoError: as `compose_videos`.
-    """
-    check_size(layout.width, layout.height)
-    facts = [read_facts(video) for video in videos]
-    for video, each in zip(videos, facts, strict=True):
-        if each.width > layout.width or each.height > layout.height:
-            raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
-    lengths = [each.num_frames for each in facts]
-    written = inks if overlay == "ghost" else None
-    band = label_band(labels, layout.width // 2, layout.shorter, layout.width, written)
-    graph = _over(_held(lengths), overlay, layout, inks)
-    _join(videos, [band], graph, max(lengths), out, speech_wav, on_progress, should_cancel)
-
-
-def _join(
-    videos: Sequence[Path],
-    bands: Sequence[UInt8[np.ndarray, "B W 3"]],
-    graph: Sequence[str],
-    num_frames: int,
-    out: Path,
-    speech_wav: Path | None,
-    on_progress: Callable[[float], None],
-    should_cancel: Callable[[], bool],
-) -> None:
-    """Run ffmpeg over videos and the bands with their labels, which are its next inputs."""
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = [Path(folder, f"labels{number}.png") for number in range(len(bands))]
-        for band, path in zip(bands, pictures, strict=True):
-            Image.fromarray(band).save(path)
-        inputs = [part for each in (*videos, *pictures) for part in ("-i", str(each))]
-        joined = ("-filter_complex", ";".join(graph), "-map", "[out]")
-        with Encoder(out, inputs, joined, num_frames, speech_wav) as encoder:
-            encoder.follow(on_progress, should_cancel)
 
 
 def _held(lengths: Sequence[int]) -> list[str]:
@@ -247,28 +219,26 @@ def _left_edge(count: int, picture_width: int, width: int) -> int:
     return 2 * ((width - count * picture_width) // 4)
 
 
-def _over(
-    held: Sequence[str], overlay: Overlay, layout: PairLayout, inks: Sequence[str]
-) -> list[str]:
+def _over(held: Sequence[str], pair: Pair) -> list[str]:
     """ffmpeg's filter graph: both padded to the whole; what the second has in it laid over it."""
-    whole = [f"{each},pad={layout.width}:{layout.height}:0:0:white" for each in held]
-    body = layout.body
-    sides = [f"[side{i}]" for i in range(len(layout.beside))]
+    whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
+    body = pair.body
+    sides = [f"[side{i}]" for i in range(len(pair.beside))]
     parts = [
         f"{whole[0]},split=2[first][base]",
         f"{whole[1]},split={1 + len(sides)}[second]{''.join(sides)}",
     ]
     where, when = (body.left, body.top), ""
-    match overlay:
+    match pair.overlay:
         case "ghost":
             grey = f"{_crop(body)},scale=in_color_matrix=bt709:in_range=tv,format=gbrp,{_GREY}"
             parts += [
-                f"[first]{grey},{_printed(inks[0])}[under]",
-                f"[second]{grey},{_printed(inks[1])}[upper]",
+                f"[first]{grey},{_printed(pair.inks[0])}[under]",
+                f"[second]{grey},{_printed(pair.inks[1])}[upper]",
                 f"[under][upper]blend=all_mode=darken,{_TO_VIDEO}[over]",
             ]
         case "wipe":
-            edge = max(0, min(layout.edge, body.width - 2)) // 2 * 2
+            edge = max(0, min(pair.edge, body.width - 2)) // 2 * 2
             right = Panel("", body.left + edge, body.top, body.width - edge, body.height)
             line = f"drawbox=0:0:2:{right.height}:white:fill"
             parts += ["[first]nullsink", f"[second]{_crop(right)},{line}[over]"]
@@ -278,11 +248,11 @@ def _over(
             parts += ["[first]nullsink", f"[second]{_crop(body)}[over]"]
             when = f":enable='gte(mod(t+{0.5 / FPS:.6f},{2 * turn:g}),{turn:g})'"
     laid = f"[base][over]overlay={where[0]}:{where[1]}{when}"
-    for side, panel in zip(sides, layout.beside, strict=True):
+    for side, panel in zip(sides, pair.beside, strict=True):
         parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
         laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
-    band = band_height(layout.shorter)
-    return [*parts, _named(f"{laid},", len(held), "[out]", layout.width, band)]
+    band = band_height(pair.shorter)
+    return [*parts, _named(f"{laid},", len(held), "[out]", pair.width, band)]
 
 
 _GREY = "colorchannelmixer=" + ":".join(

@@ -380,25 +380,20 @@ def _compose(
     on_progress: Callable[[float], None],
 ) -> None:
     """All of them in one video, under their names."""
-    from renderer.video.compose import PairLayout, compose_pair, compose_videos
+    from renderer.video.compose import Pair, compose_videos
 
-    out, mode = folder.path(NAME), request.seen.mode
-    if mode == "grid":
-        compose_videos(
-            *(videos, labels, out, request.speech),
-            on_progress=on_progress,
-            num_columns=room.columns,
-        )
-        return
-    body, *beside = room.pictures[1]
-    layout = PairLayout(
-        *(room.width, room.height, body, tuple(beside)), edge=round(request.seen.wipe * body.width)
-    )
-    compose_pair(
-        *(videos, [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]),
-        *(mode, layout, out, request.speech),
+    mode, pair = request.seen.mode, None
+    if mode != "grid":
+        body, *beside = room.pictures[1]
+        edge = round(request.seen.wipe * body.width)
+        inks = [request.seen.bodies[number].color for number in request.seen.shown]
+        pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
+        labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
+    compose_videos(
+        *(videos, labels, folder.path(NAME), request.speech),
         on_progress=on_progress,
-        inks=[request.seen.bodies[number].color for number in request.seen.shown],
+        num_columns=room.columns,
+        pair=pair,
     )
 
 

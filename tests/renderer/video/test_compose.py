@@ -11,9 +11,8 @@ from renderer.video.compose import (
     FLICKER_FRAMES,
     OVERLAYS,
     Overlay,
-    PairLayout,
+    Pair,
     band_height,
-    compose_pair,
     compose_videos,
     fit_grid,
     label_band,
@@ -144,17 +143,20 @@ def test_what_cannot_be_composed_is_refused_and_composing_can_be_cancelled(tmp_p
 WIDTH, HEIGHT, SIDE = 128, 96, 32
 BODY = Panel("front", SIDE, 0, WIDTH - 2 * SIDE, HEIGHT)
 HAND = Panel("left_hand", WIDTH - SIDE, 0, SIDE, HEIGHT)
-LAYOUT = PairLayout(WIDTH, HEIGHT, BODY, (HAND,), edge=20)
 LIGHT, DARK = 200, 60
 
 
-def laid(tmp_path: Path, overlay: Overlay, layout: PairLayout = LAYOUT) -> np.ndarray:
+def pair_of(overlay: Overlay) -> Pair:
+    return Pair(overlay, WIDTH, HEIGHT, BODY, (HAND,), edge=20)
+
+
+def laid(tmp_path: Path, overlay: Overlay) -> np.ndarray:
     """Frames under the band: the first light and without its right side, the second dark."""
     first = write_video(tmp_path / "a.mp4", np.full(40, LIGHT), size=(WIDTH - SIDE, HEIGHT))
     second = write_video(tmp_path / "b.mp4", np.full(31, DARK), size=(WIDTH, HEIGHT))
     speech = write_wav(tmp_path / "speech.wav", tone(2.0))
     out = tmp_path / "pair.mp4"
-    compose_pair([first, second], ["one", "two"], overlay, layout, out, speech)
+    compose_videos([first, second], ["one", "two"], out, speech, pair=pair_of(overlay))
     frames = decoded_frames(out).astype(int)
     band = band_height(WIDTH // 2)
     assert frames.shape == (40, HEIGHT + band, WIDTH, 3), "as long as the longer"
@@ -188,8 +190,8 @@ def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overla
 
 def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
     videos = [write_video(tmp_path / f"{i}.mp4", np.full(4, 140), size=(64, 64)) for i in (0, 1)]
-    body = Panel("front", 0, 0, 64, 64)
-    compose_pair(videos, ["a", "b"], "ghost", PairLayout(64, 64, body), tmp_path / "out.mp4")
+    pair = Pair("ghost", 64, 64, Panel("front", 0, 0, 64, 64))
+    compose_videos(videos, ["a", "b"], tmp_path / "out.mp4", pair=pair)
     frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, band_height(32) :]
     light = 140
     both = [light, 0x5E + (1 - 0x5E / 255) * light, light]  # what either ink leaves least of
@@ -199,5 +201,5 @@ def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
 def test_a_picture_that_does_not_fit_is_refused(tmp_path):
     large = write_video(tmp_path / "a.mp4", np.arange(3), size=(256, 256))
     with pytest.raises(VideoError, match="larger than the picture"):
-        compose_pair([large, large], ["a", "b"], "wipe", LAYOUT, tmp_path / "out.mp4")
+        compose_videos([large, large], ["a", "b"], tmp_path / "out.mp4", pair=pair_of("wipe"))
     assert not (tmp_path / "out.mp4").exists()
