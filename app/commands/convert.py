@@ -150,8 +150,9 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
 def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
+    from model.storage.files import written_atomically
     from renderer.files.exports import write_bvh
-    from renderer.files.glb import write_glb
+    from renderer.files.glb import glb_bytes
 
     reading = read_any_motion(path, request.told, request.body, name)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -159,6 +160,10 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
         assumed = json.dumps([each.as_json() for each in reading.assumptions])
         save_motion(reading.motion, out, assumed=assumed)
     else:
-        write = write_bvh if out.suffix.lower() == ".bvh" else write_glb
-        write(get_body(request.body), body_motion(reading.motion), out)
+        body, motion = get_body(request.body), body_motion(reading.motion)
+        with written_atomically(out) as part:
+            if out.suffix.lower() == ".bvh":
+                write_bvh(body, motion, part)
+            else:
+                part.write_bytes(glb_bytes(body, motion))
     return reading

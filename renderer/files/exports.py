@@ -1,17 +1,13 @@
 """Files for other programs: BVH, an npz for Blender's SMPL-X add-on, one frame as OBJ or PLY.
 
-Metres, y up, 30 frames a second; each file appears whole or not at all.
+Metres, y up, 30 frames a second. What cannot be written is an OSError.
 """
 
 from __future__ import annotations
 
-import os
-import secrets
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Float
@@ -23,34 +19,14 @@ from renderer.body.body import Body, BodyMotion
 from renderer.scene.stage import frames_of
 
 
-@contextmanager
-def written_whole(path: Path) -> Iterator[BinaryIO]:
-    """A file to write into, which gets the name ``path`` when the block ends without error.
-
-    Raises:
-        OSError: if the folder cannot be written to or the disk is full; ``path`` is untouched.
-    """
-    partial = path.with_name(f".{secrets.token_hex(6)}.part")
-    try:
-        with partial.open("xb") as file:
-            yield file
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
-    """Write the posed body; metres, y up. The ending of ``out`` says which format.
-
-    Raises:
-        OSError: if ``out`` cannot be written; nothing half-written stays behind.
-    """
+    """Write the posed body; metres, y up. The ending of ``out`` says which format."""
     import trimesh  # takes long, and is of this format alone
 
     (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
     colors = None if body.vertex_colors is None else np.sqrt(body.vertex_colors)  # linear, shown
     mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=colors, process=False)
-    with written_whole(out) as file:
+    with out.open("wb") as file:
         mesh.export(file, file_type=out.suffix.lower()[1:])
 
 
@@ -70,13 +46,10 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
     """Write the joints of ``motion``, with the bone lengths of ``body``, to ``out``: no mesh, no
     face. The root has three positions, every joint three rotations in degrees in the order Z, X, Y
     (the matrix is ``Rz @ Rx @ Ry``).
-
-    Raises:
-        OSError: if ``out`` cannot be written; nothing half-written stays behind.
     """
     vertices, joints = body.shaped(motion)
     order = _depth_first()
-    with written_whole(out) as file:
+    with out.open("wb") as file:
         ends = {name: np.array(offset) for name, offset in _ENDS.items()}
         ends |= {
             f"{finger}3": vertices[vertex] - joints[JOINT_NAMES.index(f"{finger}3")]
@@ -168,9 +141,6 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
     Args:
         markers: moments in seconds with names: the arrays ``marker_frames``, counted from 0, and
             ``marker_names``, which the add-on leaves alone.
-
-    Raises:
-        OSError: if ``out`` cannot be written; nothing half-written stays behind.
     """
     num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
     betas = np.zeros(num_betas, np.float32)
@@ -180,7 +150,7 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
         frames = [round(seconds * FPS) for seconds, _ in markers]
         told["marker_frames"] = np.array(frames, np.int32)
         told["marker_names"] = np.array([name for _, name in markers])
-    with written_whole(out) as file:
+    with out.open("wb") as file:
         np.savez(
             file,
             gender="neutral",

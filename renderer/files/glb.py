@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt16
@@ -23,12 +22,11 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from conventions.views import BUILDS, Framing
+from conventions.views import BUILDS
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
-from renderer.files.exports import written_whole
 from renderer.scene.camera import Z_NEAR_M
 from renderer.scene.stage import Stage, set_stage
 
@@ -43,43 +41,18 @@ _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
-def write_glb(
-    body: Body,
-    motion: BodyMotion,
-    out: Path,
-    aspect: float = 1.0,
-    framing: Framing = "whole",
-    markers: Sequence[tuple[float, str]] = (),
-) -> None:
-    """Write the moving body to ``out``.
-
-    Args:
-        aspect, framing: of the picture that its camera takes, as of `set_stage`.
-        markers: moments in seconds with names; glTF has no markers, so they stand in the
-            animation's ``extras``, with their frame.
-
-    Raises:
-        OSError: if ``out`` cannot be written; nothing half-written stays behind.
-    """
-    content = glb_bytes(body, motion, aspect, framing, markers=markers)
-    with written_whole(out) as file:
-        file.write(content)
-
-
 def glb_bytes(
     body: Body,
     motion: BodyMotion,
-    aspect: float = 1.0,
-    framing: Framing = "whole",
     coarser: Sequence[UInt16[np.ndarray, "_ 3"]] = (),
     markers: Sequence[tuple[float, str]] = (),
 ) -> bytes:
     """The file as bytes; about 0.25 MB for each 10 s on top of 1.5 MB for the body.
 
     Args:
-        aspect, framing: of the picture that its camera takes, as of `set_stage`.
         coarser: faces of meshes that no node shows, for who draws slowly.
-        markers: as of `write_glb`.
+        markers: moments in seconds with names; glTF has no markers, so they stand in the
+            animation's ``extras``, with their frame.
     """
     vertices, joints = body.shaped(motion)
     buffer = _Buffer()
@@ -99,7 +72,7 @@ def glb_bytes(
     }
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
-    stage = set_stage(body, [motion], _CAMERA_VIEW, aspect, framing=framing)
+    stage = set_stage(body, [motion], _CAMERA_VIEW)
     animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
     if markers:
         told = [
@@ -108,7 +81,7 @@ def glb_bytes(
         ]
         animation["extras"] = {"markers": told}
     camera = stage.camera
-    lens = {"yfov": camera.yfov_rad, "aspectRatio": aspect, "znear": Z_NEAR_M}
+    lens = {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M}
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
     nodes.append(
         {

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
+from model.storage.files import written_atomically
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from renderer.files.exports import written_whole
 from tools.bake.build import MAX_INFLUENCES, BakedBody, bake, tip_offsets
 from tools.bake.coarser import coarser, surface_of
 from tools.bake.makehuman import MakeHuman, SourceError, find_source
@@ -94,8 +94,8 @@ def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Compressed, whole or not at all."""
-    with written_whole(path) as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    with written_atomically(path) as part:
+        np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

@@ -173,30 +173,31 @@ def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
     from model.plan.files import markers_csv, markers_of
     from model.storage.files import written_atomically
     from renderer.files.exports import write_blender, write_bvh, write_still
-    from renderer.files.glb import write_glb
+    from renderer.files.glb import glb_bytes
 
     plan = _plan(ask)
     markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
-    match ask.ending:
-        case ".glb":
-            write_glb(body, motion, ask.out, markers=markers)
-        case ".obj" | ".ply":
-            if not 0 <= ask.frame < motion.num_frames:
-                raise RunError(
-                    f"Frame {ask.frame} was asked for; the motion has {motion.num_frames}, "
-                    "counted from 0."
-                )
-            write_still(body, motion, ask.frame, ask.out)
-        case ".bvh":
-            write_bvh(body, motion, ask.out)
-            if plan is not None:  # the format has no place for them
-                beside = ask.out.with_suffix(MARKERS_ENDING)
-                with written_atomically(beside) as part:
-                    part.write_text(markers_csv(plan), encoding="utf-8")
-                return (ask.out, beside)
-        case _:
-            write_blender(motion, ask.out, markers)
-    return (ask.out,)
+    files = [ask.out]
+    with written_atomically(ask.out) as part:
+        match ask.ending:
+            case ".glb":
+                part.write_bytes(glb_bytes(body, motion, markers=markers))
+            case ".obj" | ".ply":
+                if not 0 <= ask.frame < motion.num_frames:
+                    raise RunError(
+                        f"Frame {ask.frame} was asked for; the motion has {motion.num_frames}, "
+                        "counted from 0."
+                    )
+                write_still(body, motion, ask.frame, part)
+            case ".bvh":
+                write_bvh(body, motion, part)
+                if plan is not None:  # the format has no place for them
+                    files.append(ask.out.with_suffix(MARKERS_ENDING))
+                    with written_atomically(files[1]) as beside:
+                        beside.write_text(markers_csv(plan), encoding="utf-8")
+            case _:
+                write_blender(motion, part, markers)
+    return tuple(files)
 
 
 def _plan(ask: RenderAsk) -> GesturePlan | None:

@@ -116,15 +116,6 @@ def test_long_motion_keeps_every_frame(body, tmp_path):
     assert {len(row.split()) for row in rows} == {168}
 
 
-def test_failure_leaves_no_file(body, tmp_path):
-    folder = tmp_path / "motion.bvh"
-    folder.mkdir()
-    for place in (tmp_path / "missing" / "motion.bvh", folder):
-        with pytest.raises(OSError):
-            write_bvh(body, BodyMotion.resting(), place)
-    assert list(tmp_path.iterdir()) == [folder]
-
-
 def test_obj_and_ply_hold_the_posed_body(body, tmp_path):
     motion = random_motion(3)
     posed = np.concatenate(list(body.vertices(motion)))[2]
