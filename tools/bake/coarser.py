@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from conventions.joints import JOINT_NAMES
+from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body
 
 NUM_FACES = (12_000, 5_500, 2_800, 900)
@@ -44,36 +44,20 @@ class Surface:
 
 
 def surface_of(body: Body) -> Surface:
-    """Of the open body, as its file has it."""
-    weights = body.weights.toarray()
-    moved = np.zeros(body.num_vertices, bool)
-    largest = np.abs(body.expression_dirs).max((0, 2))
-    moved[body.expression_vertices] = largest > _FACE_MOVES_M
-    colors = np.asarray(body.vertex_colors, np.float64)
-    matters = importance(JOINT_NAMES, weights.argmax(1), moved)
-    return Surface(
-        body.template.astype(np.float64), body.faces, colors, weights.astype(np.float64), matters
-    )
-
-
-def importance(
-    names: Sequence[str], strongest: Int[np.ndarray, " V"], moved: Bool[np.ndarray, " V"]
-) -> Float[np.ndarray, " V"]:
-    """How much each vertex matters to who looks at somebody who speaks.
-
-    Args:
-        names: of the joints.
-        strongest: the joint that each vertex follows most.
-        moved: whether the face moves it.
-    """
-    parts = ("wrist", "index", "middle", "ring", "pinky", "thumb")
-    of_joint = np.ones(len(names))
-    for joint, name in enumerate(names):
-        if any(part in name for part in parts):
+    """Of the open body, as its file has it; what matters is what one looks at when somebody
+    speaks."""
+    weights = body.weights.toarray().astype(np.float64)
+    of_joint = np.ones(len(JOINT_NAMES))
+    for joint, name in enumerate(JOINT_NAMES):
+        if any(part in name for part in ("wrist", *FINGERS)):
             of_joint[joint] = _HANDS
         elif any(part in name for part in ("head", "jaw", "eye")):
             of_joint[joint] = _HEAD
-    return np.maximum(of_joint[strongest], np.where(moved, _FACE, 0.0))
+    importance = of_joint[weights.argmax(1)]
+    moves = np.abs(body.expression_dirs).max((0, 2)) > _FACE_MOVES_M
+    importance[body.expression_vertices[moves]] = _FACE
+    colors = np.asarray(body.vertex_colors, np.float64)
+    return Surface(body.template.astype(np.float64), body.faces, colors, weights, importance)
 
 
 def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
