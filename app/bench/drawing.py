@@ -17,7 +17,7 @@ from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.naive import draw_naively
-from renderer.video.render import PIECE_FRAMES, RenderSettings, stage_for
+from renderer.video.render import RenderSettings, stage_for
 from renderer.video.workers import RenderJob, draw_jobs
 
 SIZE_PX = 512
@@ -67,7 +67,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
         figures.append(Figure(f"{name}, {SIZE_PX} x {SIZE_PX}", wall, "ms/frame", cpu=cpu))
         return result
 
-    chunks = timed("skinning", lambda: list(body.vertices(motion, PIECE_FRAMES)))
+    chunks = timed("skinning", lambda: list(body.vertices(motion)))
     frames = list(chain.from_iterable(chunks))
     normals_of = VertexNormals(body.faces, body.num_vertices)
     timed("normals", lambda: [normals_of(each) for each in frames])

@@ -25,8 +25,8 @@ from renderer.body.look import vertex_colors
 NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0
 MAX_BETA = 10.0
-# Frames skinned at once: large enough for matrix products, small enough for the cache.
-_BLOCK_FRAMES = 16
+CHUNK_FRAMES = 16
+"""Skinned at once: enough for matrix products, few enough for the cache."""
 
 
 @dataclass(frozen=True)
@@ -101,43 +101,30 @@ class Body(BodyArrays):
         """Linear RGB in 0 to 1, or None where the body file names no painted regions."""
         return None if self.regions is None else vertex_colors(self.shown, self.regions)
 
-    def expression_note(self, motion: BodyMotion) -> str | None:
-        """One sentence where this body cannot show the face of ``motion``, else None."""
-        if motion.expression_basis == self.expression_basis or not motion.expressions.any():
-            return None
-        return (
-            f"The face expressions are left out: the motion uses {motion.expression_basis} "
-            f"and the {self.name} needs {self.expression_basis}; jaw and eyes still move."
-        )
-
-    def betas_note(self, motion: BodyMotion) -> str | None:
-        """One sentence where this body has no use for the shape in ``motion``, else None."""
-        num_betas = self.shape_dirs.shape[2]
-        if not motion.betas[num_betas:].any():
-            return None
-        if num_betas == 0:
-            return f"The body shape (betas) is left out: the {self.name} has one shape only."
-        return f"{self.name} has {num_betas} betas; the further ones of the motion are left out."
-
     def notes(self, motion: BodyMotion) -> tuple[str, ...]:
         """Everything about ``motion`` that this body does not show, one sentence each."""
-        sentences = (self.expression_note(motion), self.betas_note(motion))
-        return tuple(sentence for sentence in sentences if sentence is not None)
+        notes, num_betas = [], self.shape_dirs.shape[2]
+        if motion.expression_basis != self.expression_basis and motion.expressions.any():
+            notes.append(
+                f"The face expressions are left out: the motion uses {motion.expression_basis} "
+                f"and the {self.name} needs {self.expression_basis}; jaw and eyes still move."
+            )
+        if motion.betas[num_betas:].any():
+            notes.append(
+                f"{self.name} has {num_betas} betas; the further ones of the motion are left out."
+                if num_betas
+                else f"The body shape (betas) is left out: the {self.name} has one shape only."
+            )
+        return tuple(notes)
 
     def vertices(
-        self, motion: BodyMotion, chunk: int = 64
+        self, motion: BodyMotion, chunk: int = CHUNK_FRAMES
     ) -> Iterator[Float32[np.ndarray, "T V 3"]]:
         """Posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
-        if chunk < 1:
-            raise ValueError(f"`chunk` must be at least 1; got {chunk}.")
         shaped = self.shaped(motion)
         for start in range(0, motion.num_frames, chunk):
-            stop = min(start + chunk, motion.num_frames)
-            posed = np.empty((stop - start, self.num_vertices, 3), np.float32)
-            for first in range(start, stop, _BLOCK_FRAMES):
-                frames = slice(first, min(first + _BLOCK_FRAMES, stop))
-                posed[first - start : frames.stop - start] = self._pose(motion, frames, *shaped)
-            yield posed
+            frames = slice(start, min(start + chunk, motion.num_frames))
+            yield self._pose(motion, frames, *shaped)
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
         """Position of each joint, metres."""

@@ -31,8 +31,6 @@ from renderer.video.encoder import DEFAULT_CRF, check_size
 from renderer.video.marks import MarkPainter, Marks, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
-PIECE_FRAMES = 16
-"""Frames that are skinned at once."""
 _LINE_PX, _LINE = 2, 255
 """White between panels."""
 
@@ -155,7 +153,7 @@ def draw_frames(
     shown = _shown(body, motion, frames, settings, stage)
     heat = marks and marks.heat
     pictures = draw_vertices(
-        body.vertices(frames_of(motion, frames), chunk=PIECE_FRAMES),
+        body.vertices(frames_of(motion, frames)),
         body.faces,
         body.vertex_colors,
         settings,
