@@ -38,7 +38,7 @@ CUT_OFF_HZ, ORDER = 5.0, 4
 MIN_FRAMES = 32
 """About a second; fewer frames cannot tell 5 Hz from what lies below it."""
 WINDOW_FRAMES = 300
-SNAPSHOT_EVERY, MAX_SNAPSHOTS = 50, 7
+SNAPSHOT_EVERY = 50
 COORDINATES = ("x", "y", "z")
 PANELS = ("a", "b", "c", "d")
 """Coordinates, snapshots, path in space, tremble."""
@@ -76,30 +76,22 @@ class JointMarks:
     pixels: Mapping[str, np.ndarray]
     """By name, (N, J, 2) from the upper left corner; NaN draws nothing."""
     values: Mapping[str, np.ndarray]
-    """By name, (N, J) in ``unit``; NaN draws nothing."""
+    """By name, (N, J) in m/s³; NaN draws nothing."""
     full_scale: float
     """Value of the strongest mark; larger ones look the same."""
-    quantity: str = "jerk"
-    unit: str = "m/s³"
 
     @property
     def caption(self) -> str:
         return (
-            f"Marks: {self.quantity} of each joint around the frame, largest and darkest at"
-            f" {self.full_scale:g} {self.unit} and above, none below"
-            f" {FAINTEST * self.full_scale:g} {self.unit}."
+            "Marks: jerk of each joint around the frame, largest and darkest at"
+            f" {self.full_scale:g} m/s³ and above, none below {FAINTEST * self.full_scale:g} m/s³."
         )
 
 
-def choose_snapshot_frames(
-    num_frames: int,
-    start_frame: int = 0,
-    window_frames: int = WINDOW_FRAMES,
-    every: int = SNAPSHOT_EVERY,
-) -> tuple[int, ...]:
-    """Frames to take snapshots at: from the start of the window, every 50 frames, at most 7."""
-    end = min(num_frames, start_frame + window_frames)
-    return tuple(range(start_frame, end, every))[:MAX_SNAPSHOTS]
+def choose_snapshot_frames(num_frames: int, start_frame: int = 0) -> tuple[int, ...]:
+    """Frames to take snapshots at: from the start of the window, every 50 frames."""
+    end = min(num_frames, start_frame + WINDOW_FRAMES)
+    return tuple(range(start_frame, end, SNAPSHOT_EVERY))
 
 
 @dataclass(frozen=True)
@@ -123,7 +115,6 @@ class Figure6:
     reference: str | None = None
     """Which of the names is recorded motion; drawn first and in black."""
     start_frame: int = 0
-    window_frames: int = WINDOW_FRAMES
     point: str = "Right middle fingertip"
     tip_source: str = ""
     """Where the point sits on the body, such as ``rigid`` or ``vertex 7794``."""
@@ -185,7 +176,7 @@ class Figure6:
     def _lengths(self) -> list[int]:
         """Frames inside the window."""
         lengths = (len(each) - self.start_frame for each in self.trajectories.values())
-        return [min(length, self.window_frames) for length in lengths]
+        return [min(length, WINDOW_FRAMES) for length in lengths]
 
     @cached_property
     def tremble(self) -> dict[str, np.ndarray]:
@@ -594,7 +585,7 @@ def _mark_samples(contents: Figure6) -> list[Any]:
     assert marks is not None
     texts = {
         0.5: f"{0.5 * marks.full_scale:g}",
-        1.0: f"{marks.full_scale:g} {marks.unit} {marks.quantity}",
+        1.0: f"{marks.full_scale:g} m/s³ jerk",
     }
     return [
         Line2D(

@@ -176,11 +176,9 @@ def text_width_mm(text: str, size_pt: float) -> float:
     return float(width_pt) / 72.0 / MM
 
 
-def wrap_text(text: str, size_pt: float, width_mm: float, breaks_after: str = "/-_. ") -> list[str]:
-    """The text on as many lines as fit the width; nothing of it is left out.
-
-    A line ends after one of ``breaks_after`` where it can, else in the middle of a word.
-    """
+def wrap_text(text: str, size_pt: float, width_mm: float) -> list[str]:
+    """The text on as many lines as fit the width; nothing of it is left out. A line ends in the
+    middle of a word only where it has to."""
     lines: list[str] = []
     rest = text
     while rest:
@@ -191,7 +189,7 @@ def wrap_text(text: str, size_pt: float, width_mm: float, breaks_after: str = "/
         )
         fits = max(1, too_long - 1)
         if fits < len(rest):
-            last_break = max(rest.rfind(character, 0, fits) for character in breaks_after)
+            last_break = max(rest.rfind(character, 0, fits) for character in "/-_. ")
             fits = last_break + 1 if last_break > 0 else fits
         lines.append(rest[:fits].strip())
         rest = rest[fits:].lstrip()

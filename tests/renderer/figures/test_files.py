@@ -84,5 +84,5 @@ def test_styles_differ_without_colour():
 def test_wrapped_text_loses_nothing():
     text = "a/" + "b" * 90 + "-c_d " + "e" * 5
     for width in (1.0, 12.0, 50.0, 1200.0):
-        lines = wrap_text(text, 7.0, width, breaks_after="/-_ ")
+        lines = wrap_text(text, 7.0, width)
         assert "".join(lines).replace(" ", "") == text.replace(" ", "")
