@@ -47,7 +47,7 @@ class ExportRequest:
 
 
 def export_planned(
-    request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel, draw: Draw = draw_videos
+    request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel
 ) -> Workspace:
     """As `export_study`."""
     made = export_study(
@@ -56,7 +56,6 @@ def export_planned(
         request.options,
         on_progress=Reporter(on_event, should_cancel).share("video"),
         should_cancel=should_cancel,
-        draw=draw,
     )
     return zipped(made, request)
 

@@ -77,12 +77,9 @@ def view_axes(view: str) -> Float[np.ndarray, "3 3"]:
     if view not in VIEWS:
         raise ValueError(f"View {view!r} is unknown; choose one of {', '.join(VIEWS)}.")
     azimuth, elevation = np.deg2rad(_ANGLES_DEG[view])
-    eye = (
-        float(np.sin(azimuth) * np.cos(elevation)),
-        float(np.sin(elevation)),
-        float(np.cos(azimuth) * np.cos(elevation)),
-    )
-    return Camera(eye=eye, target=(0.0, 0.0, 0.0)).axes()
+    level = np.cos(elevation)
+    eye = np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
+    return Camera(_triple(eye), target=(0.0, 0.0, 0.0)).axes()
 
 
 def frame_points(
@@ -213,9 +210,4 @@ class Orbit:
         above = np.cos(pitch) * up - np.sin(pitch) * backward
         behind = np.cos(pitch) * backward + np.sin(pitch) * up
         eye = middle + self.right_m * right + self.up_m * above + distance / self.zoom * behind
-        target = eye - behind
-        return Camera(
-            eye=(float(eye[0]), float(eye[1]), float(eye[2])),
-            target=(float(target[0]), float(target[1]), float(target[2])),
-            yfov_rad=camera.yfov_rad,
-        )
+        return Camera(_triple(eye), _triple(eye - behind), camera.yfov_rad)

@@ -18,7 +18,7 @@ from app.study.design.key import Key
 from app.study.report import figures
 from app.study.statistics.answers import Collected
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
-from app.study.statistics.results import Balance, QuestionResult
+from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
 from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
 from conventions.names import listed, printable
@@ -40,7 +40,7 @@ class Findings:
     key: Key
     collected: Collected
     screened: Screened
-    balance: Balance
+    balance: BalanceReached
     results: Sequence[QuestionResult]
     results_with_all: Sequence[QuestionResult] = ()
     """Of those set aside too; empty where there are none."""

@@ -239,7 +239,7 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
 
 
 @dataclass(frozen=True)
-class Balance:
+class BalanceReached:
     """How balanced the answers that count came out, attention checks aside."""
 
     systems: pd.DataFrame
@@ -252,7 +252,7 @@ class Balance:
     """Participants on the list that most worked on."""
 
 
-def balance_reached(participants: Sequence[Participant], key: Key) -> Balance:
+def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceReached:
     """Counted over the answers that count."""
     rows = []
     for participant in participants:
@@ -265,7 +265,7 @@ def balance_reached(participants: Sequence[Participant], key: Key) -> Balance:
                 rows += [(system, systems[0] == system, place) for system in set(systems)]
     table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)
-    return Balance(
+    return BalanceReached(
         systems=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
         lists_used=len(used),
         lists_planned=len(key.lists),
