@@ -2,7 +2,7 @@
 
 Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
 once more behind one and the same filter, the official GlobalDiff inference's
-(`model.motion.filtering`), here applied to the stitched sequence.
+(`model.motion.altered`), here applied to the stitched sequence.
 """
 
 import math
@@ -37,7 +37,7 @@ from model.measures.point import point_measures
 from model.measures.posture import posture_measures
 from model.measures.results import BeatMeasures, BeatSpeeds, Measures
 from model.measures.seams import Period, Windows, find_period, seam_measures
-from model.motion.filtering import smooth_motion
+from model.motion.altered import smooth_motion
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points

@@ -39,8 +39,8 @@ from model.evaluation.clips import (
     rooted_positions,
 )
 from model.evaluation.finding import finding
-from model.evaluation.matching import NO_HEARING_JUDGE
-from model.evaluation.speakers import (
+from model.evaluation.judges import (
+    NO_HEARING_JUDGE,
     NO_SPEAKER_JUDGE,
     UNKNOWN_SPEAKERS,
     FewClips,

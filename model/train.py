@@ -16,9 +16,8 @@ from conventions.names import printable
 from model.data.recordings import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
 from model.systems.registry import families, family_of, left_out, usual_systems
-from model.training.loop import train
+from model.training.loop import TrainingError, train
 from model.training.parallel import joined_processes
-from model.training.run_folder import TrainingError
 from model.training.task import Start
 
 

@@ -10,6 +10,10 @@ from dataclasses import dataclass
 from threadpoolctl import threadpool_limits
 
 
+class Cancelled(Exception):
+    """Work was stopped from outside; nothing is left of it."""
+
+
 class JobsError(RuntimeError):
     """The jobs cannot go on; the message is one sentence for a person."""
 

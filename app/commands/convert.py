@@ -21,10 +21,10 @@ from app.run.body_motion import body_motion
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from conventions.names import printable
-from model.formats.reading import Told
+from model.formats.read import Told
 
 if TYPE_CHECKING:
-    from model.formats.reading import Reading
+    from model.formats.read import Reading
 
 FORMS = (".npz", ".bvh", ".glb")
 

@@ -25,7 +25,7 @@ from app.run.output.run_folder import RunRecord, Told, read_run
 from app.run.planning import find_plan, is_motion, make_plan
 from app.run.videos.export import RenderAsk, render_motion
 from conventions.views import CLOSE_UPS
-from model.formats.reading import MOTIONS, ROTATIONS, told_as
+from model.formats.read import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 

@@ -20,7 +20,7 @@ ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""
 
 SMOOTHED = "After Savitzky-Golay smoothing"
-"""Of `model.motion.filtering`, as the official code does it."""
+"""Of `model.motion.altered`, as the official code does it."""
 
 Read = Callable[["Measures"], float | None]
 """Takes one number out of the measures of a motion."""

@@ -39,7 +39,7 @@ class Measure:
     is_first: bool = False
     """Whether it is among the few that are shown before the others are asked for."""
     needs: str = ""
-    """A part that a motion may lack (`model.formats.reading.Part`), without which this says
+    """A part that a motion may lack (`model.formats.read.Part`), without which this says
     nothing; ``detail`` is what frames that were filled in never had."""
 
     @property

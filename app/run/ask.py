@@ -15,7 +15,7 @@ from app.flags import File, Names, Text, a_count, names_of, one_of, some_of, wri
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
-from model.formats.reading import Told, read_told
+from model.formats.read import Told, read_told
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.npz import MotionError
 

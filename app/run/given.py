@@ -21,7 +21,7 @@ from app.run.run_writer import RunWriter
 from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart
+from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics

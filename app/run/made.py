@@ -46,7 +46,7 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
         PlanError, WriteError: each with one sentence.
     """
-    from model.motion.filtering import filtered
+    from model.motion.altered import filtered
     from model.plan.style import read_wish
     from model.speech.audio import SpeechLimits, load_speech
     from renderer.draw.probe import choose_backend

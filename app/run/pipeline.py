@@ -37,6 +37,7 @@ from app.run.settings import settings_of, title_of
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
+from processes.job import Cancelled
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -81,10 +82,8 @@ def do(
             raise RunError(NO_SPEECH)
         try:
             return _do(_as_far_as_anything_draws(ask, run), words, folder, run, started)
-        except Exception as error:
-            if _is_cancellation(error):
-                raise CancelledRun from error
-            raise
+        except Cancelled as error:
+            raise CancelledRun from error
 
 
 def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, started: float) -> Done:
@@ -236,13 +235,6 @@ def _line(ask: Ask, num_rows: int, num_frames: int, seconds: float) -> str:
     rows = f"{num_rows} {'motion' if num_rows == 1 else 'motions'}"
     line = text.DONE.format(seconds=seconds, rows=rows, frames=num_frames)
     return f"{line} {ask.take.why_less}".rstrip() if ask.take else line
-
-
-def _is_cancellation(error: Exception) -> bool:
-    from model.generation.windows import Cancelled as GenerationCancelled
-    from renderer.video.encoder import Cancelled as RenderCancelled
-
-    return isinstance(error, GenerationCancelled | RenderCancelled)
 
 
 def _return_large_blocks() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from app.errors import RunError
 from app.run.ask import Ask
 from app.run.words import SpokenWords
-from model.formats.reading import Told
+from model.formats.read import Told
 
 if TYPE_CHECKING:
     from model.plan.editing import Edited

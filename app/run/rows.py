@@ -16,7 +16,7 @@ from conventions.names import REFERENCE_NAME, SampleName
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.formats.reading import Reading
+    from model.formats.read import Reading
     from model.measures.seams import Windows
     from model.motion.motion import Motion
     from renderer.body.body import Body

@@ -95,7 +95,7 @@ def make_timeline(
         No accents are heard here (`heard_accents`).
     """
     from conventions.rates import FPS
-    from model.motion.filtering import smooth_motion
+    from model.motion.altered import smooth_motion
 
     num_frames = max((motion.num_frames for motion in motions.values()), default=0)
     duration_s = num_frames / FPS if speech is None else speech.duration_s

@@ -1,6 +1,5 @@
 """What the annotation of prepared data tells, plans and speech, as numbers of each frame."""
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.prepared import Batch, PreparedClip, PreparedData
+from model.data.prepared import Batch, PreparedClip, PreparedData, arrays_beside
 from model.data.recordings import DataError, copy_speed
 from model.plan.files import annotated_plan
 from model.plan.kinds import KindTable
@@ -23,7 +22,6 @@ from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
 from model.plan.tracks import NUM_TRACKS, hand_tracks, tracks_of
 from model.speech.codes import PHONES, TOLD
 from model.speech.transcript import Transcript, TranscriptError, read_transcript
-from model.storage.files import written_atomically
 
 PLANS_FORMAT = 1
 
@@ -108,9 +106,6 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
     Raises:
         DataError: if a clip has no annotated plan: only the corpus writes them.
     """
-    paths = [data.folder / f"{name}.raw" for name in ("plan-tracks", "plan-kinds")]
-    index = data.folder / "plans.json"
-    origin = {"format": PLANS_FORMAT, "tracks": NUM_TRACKS}
     plans = [_annotated(data, clip) for clip in data.clips]
     learned = [
         (plan, clip)
@@ -119,22 +114,16 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
     ]
     said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
-    if not index.is_file() or json.loads(index.read_text()) != origin:
-        with (
-            written_atomically(paths[0]) as tracks_path,
-            written_atomically(paths[1]) as kinds_path,
-            tracks_path.open("wb") as tracks_file,
-            kinds_path.open("wb") as kinds_file,
-        ):
-            for clip, plan in tqdm(
-                zip(data.clips, plans, strict=True), desc="plans", total=len(plans)
-            ):
-                tracks_file.write(tracks_of(plan, clip.num_frames).tobytes())
-                kinds_file.write(kinds_of(plan, clip.num_frames, table).tobytes())
-        with written_atomically(index) as path:
-            path.write_text(json.dumps(origin))
-    tracks = np.memmap(paths[0], np.float32, "r", shape=(len(data.poses), NUM_TRACKS))
-    kinds = np.memmap(paths[1], np.uint8, "r", shape=(len(data.poses), 2))
+    tracks, kinds = arrays_beside(
+        data,
+        "plans",
+        {"format": PLANS_FORMAT, "tracks": NUM_TRACKS},
+        {"plan-tracks": (NUM_TRACKS, np.float32), "plan-kinds": (2, np.uint8)},
+        (
+            (tracks_of(plan, clip.num_frames), kinds_of(plan, clip.num_frames, table))
+            for clip, plan in zip(data.clips, plans, strict=True)
+        ),
+    )
     return Plans(data, tracks, tuple(map(chains_of, plans)), kinds, table)
 
 

@@ -7,6 +7,7 @@ may be stored several times, at other speeds and as other microphones would have
 
 import json
 import logging
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -208,6 +209,37 @@ def prepare(
     }
     speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
     return PreparedData(folder, cache, clips=clips, speakers=speakers, speech=speech, **arrays)
+
+
+def arrays_beside(
+    data: PreparedData,
+    name: str,
+    origin: dict,
+    columns: Mapping[str, tuple[int, type]],
+    by_clip: Iterable[Sequence[np.ndarray]],
+) -> list[np.ndarray]:
+    """Arrays of all frames that are made of ``data`` and lie beside its own: made clip by clip
+    unless they are there already, then mapped.
+
+    Args:
+        origin: what they are made by; those of another origin are made anew.
+        columns: their number and the kind of number, by the name of each array.
+        by_clip: for each clip in turn, its rows of each array.
+    """
+    index, paths = data.folder / f"{name}.json", [data.folder / f"{each}.raw" for each in columns]
+    if not index.is_file() or json.loads(index.read_text()) != origin:
+        with ExitStack() as stack:
+            parts = [stack.enter_context(written_atomically(path)) for path in paths]
+            files = [stack.enter_context(path.open("wb")) for path in parts]
+            for rows in tqdm(by_clip, desc=name, unit="clip", total=len(data.clips)):
+                for file, array in zip(files, rows, strict=True):
+                    file.write(array.tobytes())
+        with written_atomically(index) as path:
+            path.write_text(json.dumps(origin))
+    return [
+        np.memmap(path, kind, "r", shape=(len(data.poses), width))
+        for path, (width, kind) in zip(paths, columns.values(), strict=True)
+    ]
 
 
 def _fill_cache(

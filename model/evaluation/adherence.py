@@ -24,14 +24,14 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
-from model.generation.again import Performance, perform
+from model.generation.again import KeptPerformance, perform
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, draw_conditions
 from model.measures.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points, wrist_places
-from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.networks.autoencoder import load_encoder
 from model.plan.editing import (
     Edited,
     Gesture,
@@ -69,16 +69,14 @@ HEIGHTS_M = (-0.12, 0.0, 0.12)
 Places = Mapping[Side, Float[np.ndarray, "T 3"]]
 
 
-def stroke_lags(
-    places: Places, plan: GesturePlan, frames: Sequence[range] | None = None
-) -> list[float]:
+def stroke_lags(places: Places, plan: GesturePlan, frames: range = range(10**9)) -> list[float]:
     """By how many seconds each stroke ends later than planned; NaN where no stroke is made.
 
     The wrist's path from the stroke's preparation to half a second after it is laid over the
     planned one with every shift; the shift at which they are most alike is how late it is.
 
     Args:
-        frames: strokes that end elsewhere are left out; None takes all.
+        frames: strokes that end elsewhere are left out.
     """
     num_frames = len(places["left"])
     planned = tracks_of(plan, num_frames).astype(np.float64)
@@ -88,7 +86,7 @@ def stroke_lags(
         path = planned[:, hand_tracks(side)][:, :3]
         for phase in plan.hand(side):
             end = round(phase.end_s * FPS)
-            if phase.phase != "stroke" or not any(end in one for one in frames or [range(10**9)]):
+            if phase.phase != "stroke" or end not in frames:
                 continue
             first, stop = round(phase.start_s * FPS) - 12, end + 9
             if first - most < 0 or stop + most > num_frames:
@@ -157,8 +155,8 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     return np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
 
 
-def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[str, Edited, Gesture | None]:
-    """One that the plan takes: its name, the plan, and the gesture it is about if there still is.
+def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Edited, Gesture | None]:
+    """One that the plan takes: the plan, and the gesture it is about if there still is.
 
     Raises:
         PlanError: if none of a hundred is taken.
@@ -170,13 +168,13 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[str, Edite
             if there and name != "add":
                 edited, gesture = _changed(plan, there[rng.integers(len(there))], name, rng)
             else:
-                name, kind = "add", str(rng.choice(list(PLACES)))
+                kind = str(rng.choice(list(PLACES)))
                 at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
                 gesture = Gesture(SIDES[rng.integers(2)], at_s)
                 edited = added(plan, kind, at_s, gesture.side)
         except PlanError:
             continue
-        return name, edited, gesture
+        return edited, gesture
     raise PlanError("The plan takes no edit.")
 
 
@@ -199,23 +197,17 @@ def _changed(
     return raised(plan, old, 0.2 * (by - 0.85)), old
 
 
-class Answers:
-    """Answers as they come, and what they say in the end."""
+Answers = defaultdict[str, list[float]]
+"""By question."""
 
-    def __init__(self) -> None:
-        self.answers: defaultdict[str, list[float]] = defaultdict(list)
 
-    def add(self, question: str, answers: Sequence[float]) -> None:
-        """Answers of one question."""
-        self.answers[question] += list(answers)
-
-    def told(self) -> dict[str, dict[str, float]]:
-        """Mean and number of the answers by question."""
-        return {
-            name: {"mean": float(np.nanmean(values)), "count": len(values)}
-            for name, values in sorted(self.answers.items())
-            if values
-        }
+def told(answers: Answers) -> dict[str, dict[str, float]]:
+    """Mean and number of the answers by question."""
+    return {
+        name: {"mean": float(np.nanmean(values)), "count": len(values)}
+        for name, values in sorted(answers.items())
+        if values
+    }
 
 
 def _in_time(lags: Sequence[float]) -> list[float]:
@@ -244,79 +236,60 @@ def ask_clip(
     first = perform(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     places = wrist_places(tracks)
-    answers.add("drawn: strokes in time", _in_time(stroke_lags(places, plan)))
-    answers.add("rests at rest", [float(s < STILL_M_S) for s in rest_speeds(places, plan)])
-    answers.add("rest speed, m/s", rest_speeds(places, plan))
+    answers["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
 
-    def again(changed: GesturePlan) -> Performance:
+    def again(changed: GesturePlan) -> KeptPerformance:
         return perform(system, speech, replace(options, conditions=(changed,)), first)
 
     motions = [first.motion]
     for _ in range(edits):
-        name, edited, gesture = random_edit(plan, rng)
+        edited, gesture = random_edit(plan, rng)
         made = again(edited.plan)
         motions.append(made.motion)
         new_tracks = track_points(made.motion, skeleton)
         new = wrist_places(new_tracks)
-        answers.add("edited: strokes in time", _in_time(stroke_lags(new, edited.plan, made.fresh)))
-        answers.add("share made anew", [sum(map(len, made.fresh)) / speech.num_frames])
         if gesture is not None:
             end = round(gesture.lands_s * FPS)
             own = GesturePlan(plan.duration_s).with_hand(
                 gesture.side, edited.plan.hand(gesture.side)
             )
-            lags = stroke_lags(new, own, [range(end - 1, end + 2)])
-            answers.add("the edited stroke in time", _in_time(lags))
-            answers.add(f"the edited stroke in time: {name}", _in_time(lags))
+            lags = stroke_lags(new, own, range(end - 1, end + 2))
+            answers["the edited stroke in time"] += _in_time(lags)
             alone = moves_alone(new, edited.plan, gesture)
             if alone is not None:
-                answers.add("the asked hand moves, the other not", [float(alone)])
+                answers["the asked hand moves, the other not"].append(float(alone))
         for part in made.fresh:
             if len(part) > 15:
                 jerk, slide = _rough(new_tracks, part)
                 jerk_before, slide_before = _rough(tracks, part)
-                answers.add("jerk, edited / unedited", [jerk / jerk_before])
+                answers["jerk, edited / unedited"].append(jerk / jerk_before)
                 if slide_before > 0:
-                    answers.add("slide, edited / unedited", [slide / slide_before])
+                    answers["slide, edited / unedited"].append(slide / slide_before)
     there = [g for side in SIDES for g in gestures(plan, side)]
     inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, sized, again)
-        answers.add("sizes in order", _in_order([gesture_size(*one) for one in larger]))
-        answers.add("extents in order", _in_order([_extent(*one) for one in larger]))
-        told = [_extent(planned_places(one), one, gesture) for _, one, _ in larger]
-        answers.add("extents of plans in order", _in_order(told))
+        answers["sizes in order"] += _in_order([gesture_size(one, gesture) for one in larger])
         higher = _varied(plan, gesture, HEIGHTS_M, raised, again)
-        answers.add("heights in order", _in_order([_height(*one) for one in higher]))
+        answers["heights in order"] += _in_order([_lands_at(one, gesture)[1] for one in higher])
     return motions
 
 
-class Distances:
-    """FGD to recorded motion, of unedited motion and of as many clips of it edited."""
+def distances(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
+    """FGD to recorded motion, of unedited motion, of as many clips of it edited (mean over edits),
+    and the one over the other; nothing of a single clip.
 
-    def __init__(self, encoder: FrozenEncoder) -> None:
-        self._encoder = encoder
-        self._clips: list[list[Features]] = []
-
-    def add(self, recorded: Motion, made: Sequence[Motion]) -> None:
-        """One clip: recorded, unedited, then edited."""
-        found = [motion_features(self._encoder, motion) for motion in (recorded, *made)]
-        self._clips.append([one for one in found if one is not None])
-
-    def told(self) -> dict[str, dict[str, float]]:
-        """Of the unedited clips, of the edited ones (mean over edits), and the one over the other;
-        nothing for a single clip."""
-        if len(self._clips) < 2:
-            return {}
-        recorded, plain, *edited = (np.concatenate(one) for one in zip(*self._clips, strict=True))
-        before = frechet_distance(recorded, plain)
-        after = float(np.mean([frechet_distance(recorded, one) for one in edited]))
-        values = {"unedited": before, "edited": after, "edited / unedited": after / before}
-        return {
-            f"FGD, {name}": {"mean": value, "count": len(self._clips)}
-            for name, value in values.items()
-        }
+    Args:
+        clips: codes of each: recorded, unedited, then edited.
+    """
+    if len(clips) < 2:
+        return {}
+    recorded, plain, *edited = (np.concatenate(one) for one in zip(*clips, strict=True))
+    before = frechet_distance(recorded, plain)
+    after = float(np.mean([frechet_distance(recorded, one) for one in edited]))
+    values = {"unedited": before, "edited": after, "edited / unedited": after / before}
+    return {f"FGD, {name}": {"mean": value, "count": len(clips)} for name, value in values.items()}
 
 
 def _varied(
@@ -324,8 +297,8 @@ def _varied(
     gesture: Gesture,
     values: Sequence[float],
     change: Callable[[GesturePlan, Gesture, float], Edited],
-    again: Callable[[GesturePlan], Performance],
-) -> list[tuple[Places, GesturePlan, Gesture]]:
+    again: Callable[[GesturePlan], KeptPerformance],
+) -> list[Places]:
     """Where wrists are for each wish, in turn; nothing where the plan does not take one."""
     found = []
     for value in values:
@@ -334,7 +307,7 @@ def _varied(
         except PlanError:
             return []
         tracks = track_points(again(edited.plan).motion, open_body_skeleton())
-        found.append((wrist_places(tracks), edited.plan, gesture))
+        found.append(wrist_places(tracks))
     return found
 
 
@@ -343,43 +316,25 @@ def _in_order(measured: Sequence[float]) -> list[float]:
     return [float(b > a) for a, b in pairwise(measured)]
 
 
-def planned_places(plan: GesturePlan) -> Places:
-    """Where a plan has the wrists."""
-    planned = tracks_of(plan, round(plan.duration_s * FPS)).astype(np.float64)
-    return {side: planned[:, hand_tracks(side)][:, :3] for side in SIDES}
-
-
-def gesture_size(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
+def gesture_size(places: Places, gesture: Gesture) -> float:
     """As plans have it: how far from where hands rest the stroke ends."""
+    return math.dist(_lands_at(places, gesture), REST_PLACE)
+
+
+def _lands_at(places: Places, gesture: Gesture) -> Float[np.ndarray, " 3"]:
     at = round(gesture.lands_s * FPS)
-    return math.dist(places[gesture.side][at - 2 : at + 3].mean(axis=0), REST_PLACE)
-
-
-def _extent(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
-    """Of the path from the preparation's start to the stroke's end."""
-    phases = _phases_of(plan, gesture)
-    first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS) + 1
-    path = places[gesture.side][max(0, first) : stop]
-    return float(np.linalg.norm(path.max(axis=0) - path.min(axis=0)))
-
-
-def _height(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
-    at = round(gesture.lands_s * FPS)
-    return float(places[gesture.side][at - 2 : at + 3, 1].mean())
+    return places[gesture.side][at - 2 : at + 3].mean(axis=0)
 
 
 def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
     """What the questions say of recorded motion beside its own annotation."""
     places = wrist_places(track_points(motion, open_body_skeleton()))
-    answers.add("recorded: strokes in time", _in_time(stroke_lags(places, plan)))
+    answers["recorded: strokes in time"] += _in_time(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [moves_alone(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1]
-    answers.add(
-        "recorded: one hand moves, the other not", [float(a) for a in alone if a is not None]
-    )
-    speeds = [s for s in rest_speeds(places, plan) if not math.isnan(s)]
-    answers.add("recorded: rests at rest", [float(s < STILL_M_S) for s in speeds])
-    answers.add("recorded: rest speed, m/s", speeds)
+    answers["recorded: one hand moves, the other not"] += [
+        float(each) for each in alone if each is not None
+    ]
 
 
 def adherence(
@@ -395,9 +350,9 @@ def adherence(
         DataError, MotionError, SpeechError, CheckpointError, PlanError: if something that it needs
             cannot be used.
     """
-    answers, rng = Answers(), np.random.default_rng(seed)
+    answers, rng = Answers(list), np.random.default_rng(seed)
     system = load_system(usual_planner(), weights)
-    distances = Distances(load_encoder(weights, FGD_ENCODER))
+    encoder, clips_seen = load_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
     known = [n for n in names if speaker_of(n)[1] in system.speakers]
     for name in rng.permutation(np.array(known))[:clips].tolist():
@@ -407,8 +362,9 @@ def adherence(
         recorded = first_frames(motion, cut.num_frames)
         ask_recording(recorded, _until(plan, cut.duration_s), answers)
         made = ask_clip(system, cut, speaker_of(name)[1], edits, rng, answers)
-        distances.add(recorded, made)
-        yield answers.told() | distances.told()
+        codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
+        clips_seen.append([one for one in codes if one is not None])
+        yield told(answers) | distances(clips_seen)
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:

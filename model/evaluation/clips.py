@@ -17,8 +17,15 @@ from model.data.recordings import read_files, speaker_of
 from model.diagnostics import measures
 from model.evaluation import frechet
 from model.evaluation.frechet import window_diversity
-from model.evaluation.matching import coupling, frame_loudness, matched, voiced
-from model.evaluation.speakers import FewClips, SpeakerJudge
+from model.evaluation.judges import (
+    FewClips,
+    SpeakerJudge,
+    coupling,
+    frame_loudness,
+    matched,
+    mean_of,
+    voiced,
+)
 from model.evaluation.tables import (
     Estimate,
     bootstrap,
@@ -27,7 +34,6 @@ from model.evaluation.tables import (
     bootstrap_ratio,
 )
 from model.generation.base import System
-from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats, differences, face, hearing
 from model.measures.differences import l1_to_mean
@@ -37,7 +43,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
-from model.sampling.samplers import Sampling
+from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
@@ -216,7 +222,7 @@ class ClipContext:
             if len(found) == len(motions):
                 arrays[name] = np.concatenate(found)
         return ClipRow(
-            measures=_mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more),
+            measures=mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more),
             jerk_by_depth=np.mean([by_depth for _, by_depth in measured], 0).tolist(),
             couplings={
                 kind: float(np.mean([coupling(p, track) for p in positions]))
@@ -442,9 +448,3 @@ def _contrast(rows: Sequence[dict[str, float]]) -> dict[str, dict]:
         difference = bootstrap_difference(values["right"], values[kind])
         result[f"right_minus_{kind}"] = vars(difference)
     return result
-
-
-def _mean_of(found: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Averages over noise seeds; a measure that any seed lacks is left out."""
-    names = [name for name in found[0] if all(name in one for one in found)]
-    return {name: float(np.mean([one[name] for one in found])) for name in names}

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor, nn
+from torch import nn
 from tqdm import tqdm
 
 from conventions.rates import FPS
@@ -24,7 +24,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_places
 from model.plan.files import annotated_plan
-from model.plan.found import DILATIONS, KERNEL, WEIGHTS, found_plan, hand_features
+from model.plan.found import WEIGHTS, PhaseNetwork, found_plan, hand_features
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
 
@@ -36,7 +36,7 @@ LEAST_OVERLAP = 0.3
 """Of the time that either phase takes: then a found one is an annotated one."""
 FIT_EVERY = 6
 """Of the train split's clips."""
-STEPS, BATCH, FRAMES, HIDDEN, RATE = 1200, 16, 300, 40, 6e-3
+STEPS, BATCH, FRAMES, RATE = 1200, 16, 300, 6e-3
 
 
 @dataclass(frozen=True)
@@ -130,26 +130,6 @@ def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
     return dict(counts)
 
 
-class PhaseNetwork(nn.Module):
-    """What `model.plan.found` computes without torch."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = nn.Conv1d(channels, HIDDEN, KERNEL, padding=KERNEL // 2)
-        self.inner = nn.ModuleList(
-            nn.Conv1d(HIDDEN, HIDDEN, KERNEL, padding=KERNEL // 2 * d, dilation=d)
-            for d in DILATIONS
-        )
-        self.last = nn.Conv1d(HIDDEN, len(PHASES), 1)
-
-    def forward(self, features: Float[Tensor, "B channels T"]) -> Float[Tensor, "B phases T"]:
-        """Scores of each phase."""
-        hidden = torch.relu(self.first(features))
-        for layer in self.inner:
-            hidden = hidden + torch.relu(layer(hidden))
-        return self.last(hidden)
-
-
 def fit(folder: Path, names: Sequence[str], out: Path, seed: int = 0) -> None:
     """Train the network and write it: what `model.plan.found` reads.
 
@@ -175,8 +155,7 @@ def fit(folder: Path, names: Sequence[str], out: Path, seed: int = 0) -> None:
             *(_drawn(features[k], states[k], std, rng) for k in rng.choice(long, BATCH)),
             strict=True,
         )
-        batch = torch.from_numpy((np.stack(x) - mean) / std).float().transpose(1, 2)
-        scores = network(batch)
+        scores = network(torch.from_numpy((np.stack(x) - mean) / std).float()).transpose(1, 2)
         loss = nn.functional.cross_entropy(
             scores, torch.from_numpy(np.stack(y)), label_smoothing=0.02
         )

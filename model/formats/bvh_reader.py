@@ -19,7 +19,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.bvh_text import Joint, Text, read_text
 from model.formats.numbers import Draft
 from model.formats.numpy_reader import made_30
-from model.formats.reading import AXES, METRES, USUAL_RATES, Kind, Sure, axis_of
+from model.formats.read import AXES, METRES, USUAL_RATES, Kind, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError

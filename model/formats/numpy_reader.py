@@ -22,7 +22,7 @@ from model.formats.numbers import (
     laid_out,
     shape_of,
 )
-from model.formats.reading import USUAL_RATES, Assumption
+from model.formats.read import USUAL_RATES, Assumption
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,

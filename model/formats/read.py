@@ -1,14 +1,248 @@
-"""One door for all motion files: each kind has its reader, and the motion itself says the rest."""
+"""One door for all motion files: each kind has its reader, and the motion itself says the rest.
+What a file was understood as: a motion, and each thing that was assumed of it to get there.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
-from model.formats.reading import Reading, Told
 from model.storage.npz import MotionError, opened_archive, read_array, read_headers
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+Kind = Literal[
+    "layout", "motion", "joints", "rotations", "hands", "up", "facing", "units", "rate", "place",
+    "frames", "face", "shape", "lag",
+]  # fmt: skip
+"""What can be assumed of a file; of `lag`, against the speech, no file tells anything."""
+Sure = Literal["told", "stated", "sure", "likely", "unsure"]
+"""Told by the user, stated by the file, evident from the motion, likely, a guess."""
+Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
+"""What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
+is its translation, `detail` what frames that were filled in never had."""
+
+LACKS: dict[Part, str] = {
+    "detail": "was filled in from fewer frames a second",
+    "finger_angles": "has hands whose mean is not known",
+    "hands": "has no fingers that move",
+    "face": "has no face",
+    "place": "says nothing of where the body stands",
+    "legs": "has no legs",
+}
+"""Of a motion that lacks some part, what to say of it."""
+Rotations = Literal[
+    "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
+    "matrix",
+]  # fmt: skip
+ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
+AXES = ("y", "-y", "z", "-z", "x", "-x")
+USUAL_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+TELLABLE: dict[str, tuple[str, ...]] = {
+    "up": AXES,
+    "facing": (*AXES[2:], "as-is"),
+    "units": tuple(METRES),
+    "rate": (),
+    "hands": ("flat", "mean"),
+    "rotations": ROTATIONS,
+    "motion": (),
+    "frames": ("refuse", "bridge"),
+    "lag": (),
+}
+"""What `--assume` takes, and its values; none stand for a number, or a name of what is in a
+file."""
+MOTIONS, REFERENCE = "motions", "reference"
+"""Names by which `Told` speaks of all motions but the reference, or of it alone."""
+_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
+_SAID = re.compile("[^=]+=[^,]*|[^=]+$")
+_FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
+
+
+def axis_of(name: str) -> np.ndarray:
+    """The direction of one of `AXES`."""
+    return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One thing that a file was taken to be."""
+
+    kind: Kind
+    value: str
+    """As `--assume` takes it, where it does."""
+    why: str
+    """Half a sentence: what it rests on."""
+    sure: Sure = "sure"
+    others: tuple[str, ...] = ()
+    """Values that it can be told to be."""
+    is_usual: bool = False
+    """Whether it is as our own files are, so that nobody needs to be told."""
+
+    def sentence(self, name: str) -> str:
+        """For a note that names the file."""
+        way = ""
+        if self.others and self.sure in ("likely", "unsure") and self.kind in TELLABLE:
+            way = f" (if not, say --assume {self.kind}={'|'.join(self.others[:6])})"
+        return f"{name}: {self.kind} {self.value}, {self.why}{way}."
+
+    def as_json(self) -> dict[str, object]:
+        """For programs."""
+        return {
+            "what": self.kind,
+            "value": self.value,
+            "why": self.why,
+            "sure": self.sure,
+            "others": list(self.others),
+        }
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A motion as it was understood, at 30 frames a second, y up, in metres, with flat hands."""
+
+    motion: Motion
+    assumptions: tuple[Assumption, ...] = ()
+    name: str = ""
+    """Of the file."""
+    lacks: frozenset[Part] = frozenset()
+    """What the file does not tell, so that nothing is to be found of it."""
+
+    def of(self, kind: Kind) -> Assumption | None:
+        """What was assumed of one thing; None where nothing had to be."""
+        return next((each for each in self.assumptions if each.kind == kind), None)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each assumption that is not as in our own files."""
+        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
+
+
+def apart(readings: Mapping[str, Reading]) -> list[str]:
+    """What differs between motions that are compared, so that numbers differ by it alone."""
+    sentences = []
+    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "what hands are told from"}
+    for kind, words in kinds.items():
+        values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
+        if len(set(values.values())) > 1:
+            said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+            sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
+    for part, words in LACKS.items():
+        without = [name for name, each in readings.items() if part in each.lacks]
+        if without and len(without) < len(readings):
+            said = ", ".join(without[:6])
+            sentences.append(f"{said} {words}; beside the others its numbers of that say nothing.")
+    return sentences
+
+
+LENGTHS_APART_S = 1.0
+"""Recordings of sound and motion that belong together differ by less."""
+
+
+def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str]:
+    """One note for all motions that are clearly no match of the speech in length, and the rate at
+    which they would be."""
+    others = {
+        name: duration_s
+        for name, duration_s in durations_s.items()
+        if abs(speech_s - duration_s) > LENGTHS_APART_S
+    }
+    if not others:
+        return []
+    ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
+    who = next(iter(others)) if len(others) == 1 else f"{len(others)} of the motions"
+    named = f"{who} {' to '.join(ends)} s"
+    shares = [duration_s / speech_s for duration_s in others.values() if speech_s > 0]
+    fitting = [
+        rate
+        for rate in (15, 20, 24, 25, 50, 60, 120)
+        if all(abs(share * 30 / rate - 1) < 0.01 for share in shares)
+    ]
+    hint = f" At {fitting[0]} frames a second it would fit (--assume rate=N)." if fitting else ""
+    return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the user says of files, where these say too little or lie."""
+
+    says: tuple[tuple[str, str, str], ...] = ()
+    """Name of the file, its kind as ``*.npz``, `MOTIONS`, `REFERENCE` or nothing for all; what;
+    value."""
+
+    def of(self, *names: str) -> dict[str, str]:
+        """By what, for a file of these names; what is said of it alone comes before what is said of
+        its kind, and that before what is said of all."""
+        kinds = {f"*{Path(name).suffix.lower()}" for name in names}
+        order: tuple[Collection[str], ...] = ("",), kinds, names
+        return {what: value for of in order for name, what, value in self.says if name in of}
+
+    def known(self, files: Sequence[Path], *names: str) -> Told:
+        """What is said of these files, and of all."""
+        there = {"", MOTIONS, REFERENCE, *names}
+        there |= {
+            each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
+        }
+        return Told(tuple(each for each in self.says if each[0] in there))
+
+    def unknown(self, files: Sequence[Path], *names: str) -> str:
+        """Which file, of which something is said, is not there; nothing where all are."""
+        known = self.known(files, *names).says
+        for name, kind, value in self.says:
+            if (name, kind, value) not in known:
+                there = ", ".join(names or [path.name for path in files[:6]])
+                said = f"of which {kind}={value} is said"
+                return f"No file is called {name[:80]!r}, {said}; there are {there}."
+        return ""
+
+    def check(self, files: Sequence[Path], *names: str) -> None:
+        """
+        Raises:
+            MotionError: as `unknown`.
+        """
+        if wrong := self.unknown(files, *names):
+            raise MotionError(wrong)
+
+    def __add__(self, other: Told) -> Told:
+        return Told(self.says + other.says)
+
+
+def told_as(fps: float | None, rotations: str | None, name: str = "") -> Told:
+    """One rate and form of rotations, of files of a name."""
+    said = {"rate": None if fps is None else f"{fps:g}", "rotations": rotations}
+    return Told(tuple((name, kind, value) for kind, value in said.items() if value is not None))
+
+
+def read_told(written: str) -> Told:
+    """``up=z,units=cm,NAME:rate=25``: what `--assume` takes; a name may have commas.
+
+    Raises:
+        MotionError: for unknown kinds and values; it lists those that are known.
+    """
+    says = []
+    for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
+        found = _FLAG.match(part)
+        if found is None or found["kind"] not in TELLABLE:
+            raise MotionError(
+                f"{part[:60]!r} is no assumption; say WHAT=VALUE or NAME:WHAT=VALUE, of "
+                f"{', '.join(TELLABLE)}."
+            )
+        kind, value = found["kind"], found["value"].strip()
+        known = TELLABLE[kind]
+        if kind in ("rate", "lag") and not _NUMBER.match(value):
+            raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
+        if known and value not in known:
+            raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
+        says.append((found["name"] or "", kind, value))
+    return Told(tuple(says))
+
 
 ENDINGS = (".npz", ".npy", ".bvh")
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".p", ".joblib", ".ckpt")

@@ -16,10 +16,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from model.generation.base import System, Window
-from model.generation.stitching import SpeechWindow, fade_weights, num_windows
+from model.generation.base import SpeechWindow, System, Window, fade_weights, num_windows
 from model.generation.windows import (
-    Cancelled,
     GenerateOptions,
     PiecewiseMotion,
     draw_of,
@@ -29,6 +27,7 @@ from model.motion.motion import Motion, put_together
 from model.motion.rotations import interpolate_rotations
 from model.speech.audio import Speech
 from model.storage.files import written_atomically
+from processes.job import Cancelled
 
 OnPiece = Callable[[Motion], None]
 SAME = 1e-3
@@ -40,7 +39,7 @@ class KeptError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Performance:
+class KeptPerformance:
     """Motion of one sample, with what it takes to change a part of it."""
 
     motion: Motion
@@ -58,10 +57,10 @@ def perform(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    before: Performance | None = None,
+    before: KeptPerformance | None = None,
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
-) -> Performance:
+) -> KeptPerformance:
     """The motion that `generate_motion` makes of one sample and one given condition, kept.
 
     Args:
@@ -119,10 +118,10 @@ def perform(
     motion = put_together(pieces)
     followed = {} if follower is None else follower.kept()
     (condition,) = options.conditions
-    return Performance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
+    return KeptPerformance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
 
 
-def _origin(made: Sequence[Window], before: Performance | None) -> Window:
+def _origin(made: Sequence[Window], before: KeptPerformance | None) -> Window:
     return made[0] if before is None else before.made[0]
 
 
@@ -173,7 +172,7 @@ ENDING = ".windows"
 _HEARD, _FOLLOWED = "heard", "followed."
 
 
-def save_performance(performance: Performance, path: Path) -> None:
+def save_performance(performance: KeptPerformance, path: Path) -> None:
     """Write its windows and what they heard, to the bit; motion and condition have their own files.
 
     Raises:
@@ -187,7 +186,7 @@ def save_performance(performance: Performance, path: Path) -> None:
         part.write_bytes(save({_HEARD: heard, **followed, **tensors}))
 
 
-def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> Performance:
+def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> KeptPerformance:
     """What `save_performance` has written of a system's motion after a condition.
 
     Raises:
@@ -198,7 +197,7 @@ def load_performance(path: Path, system: System, condition: Any, motion: Motion)
         names = [name for name in tensors if name.startswith(_FOLLOWED)]
         followed = {name.removeprefix(_FOLLOWED): tensors.pop(name) for name in names}
         heard = tensors.pop(_HEARD)
-        return Performance(motion, condition, (), _windows(system, tensors), heard, followed)
+        return KeptPerformance(motion, condition, (), _windows(system, tensors), heard, followed)
     except (OSError, SafetensorError, KeyError, TypeError) as error:
         raise KeptError("This take is kept no longer; generate the motion again.") from error
 

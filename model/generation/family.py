@@ -235,7 +235,7 @@ class Family:
         Raises:
             CheckpointError: if the card lacks something.
         """
-        from model.speech.encoders import make_encoder
+        from model.speech.encoder import make_encoder
 
         return {
             "name": name,

@@ -19,8 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import ConditionStream, Follower, System, Window
-from model.generation.stitching import SpeechWindow
+from model.generation.base import ConditionStream, Follower, SpeechWindow, System, Window
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain, draw_of
 from model.motion.motion import Motion
 

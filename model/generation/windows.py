@@ -14,8 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, Follower, System, Window
-from model.generation.stitching import SpeechWindow, num_windows
+from model.generation.base import Draw, Follower, SpeechWindow, System, Window, num_windows
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
@@ -23,6 +22,7 @@ from model.motion.rotations import axis_angle_from_matrix
 from model.sampling.samplers import Sampling
 from model.speech.audio import Speech
 from model.speech.transcript import Interval
+from processes.job import Cancelled
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
@@ -40,10 +40,6 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-class Cancelled(Exception):
-    """Generation was stopped from outside; nothing is returned."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ LEAST_FRAMES = 3 * FPS
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system by speech and noise seed; in `model.evaluation.speakers` the speaker stands
+"""Motions of one system by speech and noise seed; in `model.evaluation.judges` the speaker stands
 in the place of the speech."""
 
 

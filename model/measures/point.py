@@ -25,7 +25,7 @@ from model.measures.smoothness import (
     mean_over_time,
     velocity_spectrum,
 )
-from model.motion.filtering import smooth_over_time, smooth_rotations
+from model.motion.altered import smooth_over_time, smooth_rotations
 from model.motion.tracks import Tracks
 
 

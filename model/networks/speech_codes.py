@@ -27,7 +27,7 @@ CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
-class Reading:
+class SpeechReading:
     """What is read off codes."""
 
     phone: Float[Tensor, "B T phones"]
@@ -62,10 +62,10 @@ class CodesNetwork(nn.Module):
             x = x + mixed(F.silu(convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)))
         return torch.tanh(self.code(self.norm(x)))
 
-    def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> Reading:
+    def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> SpeechReading:
         """What is read off the codes of normalised features."""
         codes = self.codes(speech)
-        return Reading(self.phone(codes), self.told(codes))
+        return SpeechReading(self.phone(codes), self.told(codes))
 
 
 @dataclass(frozen=True)

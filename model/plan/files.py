@@ -1,26 +1,438 @@
-"""Plans in files, told apart by their ending, and as markers for animation software."""
+"""Plans in files, told apart by their ending, as the tiers that annotators write down, and as
+markers for animation software.
+
+Our own tiers tell all of a plan. Those of other habits are understood as far as their names and
+labels can be: a tier for each phase, short labels, no places; what was made of them is said.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+import math
 import os
-from dataclasses import dataclass
+import re
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from conventions.rates import FPS
-from model.plan.annotation import (
-    GOAL_TIER,
-    PHASE_TIER,
-    PlanRead,
-    as_points,
-    plan_of_tiers,
-    tiers_of,
+from model.plan.kinds import REST_PLACE, Place, usual_goal
+from model.plan.plan import (
+    PHASES,
+    SIDES,
+    Blink,
+    Brow,
+    GesturePlan,
+    HandPhase,
+    Look,
+    Nod,
+    Phase,
+    PlanError,
+    Planted,
+    Side,
+    Smile,
+    Stand,
+    bytes_within,
+    plan_of_json,
 )
-from model.plan.elan import elan_of, elan_tiers
-from model.plan.plan import SIDES, GesturePlan, PlanError, bytes_within, plan_of_json
-from model.plan.textgrid import NamedTier, decoded, is_textgrid, textgrid_of, textgrid_tiers
+from model.plan.tier_files import (
+    NamedTier,
+    TierRow,
+    decoded,
+    elan_of,
+    elan_tiers,
+    is_textgrid,
+    textgrid_of,
+    textgrid_tiers,
+)
 from model.storage.files import written_atomically
+
+PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
+_SAME_MOMENT_S = 0.5 / FPS
+APEX_S = 0.08
+"""A stroke and the apex that tells its word are at most so far apart."""
+USUAL_NOD_DEG, USUAL_BROW, USUAL_SMILE = 4.0, 0.5, 0.4
+"""Of those marked without a number."""
+MAX_ROWS = 100_000
+_FEW = 6
+
+
+@dataclass(frozen=True)
+class PlanRead:
+    """A plan from a file, and what a person should know of how it was taken."""
+
+    plan: GesturePlan
+    notes: tuple[str, ...] = ()
+
+
+def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
+    """All that the plan tells. Times and numbers are rounded to four decimals.
+
+    Raises:
+        PlanError: if events of one list overlap: no tier can hold them.
+    """
+    tiers: list[NamedTier] = []
+    for side in SIDES:
+        name, phases = f"{PHASE_TIER}_{side}", plan.hand(side)
+        tiers.append(NamedTier(name, tuple(_row(phase, phase.phase) for phase in phases)))
+        for what, labels in (
+            (KIND_TIER, [phase.kind for phase in phases]),
+            (WORD_TIER, [phase.word for phase in phases]),
+            (GOAL_TIER, [_numbered(*phase.goal) for phase in phases]),
+        ):
+            rows = tuple(_row(p, label) for p, label in zip(phases, labels, strict=True) if label)
+            tiers.append(NamedTier(f"{what}_{side}", rows, parent=name))
+    for name, events in (
+        ("nods", [(nod.time_s, _numbered(nod.depth_deg)) for nod in plan.nods]),
+        ("brows", [(brow.time_s, _numbered(brow.height)) for brow in plan.brows]),
+        ("blinks", [(blink.time_s, "shut") for blink in plan.blinks]),
+    ):
+        moments = ((round(at, 4), label) for at, label in sorted(events))
+        tiers.append(NamedTier(name, tuple(TierRow(at, at, label) for at, label in moments), True))
+    spans: tuple[tuple[str, str, list[TierRow]], ...] = (
+        ("gaze", "looks", [_row(e, _numbered(e.yaw_deg, e.pitch_deg)) for e in plan.looks]),
+        ("smile", "smiles", [_row(e, _numbered(e.size)) for e in plan.smiles]),
+        ("weight", "stands", [_row(e, e.leg) for e in plan.stands]),
+        *(
+            (f"foot_{side}", "planted feet", [
+                _row(e, "planted") for e in plan.planted if e.foot == side])
+            for side in SIDES
+        ),
+    )  # fmt: skip
+    for name, what, rows in spans:
+        rows.sort(key=lambda row: row.start_s)
+        for before, after in pairwise(rows):
+            if after.start_s < before.end_s:
+                raise PlanError(
+                    f"The plan's {what} overlap at {after.start_s:.2f} s, which a tier cannot "
+                    "hold; part them, or write the plan as JSON."
+                )
+        tiers.append(NamedTier(name, tuple(rows)))
+    return tuple(tiers)
+
+
+def _row(event: HandPhase | Look | Smile | Stand | Planted, label: str) -> TierRow:
+    return TierRow(round(event.start_s, 4), round(event.end_s, 4), label)
+
+
+def _numbered(*numbers: float) -> str:
+    return " ".join(f"{number:.4f}" for number in numbers)
+
+
+def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
+    """The same as Praat's users have it, whose tiers have no parents: phases with their kinds in
+    one label, and what tells more of them as points at their ends."""
+    kinds = {
+        (tier.parent, row.end_s): f" {row.label}"
+        for tier in tiers
+        if tier.name.startswith(f"{KIND_TIER}_")
+        for row in tier.rows
+    }
+    found = []
+    for tier in tiers:
+        if tier.name.startswith(f"{KIND_TIER}_"):
+            continue
+        rows = tier.rows
+        if tier.parent:
+            rows = tuple(TierRow(row.end_s, row.end_s, row.label) for row in rows)
+        elif tier.name.startswith(PHASE_TIER):
+            labels = (row.label + kinds.get((tier.name, row.end_s), "").rstrip(" ") for row in rows)
+            told = zip(rows, labels, strict=True)
+            rows = tuple(TierRow(row.start_s, row.end_s, label) for row, label in told)
+        found.append(NamedTier(tier.name, rows, tier.has_points or bool(tier.parent)))
+    return found
+
+
+_LEFT, _RIGHT, _BOTH = {"left", "lh", "l"}, {"right", "rh", "r"}, {"both", "bh", "bimanual"}
+_SPEECH = {"words", "phones", "accents", "listening", "apex", "transcript", "utterance", "speech"}
+_GESTURES = {PHASE_TIER, "gestures", "phrase", "phrases", "hand"}
+_PHASE_WORDS: Mapping[str, Phase] = {
+    "rest": "rest", "rests": "rest", "resting": "rest",
+    "preparation": "preparation", "preparations": "preparation", "prep": "preparation",
+    "preps": "preparation",
+    "stroke": "stroke", "strokes": "stroke",
+    "hold": "hold", "holds": "hold", "psh": "hold",
+    "beat": "beat", "beats": "beat", "baton": "beat",
+    "retraction": "retraction", "retractions": "retraction", "retract": "retraction",
+    "retr": "retraction", "ret": "retraction", "recovery": "retraction",
+}  # fmt: skip
+_LETTERS: Mapping[str, Phase] = {
+    "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
+}  # fmt: skip
+_BODY: Mapping[str, set[str]] = {
+    "nods": {"nod", "nods"},
+    "gaze": {"gaze", "look", "looks"},
+    "brows": {"brow", "brows", "eyebrow", "eyebrows"},
+    "smile": {"smile", "smiles"},
+    "blinks": {"blink", "blinks"},
+    "weight": {"weight", "stand", "stands"},
+    "foot": {"foot", "feet"},
+}
+_MORE: Mapping[str, set[str]] = {
+    GOAL_TIER: {GOAL_TIER, "goals"},
+    WORD_TIER: {WORD_TIER, "lexical", "affiliate"},
+    KIND_TIER: {KIND_TIER, "type", "shape"},
+}
+"""What tells more of a hand's phases."""
+
+
+def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
+    """The plan that tiers tell, by their names: ours, or others that speak of hands and phases.
+
+    Raises:
+        PlanError: if no tier tells what a hand does, or what they tell is no plan.
+    """
+    told = _Told()
+    of_phases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
+    phrases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
+    left_out: list[str] = []
+    for tier in tiers:
+        if len(tier.rows) > MAX_ROWS:
+            raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
+        words = _words(tier.name)
+        sides = _sides(words)
+        body = next((what for what, signs in _BODY.items() if signs & words), None)
+        more = next((what for what, signs in _MORE.items() if signs & words), None)
+        phase: Phase | None = next((p for word, p in _PHASE_WORDS.items() if word in words), None)
+        if tier.name == "apex":
+            told.apexes += tier.rows
+        if _SPEECH & words:
+            continue
+        if body:
+            for side in sides if body == "foot" else ("",):
+                told.rows[body, side] += tier.rows
+        elif more and (sides or more == KIND_TIER):
+            told.add_more(more, sides, tier)
+        elif phase or words & {"phase", "phases"} or (words & _GESTURES and _has_phases(tier)):
+            of_phases.append((tier, sides, phase))
+        elif words & _GESTURES and "unit" not in words:
+            phrases.append((tier, sides, None))
+        elif tier.rows:
+            left_out.append(tier.name)
+    if not of_phases and not phrases:
+        found = ", ".join(tier.name[:40] for tier in tiers[:_FEW]) or "no tier"
+        raise PlanError(
+            f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
+            f"{found}."
+        )
+    if of_phases:  # then phrases tell what kind they are of
+        for tier, sides, _ in phrases:
+            told.add_more(KIND_TIER, sides, tier)
+    told.add_phases(of_phases or phrases)
+    if left_out:
+        told.notes.append(f"Left out, for they tell of no plan: {_listed(left_out)}.")
+    left, right = (told.hand(side) for side in SIDES)
+    plan = GesturePlan(
+        duration_s,
+        left,
+        right,
+        tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in told.of_body("nods")),
+        tuple(Look(r.start_s, r.end_s, *_direction(r)) for r in told.of_body("gaze")),
+        tuple(Brow(r.middle_s, _height(r)) for r in told.of_body("brows")),
+        tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in told.of_body("smile")),
+        tuple(Blink(r.middle_s) for r in told.of_body("blinks")),
+        tuple(_stand(r) for r in told.of_body("weight")),
+        tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in told.rows["foot", side]),
+    )
+    return PlanRead(plan, tuple(told.notes))
+
+
+@dataclass
+class _Told:
+    """Rows by what they tell."""
+
+    rows: defaultdict[tuple[str, str], list[TierRow]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    """By what they tell, and of which hand or foot; "" of all of the body."""
+    at_end: dict[tuple[str, str, float], str] = field(default_factory=dict)
+    """Labels by when their rows end."""
+    apexes: list[TierRow] = field(default_factory=list)
+    phases: dict[Side, list[tuple[TierRow, Phase, str]]] = field(
+        default_factory=lambda: {side: [] for side in SIDES}
+    )
+    """Of each hand, with their kinds."""
+    notes: list[str] = field(default_factory=list)
+
+    def of_body(self, what: str) -> list[TierRow]:
+        """In time."""
+        return sorted(self.rows[what, ""], key=lambda row: row.start_s)
+
+    def add_more(self, what: str, sides: Iterable[Side], tier: NamedTier) -> None:
+        """A tier that tells more of a hand's phases."""
+        for side in sides or ("right",):
+            self.rows[what, side] += tier.rows
+            self.at_end |= {(what, side, round(row.end_s, 4)): row.label for row in tier.rows}
+
+    def add_phases(self, tiers: Sequence[tuple[NamedTier, tuple[Side, ...], Phase | None]]) -> None:
+        """Tiers of phases, each of one phase alone if that is told."""
+        strokes = set()
+        for tier, sides, phase in tiers:
+            if not sides:
+                self.notes.append(
+                    f"Tier {tier.name[:40]} names no hand; it was taken for the right."
+                )
+            for row in tier.rows:
+                name, kind = (phase, row.label) if phase else _phase_of(row.label)
+                if name is None:
+                    strokes.add(row.label)
+                    name, kind = "stroke", row.label.lower()
+                for side in sides or ("right",):
+                    self.phases[side].append((row, name, kind))
+        if strokes:
+            self.notes.append(
+                f"Taken as kinds of strokes: {_listed(sorted(strokes))}; phases are "
+                f"{', '.join(PHASES)}."
+            )
+
+    def hand(self, side: Side) -> tuple[HandPhase, ...]:
+        """A hand's phases with their places; where none are told, with usual ones."""
+        phases = sorted(self.phases[side], key=lambda found: found[0].start_s)
+        kinds = [
+            kind or self._at_end(KIND_TIER, side, row) or self._around(KIND_TIER, side, row)
+            for row, _, kind in phases
+        ]
+        goals = self._goals(side, [row for row, _, _ in phases])
+        if phases and all(goal is None for goal in goals):
+            self.notes.append(
+                f"No places are told for the {side} hand; it goes where such gestures usually do."
+            )
+        found: list[HandPhase] = []
+        before = REST_PLACE
+        for k, (row, phase, _) in enumerate(phases):
+            goal = goals[k]
+            if goal is None:
+                stroke = next((j for j in range(k, len(phases)) if phases[j][1] == "stroke"), k)
+                goal = usual_goal(phase, kinds[k] or kinds[stroke], before, goals[stroke])
+            word = self._at_end(WORD_TIER, side, row)
+            if not word and phase == "stroke":
+                word = self._landed_on(side, row.end_s)
+            found.append(HandPhase(row.start_s, row.end_s, phase, goal, kinds[k], word))
+            before = goal
+        return tuple(found)
+
+    def _goals(self, side: Side, rows: Sequence[TierRow]) -> list[Place | None]:
+        """That which is told for a row's end, or else the last one reached by then."""
+        told = sorted(self.rows[GOAL_TIER, side], key=lambda row: row.end_s)
+        goals = {round(row.end_s, 4): _place(row) for row in told}
+        times = list(goals)
+        if not goals:
+            return [None] * len(rows)
+        return [
+            goals.get(round(row.end_s, 4))
+            or goals[times[max(bisect_right(times, row.end_s + _SAME_MOMENT_S) - 1, 0)]]
+            for row in rows
+        ]
+
+    def _at_end(self, what: str, side: Side, row: TierRow) -> str:
+        return self.at_end.get((what, side, round(row.end_s, 4)), "")
+
+    def _around(self, what: str, side: Side, row: TierRow) -> str:
+        """Of the row of some longer tier in which this one lies."""
+        around = (r for r in self.rows[what, side] if r.start_s <= row.middle_s < r.end_s)
+        return next((more.label for more in around), "")
+
+    def _landed_on(self, side: Side, end_s: float) -> str:
+        """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
+        marks = ((row.end_s, row.label.split(" ")) for row in self.apexes)
+        words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
+        at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
+        return words[at] if abs(at - end_s) < APEX_S else ""
+
+
+def _words(name: str) -> set[str]:
+    """The words of a tier's name, however they are joined: ``RH_Phase``, ``rightHand-Stroke``."""
+    parted = re.sub(r"([a-z])([A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", r"\1 \2", name[:200])
+    return set(re.findall(r"[a-z]+", parted.lower()))
+
+
+def _has_phases(tier: NamedTier) -> bool:
+    """Most of its labels tell phases."""
+    return 2 * sum(_phase_of(row.label)[0] is not None for row in tier.rows) > len(tier.rows)
+
+
+def _sides(words: set[str]) -> tuple[Side, ...]:
+    is_left, is_right = bool(words & _LEFT), bool(words & _RIGHT)
+    if words & _BOTH or (is_left and is_right):
+        return SIDES
+    return ("left",) if is_left else ("right",) if is_right else ()
+
+
+def _phase_of(label: str) -> tuple[Phase | None, str]:
+    """Phase and kind that a label tells: ``stroke offer``, ``Prep``, ``post-stroke hold``."""
+    name, _, kind = label.partition(" ")
+    if name in PHASES:
+        return PHASES[PHASES.index(name)], kind
+    words = re.findall(r"[a-z]+", label.lower())
+    if len(words) == 1 and words[0] in _LETTERS:
+        return _LETTERS[words[0]], ""
+    known: list[Phase] = [_PHASE_WORDS[word] for word in words if word in _PHASE_WORDS]
+    return known[-1] if known else None, ""  # the last: "post-stroke hold"
+
+
+def _numbers(row: TierRow) -> list[float]:
+    """The numbers that a label begins with."""
+    numbers: list[float] = []
+    for part in row.label.split():
+        try:
+            number = float(part)
+        except ValueError:
+            break
+        if not math.isfinite(number):
+            raise PlanError(f"The label {row.label[:40]!r} at {row.start_s:g} s is not finite.")
+        numbers.append(number)
+    return numbers
+
+
+def _first(row: TierRow, usual: float) -> float:
+    return (_numbers(row) or [usual])[0]
+
+
+def _place(row: TierRow) -> Place:
+    numbers = _numbers(row)
+    if len(numbers) != 3:
+        raise PlanError(
+            f"The goal {row.label[:40]!r} at {row.end_s:g} s is no three numbers: metres out, up "
+            "and forward of the chest."
+        )
+    return numbers[0], numbers[1], numbers[2]
+
+
+_DIRECTIONS: Mapping[str, tuple[float, float]] = {
+    "left": (12.0, 0.0), "right": (-12.0, 0.0), "up": (0.0, -8.0), "down": (0.0, 10.0),
+    "away": (14.0, 5.0),
+}  # fmt: skip
+
+
+def _direction(row: TierRow) -> tuple[float, float]:
+    numbers = _numbers(row)
+    if len(numbers) >= 2:
+        return numbers[0], numbers[1]
+    words = _words(row.label)
+    return next((way for name, way in _DIRECTIONS.items() if name in words), (0.0, 0.0))
+
+
+def _height(row: TierRow) -> float:
+    usual = -USUAL_BROW if _words(row.label) & {"frown", "lower", "lowered"} else USUAL_BROW
+    return _first(row, usual)
+
+
+def _stand(row: TierRow) -> Stand:
+    words = _words(row.label)
+    for leg in (*SIDES, "both"):
+        if leg in words:
+            return Stand(row.start_s, row.end_s, leg)
+    raise PlanError(f"The weight {row.label[:40]!r} at {row.start_s:g} s is not left, right, both.")
+
+
+def _listed(names: Sequence[str]) -> str:
+    few = ", ".join(repr(name[:40]) for name in names[:_FEW])
+    return few if len(names) <= _FEW else f"{few} and {len(names) - _FEW} more"
+
 
 ENDINGS = (".json", ".TextGrid", ".eaf")
 

@@ -13,9 +13,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
+from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
@@ -40,7 +42,7 @@ from model.plan.plan import (
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "assets" / "hand_phases.npz"
 DILATIONS = (2, 4, 6)
-KERNEL = 5
+KERNEL, HIDDEN = 5, 40
 NOD_DEG = 2.0
 """A nod is at least so deep, against half a second around it."""
 BROW, FROWN, BLINK, SMILE = 0.14, 0.07, 0.45, 0.08
@@ -118,10 +120,38 @@ def hand_features(
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
+class PhaseNetwork(nn.Module):
+    """Scores of each phase at each frame, from `hand_features` less their means, over their
+    deviations."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = nn.Conv1d(channels, HIDDEN, KERNEL, padding=KERNEL // 2)
+        self.inner = nn.ModuleList(
+            nn.Conv1d(HIDDEN, HIDDEN, KERNEL, padding=KERNEL // 2 * d, dilation=d)
+            for d in DILATIONS
+        )
+        self.last = nn.Conv1d(HIDDEN, len(PHASES), 1)
+
+    def forward(self, features: Float[Tensor, "B T channels"]) -> Float[Tensor, "B T phases"]:
+        hidden = torch.relu(self.first(features.transpose(1, 2)))
+        for layer in self.inner:
+            hidden = hidden + torch.relu(layer(hidden))
+        return self.last(hidden).transpose(1, 2)
+
+
 @cache
-def _weights() -> dict[str, np.ndarray]:
+def _weights() -> tuple[PhaseNetwork, dict[str, np.ndarray]]:
+    """The network, and how long phases last and which follows which."""
     with np.load(WEIGHTS, allow_pickle=False) as data:
-        return {name: data[name].astype(np.float32) for name in data.files}
+        told = {name: data[name].astype(np.float32) for name in data.files}
+    network = PhaseNetwork(len(told["mean"]))
+    state = {
+        name: torch.from_numpy(told[name.replace("inner.", "inner")]).view_as(tensor)
+        for name, tensor in network.state_dict().items()
+    }
+    network.load_state_dict(state)
+    return network.eval().requires_grad_(False), told
 
 
 def _likelihoods(
@@ -130,26 +160,11 @@ def _likelihoods(
     Float[np.ndarray, "T phases"], Float[np.ndarray, " phases"], Float[np.ndarray, "phases phases"]
 ]:
     """Log shares of each phase at each frame, of staying in it, and of going over to another."""
-    told = _weights()
-    hidden = np.maximum(_conv((features - told["mean"]) / told["std"], told, "first", 1), 0)
-    for k, dilation in enumerate(DILATIONS):
-        hidden = hidden + np.maximum(_conv(hidden, told, f"inner{k}", dilation), 0)
-    out = hidden @ told["last.weight"].T + told["last.bias"]
-    out = out - out.max(axis=1, keepdims=True)
-    likely = out - np.log(np.exp(out).sum(axis=1, keepdims=True))
+    network, told = _weights()
+    scores = network(torch.from_numpy((features - told["mean"]) / told["std"])[None])[0]
     leave = 1 / told["frames"]
     change = np.log(told["next"]) + np.log(leave)[:, None]
-    return likely, np.log(1 - leave), change
-
-
-def _conv(
-    x: Float[np.ndarray, "T channels"], told: dict[str, np.ndarray], name: str, dilation: int
-) -> Float[np.ndarray, "T hidden"]:
-    weight, reach = told[f"{name}.weight"], KERNEL // 2 * dilation
-    padded = np.pad(x, ((reach, reach), (0, 0)))
-    return told[f"{name}.bias"] + sum(
-        padded[k * dilation : k * dilation + len(x)] @ weight[:, :, k].T for k in range(KERNEL)
-    )
+    return scores.log_softmax(1).numpy(), np.log(1 - leave), change
 
 
 def _most_likely(

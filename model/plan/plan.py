@@ -45,7 +45,7 @@ class PlanError(ValueError):
     """A plan that cannot be used; the message is one sentence for a person."""
 
 
-class _Read:
+class _FromJson:
     """Read from JSON as it stands: no other fields, no texts for numbers."""
 
     __pydantic_config__: ClassVar[Any] = {
@@ -54,7 +54,7 @@ class _Read:
 
 
 @dataclass(frozen=True)
-class HandPhase(_Read):
+class HandPhase(_FromJson):
     """What one hand does from one time to another."""
 
     start_s: float
@@ -69,7 +69,7 @@ class HandPhase(_Read):
 
 
 @dataclass(frozen=True)
-class Nod(_Read):
+class Nod(_FromJson):
     """The head goes down and up again."""
 
     time_s: float
@@ -78,7 +78,7 @@ class Nod(_Read):
 
 
 @dataclass(frozen=True)
-class Look(_Read):
+class Look(_FromJson):
     """Where the eyes and the head are directed."""
 
     start_s: float
@@ -90,7 +90,7 @@ class Look(_Read):
 
 
 @dataclass(frozen=True)
-class Brow(_Read):
+class Brow(_FromJson):
     """The brows rise and fall, or frown."""
 
     time_s: float
@@ -99,7 +99,7 @@ class Brow(_Read):
 
 
 @dataclass(frozen=True)
-class Smile(_Read):
+class Smile(_FromJson):
     """A smile of one size."""
 
     start_s: float
@@ -109,14 +109,14 @@ class Smile(_Read):
 
 
 @dataclass(frozen=True)
-class Blink(_Read):
+class Blink(_FromJson):
     """The lids shut for a moment."""
 
     time_s: float
 
 
 @dataclass(frozen=True)
-class Stand(_Read):
+class Stand(_FromJson):
     """On which leg the body stands."""
 
     start_s: float
@@ -125,7 +125,7 @@ class Stand(_Read):
 
 
 @dataclass(frozen=True)
-class Planted(_Read):
+class Planted(_FromJson):
     """A foot that stays where it is."""
 
     start_s: float
@@ -134,7 +134,7 @@ class Planted(_Read):
 
 
 @dataclass(frozen=True)
-class GesturePlan(_Read):
+class GesturePlan(_FromJson):
     """All that is planned for one performance, each list in time."""
 
     duration_s: float

@@ -1,4 +1,6 @@
-"""What every speech encoder offers: features of a waveform at the motion's frame rate."""
+"""What every speech encoder offers: features of a waveform at the motion's frame rate; and which
+there are, by name.
+"""
 
 from typing import Protocol, runtime_checkable
 
@@ -28,3 +30,21 @@ class SpeechEncoder(Protocol):
         Frames beyond the end of the waveform hold the features of silence.
         """
         ...
+
+
+def make_encoder(name: str) -> SpeechEncoder:
+    """The encoder called ``mel64`` (nothing to download) or ``wavlm`` (needs its weights).
+
+    Raises:
+        ValueError: if the name is unknown, or WavLM's weights are not there.
+    """
+    match name:
+        case "mel64":
+            from model.speech.features import MelEncoder  # imports torch
+
+            return MelEncoder()
+        case "wavlm":
+            from model.speech.wavlm import WavLMEncoder  # imports transformers
+
+            return WavLMEncoder()
+    raise ValueError(f"There is no speech encoder {name!r}; choose mel64 or wavlm.")

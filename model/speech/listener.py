@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from conventions.rates import SAMPLE_RATE
-from model.speech.pronouncing import Spoken, words_to_say
+from model.speech.pronouncing import Sayable, words_to_say
 
 PIECE_S = (8.0, 16.0)
 """The shortest and longest stretch that is decoded at once: memory and time grow with it."""
@@ -161,13 +161,13 @@ def _followed(
     ]
 
 
-def _wide(spoken: list[Spoken]) -> Any:
+def _wide(spoken: list[Sayable]) -> Any:
     decoder = _decoder(lm=None, **_WIDE)
     _named(decoder, spoken)
     return decoder
 
 
-def _named(decoder: Any, spoken: list[Spoken]) -> list[str]:
+def _named(decoder: Any, spoken: list[Sayable]) -> list[str]:
     """What each word is called in the dictionary, to which those are added that it lacks."""
     names, added = [], {}
     for word in spoken:

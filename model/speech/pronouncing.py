@@ -48,7 +48,7 @@ _LONGEST = max(map(len, _SOUNDS))
 
 
 @dataclass(frozen=True)
-class Spoken:
+class Sayable:
     """A word of a text, as it is written, and how it may sound."""
 
     text: str
@@ -58,7 +58,7 @@ class Spoken:
     """One way to say it, for who does not know it."""
 
 
-def words_to_say(text: str, lookup: Lookup) -> list[Spoken]:
+def words_to_say(text: str, lookup: Lookup) -> list[Sayable]:
     """The words of a text in its order; punctuation, and what nobody can say, is left out."""
     found = []
     for chunk in text.replace("\u2019", "'").split():
@@ -70,11 +70,11 @@ def words_to_say(text: str, lookup: Lookup) -> list[Spoken]:
     return found
 
 
-def _spoken(piece: str, lookup: Lookup) -> Spoken | None:
+def _spoken(piece: str, lookup: Lookup) -> Sayable | None:
     written = _OUTER.sub("", piece)
     plain = _plain(written)
     if re.fullmatch(r"[a-z']+", plain) and (phones := lookup(plain)):
-        return Spoken(written, plain, phones)
+        return Sayable(written, plain, phones)
     parts = [
         _sound_of(part, lookup)
         for part in re.findall(
@@ -83,7 +83,7 @@ def _spoken(piece: str, lookup: Lookup) -> Spoken | None:
         )
     ]
     phones = " ".join(part for part in parts if part)
-    return Spoken(written, None, phones) if phones else None
+    return Sayable(written, None, phones) if phones else None
 
 
 def _plain(written: str) -> str:

@@ -7,7 +7,7 @@ from math import inf
 from pathlib import Path
 from typing import Literal
 
-from model.plan.textgrid import NamedTier, decoded, is_textgrid, textgrid_tiers
+from model.plan.tier_files import NamedTier, decoded, is_textgrid, textgrid_tiers
 
 MAX_BYTES = 8 * 2**20
 """An hour of speech with all its phones has less than 4 MiB."""

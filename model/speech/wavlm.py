@@ -11,7 +11,7 @@ the exact time of each motion frame.
 import json
 import os
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -53,26 +53,13 @@ class WavLMEncoder:
                 "The speech encoder wavlm needs its weights; set WAVLM_DIR to a folder that holds "
                 f"config.json and the weights (got {str(folder)!r}), or use mel64."
             )
-        try:
-            from transformers import WavLMModel
-        except ImportError as error:
-            raise EncoderError(
-                "The speech encoder wavlm needs the package transformers; pip install it, or use "
-                "mel64."
-            ) from error
-        try:
-            network = WavLMModel.from_pretrained(folder, local_files_only=True)
-        except (OSError, ValueError, RuntimeError) as error:
-            raise EncoderError(
-                f"The WavLM weights in {folder} cannot be loaded: {str(error).splitlines()[0]}"
-            ) from error
         self.device = torch.device(device)
-        config = network.config
+        self._model = speech_model(folder, "WavLMModel").to(self.device)
+        config: Any = self._model.config
         self.dim = int(config.hidden_size)
         self._stride = int(np.prod(config.conv_stride))
         self._reach = _receptive_field(config.conv_kernel, config.conv_stride)
         self._normalises = normalises(folder)
-        self._model = cast(torch.nn.Module, network).eval().requires_grad_(False).to(self.device)
         self._block = max(1, round(block_s * SAMPLE_RATE / self._stride))
         self._context = round(context_s * SAMPLE_RATE / self._stride)
 
@@ -110,6 +97,28 @@ class WavLMEncoder:
             assert len(hidden) == last - first
             blocks.append(hidden[start - first : stop - first].float().cpu().numpy())
         return np.concatenate(blocks)
+
+
+def speech_model(folder: Path, name: str) -> torch.nn.Module:
+    """A model of transformers by the name of its class, with the weights in a folder.
+
+    Raises:
+        EncoderError: if the package is not installed, or the weights cannot be read.
+    """
+    try:
+        import transformers
+    except ImportError as error:
+        raise EncoderError(
+            "The package transformers is needed to hear by WavLM or HuBERT; pip install it, or use "
+            "the encoder mel64, or features that were prepared."
+        ) from error
+    try:
+        model = getattr(transformers, name).from_pretrained(folder, local_files_only=True)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise EncoderError(
+            f"The speech model in {folder} cannot be loaded: {str(error).splitlines()[0]}"
+        ) from error
+    return cast(torch.nn.Module, model).eval().requires_grad_(False)
 
 
 def normalises(folder: Path) -> bool:

@@ -1,9 +1,14 @@
-"""Weights on disk: fp16 safetensors beside a JSON card that names their sha256."""
+"""Weights on disk: ours, fp16 safetensors beside a JSON card that names their sha256; and files of
+``torch.save`` from strangers, read without running anything in them.
+"""
 
 import hashlib
+import io
 import json
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -87,3 +92,91 @@ def misfits(wanted: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> list[s
 
 def _json_bytes(card: dict) -> bytes:
     return (json.dumps(card, indent=1, sort_keys=False) + "\n").encode()
+
+
+MAX_BYTES = 2 * 10**9
+"""Of a checkpoint inside a zip; the largest that is known here has 172 MB."""
+_PREFIX = "module."
+_WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net")
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """The tensors of a checkpoint by the names of the bare network, float32 where they are numbers.
+
+    Files of any age of ``torch.save``, alone or in a zip, with or without the prefix of a network
+    in parallel, on whatever device they were saved; nothing in them is executed.
+
+    Raises:
+        CheckpointError: if it is no such file.
+    """
+    try:
+        content = _loaded(path)
+    except CheckpointError:
+        raise
+    except Exception as error:  # a damaged file makes torch's reader raise almost anything
+        reason = str(error).splitlines()[0][:160] if str(error) else type(error).__name__
+        raise CheckpointError(f"{path.name} cannot be read as a checkpoint: {reason}.") from None
+    for name in _WRAPPERS:
+        if isinstance(content, Mapping) and isinstance(content.get(name), Mapping):
+            content = content[name]
+    if not isinstance(content, Mapping) or not content:
+        raise CheckpointError(f"{path.name} holds no table of tensors; give a saved state_dict.")
+    tensors: dict[str, Tensor] = {}
+    for key, tensor in content.items():
+        if not isinstance(tensor, Tensor):
+            raise CheckpointError(
+                f"{path.name} holds a {type(tensor).__name__} as {key!r} where a tensor is "
+                "needed; give a saved state_dict."
+            )
+        tensors[str(key)] = tensor.float() if tensor.is_floating_point() else tensor
+    if all(key.startswith(_PREFIX) for key in tensors):
+        tensors = {key.removeprefix(_PREFIX): tensor for key, tensor in tensors.items()}
+    return tensors
+
+
+def _loaded(path: Path) -> Any:
+    """What a file holds; weights only."""
+    if not zipfile.is_zipfile(path):
+        return torch.load(path, map_location="cpu", weights_only=True)
+    with zipfile.ZipFile(path) as archive:
+        members = [item for item in archive.infolist() if not item.is_dir()]
+        if any(item.filename.rsplit("/", 1)[-1] == "data.pkl" for item in members):
+            return torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        inside = [item for item in members if "__MACOSX" not in item.filename]
+        if len(inside) != 1:
+            raise CheckpointError(
+                f"{path.name} holds {len(inside)} files; a zip of one checkpoint is needed. "
+                "Unpack it into the folder."
+            )
+        if inside[0].file_size > MAX_BYTES:
+            raise CheckpointError(
+                f"{path.name} would unpack to {inside[0].file_size / 1e9:.1f} GB; at most "
+                f"{MAX_BYTES / 1e9:.0f} GB are read."
+            )
+        content = io.BytesIO(archive.read(inside[0]))
+    return torch.load(content, map_location="cpu", weights_only=True)
+
+
+def check_tensors(
+    wanted: Mapping[str, Tensor], found: Mapping[str, Tensor], name: str, what: str, advice: str
+) -> None:
+    """See that tensors are those of a network, all of them and no other, and finite.
+
+    Args:
+        name: of their file.
+        what: the network that is asked for, as part of a sentence.
+        advice: which file to give, as the end of a sentence.
+
+    Raises:
+        CheckpointError: with the first key that differs.
+    """
+    wrong = misfits(wanted, found)
+    if wrong:
+        more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
+        raise CheckpointError(f"{name} is not {what}: {wrong[0]}{more}; give {advice}.")
+    unknown = [key for key, tensor in found.items() if not tensor.isfinite().all()]
+    if unknown:
+        raise CheckpointError(
+            f"{name} holds values that are not finite (NaN or infinite), in {unknown[0]} first; "
+            "give another copy or epoch."
+        )

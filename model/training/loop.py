@@ -1,33 +1,170 @@
-"""One training from the first step to the last: prepare, step, validate, save.
+"""One training from the first step to the last: prepare, step, validate, save; and its folder, with
+its settings, its log, its saved state, and the card of its weights.
 
 Every random draw of a step follows from the step's number, so a run that was stopped and resumed
 equals one that was not.
 """
 
+import csv
+import datetime
+import json
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from conventions.rates import FPS
 from model.data.prepared import PreparedData, prepare
-from model.speech.encoders import make_encoder
-from model.storage.cards import load_card
+from model.speech.encoder import make_encoder
+from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
+from model.storage.files import written_atomically
+from model.storage.harmless import csv_text
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
-from model.training.run_folder import (
-    History,
-    TrainingError,
-    make_card,
-    open_run,
-    origin_of,
-    restore_state,
-    save_state,
-)
 from model.training.task import Start, Task, TaskSetup
+
+STATE_FILE = "state.pt"
+
+
+class TrainingError(ValueError):
+    """A run that cannot start, resume or go on; the message says why."""
+
+
+class History:
+    """Rows of log.csv, averaged between flushes."""
+
+    def __init__(self, path: Path, keep_below: int) -> None:
+        self.path = path
+        self.pending: list[dict[str, float]] = []
+        self.rows: list[dict[str, Any]] = []
+        self.last_validation: dict[str, float] = {}
+        self.step = keep_below
+        if keep_below and path.is_file():
+            with path.open(newline="") as file:
+                self.rows = [r for r in csv.DictReader(file) if int(r["step"]) <= keep_below]
+
+    def add(self, step: int, parts: dict[str, float]) -> None:
+        self.step = step + 1
+        self.pending.append(parts)
+
+    def add_validation(self, step: int, parts: dict[str, float]) -> None:
+        self.step = step + 1
+        self.last_validation = parts
+        self.rows.append({"step": self.step, "split": "val", **parts})
+
+    def flush(self) -> None:
+        if self.pending:
+            names = self.pending[0]
+            mean = {n: float(np.mean([p[n] for p in self.pending])) for n in names}
+            self.rows.append({"step": self.step, "split": "train", **mean})
+            self.pending = []
+        columns = list(dict.fromkeys(name for row in self.rows for name in row))
+        rows = [columns, *([row.get(name) for name in columns] for row in self.rows)]
+        with written_atomically(self.path) as path:
+            path.write_text(csv_text(rows), newline="")
+
+
+def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
+    """Begin a run in ``out``, or check that the one there can be resumed with these settings.
+
+    Raises:
+        TrainingError: if ``out`` holds another run, or there is none to resume.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    config_path, state_path = out / "config.json", out / STATE_FILE
+    if not resume:
+        if state_path.exists():
+            raise TrainingError(f"{out} holds a run already; pass --resume or another --out.")
+        with written_atomically(config_path) as path:
+            path.write_text(to_json(config) + "\n")
+        return
+    if not state_path.is_file():
+        raise TrainingError(f"There is no {state_path} to resume from.")
+    differing = differing_fields(json.loads(config_path.read_text()), json.loads(to_json(config)))
+    if differing:
+        raise TrainingError(
+            f"{out} was started with other settings ({', '.join(differing)}); "
+            "resume with the same ones or choose another --out."
+        )
+
+
+def restore_state(out: Path, task: Task) -> int:
+    """The first step to do, after the saved state was put back."""
+    state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
+    task.restore(state)
+    return int(state["step"])
+
+
+def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
+    """Dotted names of the settings in which two parsed configs differ."""
+    names: list[str] = []
+    for key in sorted(set(a) | set(b)):
+        one, other = a.get(key), b.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            names += differing_fields(one, other, f"{prefix}{key}.")
+        elif one != other:
+            names.append(prefix + key)
+    return names
+
+
+def save_state(out: Path, step: int, task: Task) -> None:
+    """What `restore_state` reads, whole or not at all."""
+    with written_atomically(out / STATE_FILE) as path:
+        torch.save({"step": step, **task.state()}, path)
+
+
+def make_card(
+    config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
+    origin: dict[str, Any] | None,
+) -> dict[str, Any]:  # fmt: skip
+    corpus = folder / "corpus.json"
+    train_clips = data.of_split("train")
+    seen = {clip.speaker for clip in train_clips}
+    train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
+    return {
+        "config": json.loads(to_json(config)),
+        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
+        "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
+        "training_hours": round(train_frames / FPS / 3600, 3),
+        "steps": steps,
+        "started_from_bundled_weights": origin is not None,
+        "started_from": origin,
+        "validation": {name: round(value, 6) for name, value in validation.items()},
+        "date": datetime.date.today().isoformat(),
+        "revision": revision(),
+    }
+
+
+def origin_of(start: Start) -> dict[str, Any]:
+    """Which weights a training begins with, for its card."""
+    card = load_card(start.folder, start.system)
+    return {"system": start.system, "sha256": card.sha256, "steps": card.steps}
+
+
+def revision() -> str:
+    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git.
+
+    Files that Git does not know do not count: results may lie beside the code.
+    """
+    root = Path(__file__).parent
+
+    def git(*command: str) -> str:
+        return subprocess.run(
+            ["git", "-C", str(root), *command], capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
 
 VALIDATION_BATCHES = 8
 

@@ -5,19 +5,16 @@ What it aims at is made once for all clips; a step then reads a window's rows in
 and posing it again each time it is drawn.
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from conventions.joints import NUM_JOINTS
-from model.data.prepared import Batch, PreparedData
+from model.data.prepared import Batch, PreparedData, arrays_beside
 from model.motion.kinematics import RestSkeleton
 from model.motion.packing import (
     AXIS_ANGLE_GROUPS,
@@ -40,7 +37,6 @@ from model.networks.config import BranchConfig
 from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.speech.features import augment_mel, in_other_throats
-from model.storage.files import written_atomically
 from model.training.config import TrainConfig
 from model.training.parallel import Draws
 
@@ -93,48 +89,35 @@ def prepare_targets(
     """Make the arrays beside those of ``data`` unless they are there already, then map them."""
     stem = f"{space}-{root}"
     width = AXIS_ANGLE_MOTION_DIM if space == "axis-angle" else MOTION_DIM
-    columns = {f"vectors-{stem}": width, f"rooted-{stem}": 3 * NUM_JOINTS}
-    paths = [data.folder / f"{name}.raw" for name in columns]
-    origin = {"format": TARGETS_FORMAT, "rest_joints": skeleton.rest_joints.tolist()}
-    index = data.folder / f"targets-{stem}.json"
-    if not index.is_file() or json.loads(index.read_text()) != origin:
-        _write(data, space, root, skeleton, paths)
-        with written_atomically(index) as path:
-            path.write_text(json.dumps(origin))
-    vectors, rooted = (
-        np.memmap(path, np.float32, "r", shape=(len(data.poses), width))
-        for path, width in zip(paths, columns.values(), strict=True)
+    vectors, rooted = arrays_beside(
+        data,
+        f"targets-{stem}",
+        {"format": TARGETS_FORMAT, "rest_joints": skeleton.rest_joints.tolist()},
+        {
+            f"vectors-{stem}": (width, np.float32),
+            f"rooted-{stem}": (3 * NUM_JOINTS, np.float32),
+        },
+        _by_clip(data, space, root, skeleton),
     )
     return Targets(space, root, skeleton, vectors, rooted)
 
 
 @torch.inference_mode()
-def _write(
-    data: PreparedData,
-    space: RotationSpace,
-    root: RootMotion,
-    skeleton: RestSkeleton,
-    paths: list[Path],
-) -> None:
-    with (
-        written_atomically(paths[0]) as vectors_path,
-        written_atomically(paths[1]) as rooted_path,
-        vectors_path.open("wb") as vectors_file,
-        rooted_path.open("wb") as rooted_file,
-    ):
-        for clip in tqdm(data.clips, desc=f"{space} targets", unit="clip"):
-            rows = slice(clip.start, clip.stop)
-            transl = data.transl[rows] - (data.home(clip) if root == "place" else 0.0)
-            vectors = to_vectors(
-                space,
-                torch.from_numpy(np.array(data.poses[rows]))[None],
-                torch.from_numpy(np.asarray(transl, np.float32))[None],
-                root,
-            )[0]
-            vectors_file.write(vectors.numpy().tobytes())
-            for block in vectors.split(BLOCK_FRAMES):
-                rooted = decode(block[None], space, skeleton, root).rooted[0]
-                rooted_file.write(rooted.flatten(-2).contiguous().numpy().tobytes())
+def _by_clip(
+    data: PreparedData, space: RotationSpace, root: RootMotion, skeleton: RestSkeleton
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    for clip in data.clips:
+        rows = slice(clip.start, clip.stop)
+        transl = data.transl[rows] - (data.home(clip) if root == "place" else 0.0)
+        vectors = to_vectors(
+            space,
+            torch.from_numpy(np.array(data.poses[rows]))[None],
+            torch.from_numpy(np.asarray(transl, np.float32))[None],
+            root,
+        )[0]
+        blocks = (decode(b[None], space, skeleton, root) for b in vectors.split(BLOCK_FRAMES))
+        rooted = [block.rooted[0].flatten(-2).numpy() for block in blocks]
+        yield vectors.numpy(), np.concatenate(rooted)
 
 
 def heard(

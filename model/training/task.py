@@ -139,12 +139,15 @@ class DescentTask(ABC):
     """One network that descends one loss with AdamW, and a moving average of its weights.
 
     Args:
+        given: weights to begin with (`TaskSetup.begin`).
         normaliser: statistics of the input, saved with the weights.
         window_frames, context: see `Task`.
         statistics: what else is saved with the weights, beside the prior of a network that stands
             on one.
     """
 
+    may_lack: ClassVar[bool] = False
+    """See `Trained.start`."""
     kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """What a resumed run needs as it was."""
     is_compiled: ClassVar[bool] = False
@@ -154,12 +157,15 @@ class DescentTask(ABC):
         self,
         setup: TaskSetup,
         config: TrainConfig,
+        given: Trained | None,
         network: nn.Module,
         normaliser: Normaliser,
         window_frames: int,
         context: int = 0,
         statistics: Mapping[str, Tensor] = MappingProxyType({}),
     ) -> None:
+        if given is not None:
+            given.start(network, may_lack=self.may_lack)
         self.setup, self.config = setup, config
         self.window_frames, self.context = window_frames, context
         self.network = network.to(self.shard.device)

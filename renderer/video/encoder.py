@@ -21,6 +21,7 @@ from jaxtyping import UInt8
 
 from conventions.rates import FPS
 from processes.ended import Ended
+from processes.job import Cancelled
 
 DEFAULT_CRF = 20
 Own = TypeVar("Own", bound="Encoder")
@@ -40,10 +41,6 @@ _KNOWN_FAILURES = (
 
 class VideoError(RuntimeError):
     """A video could not be made; the message says why in one sentence."""
-
-
-class Cancelled(Exception):
-    """The caller asked to stop; no file was left."""
 
 
 def partial_path(out: Path, process_id: int) -> Path:

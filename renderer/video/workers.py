@@ -18,11 +18,12 @@ from jaxtyping import UInt8
 from conventions.views import LOOKS
 from processes.child import Child, Gone
 from processes.ended import Ended
+from processes.job import Cancelled
 from renderer.body.body import BodyMotion
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import Stage
-from renderer.video.encoder import Cancelled, partial_path
+from renderer.video.encoder import partial_path
 from renderer.video.marks import Marks
 from renderer.video.render import RenderSettings
 

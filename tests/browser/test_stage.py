@@ -18,8 +18,7 @@ from app.run import display
 from app.run.body_motion import body_motion
 from app.run.pieces import frames_message
 from app.run.videos.seen_video import Seen
-from model.motion.altered import exaggerate
-from model.motion.filtering import smooth_motion
+from model.motion.altered import exaggerate, smooth_motion
 from model.motion.motion import Motion
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend

@@ -15,8 +15,13 @@ from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
 from model.evaluation.clips import Cast, ClipContext, ClipRow, as_table, read_recording
 from model.evaluation.frechet import ENCODERS
-from model.evaluation.matching import MEASURES, NO_HEARING_JUDGE
-from model.evaluation.speakers import NO_SPEAKER_JUDGE, UNKNOWN_SPEAKERS, calm_over_lively
+from model.evaluation.judges import (
+    MEASURES,
+    NO_HEARING_JUDGE,
+    NO_SPEAKER_JUDGE,
+    UNKNOWN_SPEAKERS,
+    calm_over_lively,
+)
 from model.evaluation.tables import (
     as_csv,
     as_markdown,

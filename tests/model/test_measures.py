@@ -29,7 +29,7 @@ from model.measures.point import attribute_jerk
 from model.measures.seams import Windows
 from model.measures.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.motion import tracks as tracks_module
-from model.motion.filtering import smooth_motion, smooth_rotations
+from model.motion.altered import smooth_motion, smooth_rotations
 from model.motion.kinematics import (
     fingertip_positions,
     joint_positions_from_local,

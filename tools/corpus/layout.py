@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from conventions.rates import FPS
-from model.plan.textgrid import NamedTier, Row, textgrid_of
+from model.plan.tier_files import NamedTier, TierRow, textgrid_of
 from model.speech.audio import wav_bytes
 from model.storage.files import write_error, written_atomically
 from tools.corpus.clip import CorpusClip
@@ -97,15 +97,15 @@ def textgrid(clip: CorpusClip) -> str:
     duration_s = utterance.duration_s
 
     def intervals(name: str, rows: list[Interval]) -> NamedTier:
-        found: list[Row] = []
+        found: list[TierRow] = []
         for row in rows:
             clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
             if clipped is not None:
-                found.append(Row(*clipped))
+                found.append(TierRow(*clipped))
         return NamedTier(name, tuple(found))
 
     def moments(name: str, rows: list[Point]) -> NamedTier:
-        return NamedTier(name, tuple(Row(at, at, label) for at, label in rows), has_points=True)
+        return NamedTier(name, tuple(TierRow(at, at, label) for at, label in rows), has_points=True)
 
     def points(name: str, rows: list[Point]) -> NamedTier:
         return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))

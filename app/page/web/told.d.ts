@@ -27,7 +27,7 @@ export interface Row {
   /** Number of a take of an edited plan, and the row that it is of. */
   take?: number;
   of?: string;
-  /** How its file was understood, as model/formats/reading.py has it; `kind` as "*.npz". */
+  /** How its file was understood, as model/formats/read.py has it; `kind` as "*.npz". */
   assumed?: { kind: string; read: Assumption[] };
 }
 

@@ -259,7 +259,7 @@ def _draw_videos(
 
 def _numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
     """Of one system, as ``hearing.json`` has them."""
-    from model.evaluation.speakers import calm_over_lively, manner_of
+    from model.evaluation.judges import calm_over_lively, manner_of
     from model.measures.hearing import arm_rotations_same_noise, decided
 
     def shares(found: Decided) -> dict[str, float]:

@@ -11,10 +11,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.findings.measure_rows import MEASURES
-from model.formats.reading import LACKS
+from model.formats.read import LACKS
 
 if TYPE_CHECKING:
-    from model.formats.reading import Reading
+    from model.formats.read import Reading
 
 Counts = Mapping[str, Counter[tuple[str, str]]]
 """By set, in how many files what was assumed had which value."""

@@ -37,8 +37,7 @@ from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.read import ENDINGS
-from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
+from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Reading, Told
 from processes.job import Job
 from processes.pool import JobPool
 

@@ -67,7 +67,7 @@ def origin_of(
         mean_speeds: published ones that BeatAlign was measured with.
     """
     from model.systems.autoencoders import FGD_ENCODER
-    from model.training.run_folder import revision
+    from model.training.loop import revision
 
     digests = {
         name: _digest(

@@ -22,7 +22,7 @@ from app.run.many.table import Above, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from conventions.names import REFERENCE_NAME, printable
-from model.generation.clip_noise import clip_seed
+from model.sampling.samplers import clip_seed
 from processes.job import Job
 from processes.pool import JobPool
 

@@ -24,7 +24,7 @@ _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmp
 
 def versions() -> dict[str, str]:
     """Of this project, Python and the packages whose numbers or pictures could differ."""
-    from model.training.run_folder import revision
+    from model.training.loop import revision
 
     found = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:

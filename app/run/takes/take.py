@@ -29,7 +29,7 @@ from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
 if TYPE_CHECKING:
-    from model.generation.again import Performance
+    from model.generation.again import KeptPerformance
     from model.generation.base import System
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
@@ -55,7 +55,7 @@ class TakeAsk(Ask):
 
 
 @dataclass(frozen=True)
-class Take:
+class MadeTake:
     """What has become of it."""
 
     number: int
@@ -76,7 +76,7 @@ class _TakeWriter(RunWriter):
         self._on_event(Grown(self.folder.out))
 
 
-def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
     """Change the plan and perform it again; of the motion each window is told as it is made.
 
     Raises:
@@ -86,11 +86,11 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> T
     from app.run.models import get_system
     from conventions.rates import FPS
     from model.generation.again import ENDING, KeptError, perform, save_performance
-    from model.generation.windows import Cancelled
-    from model.motion.filtering import filtered
+    from model.motion.altered import filtered
     from model.motion.motion import load_motion
     from model.plan.plan import PlanError, read_plan
     from model.speech.audio import SpeechLimits, load_speech
+    from processes.job import Cancelled
 
     record = read_run(ask.out)
     asked, start = _as_the_run(ask, record), record.row(ask.start)
@@ -115,14 +115,14 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> T
         try:
             before = _ready(asked, start, system, speech, sample, plan, words, should_cancel)
             if not ask.edits:
-                return Take(0)
+                return MadeTake(0)
             try:
                 done = edited(plan, ask.edits, words, ask.locked)
             except PlanError as error:
                 offers = offers_for(plan, ask.edits[-1], words, ask.locked)
                 if len(ask.edits) > 1 or not offers:
                     raise
-                return Take(0, (str(error),), offers)
+                return MadeTake(0, (str(error),), offers)
             number = 1 + max(numbers, default=0)
             name = f"{of}.take{number}"
             row = rows_of([*(each.name for each in record.rows), name])[-1]
@@ -154,7 +154,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> T
             raise CancelledRun from error
         except KeptError as error:
             raise RunError(str(error)) from error
-    return Take(number, done.notes)
+    return MadeTake(number, done.notes)
 
 
 def _ready(
@@ -166,7 +166,7 @@ def _ready(
     plan: GesturePlan,
     words: Sequence[Word],
     should_cancel: ShouldCancel,
-) -> Performance:
+) -> KeptPerformance:
     """The motion that a take begins with, performed once more where its windows are not there."""
     from model.generation.again import ENDING, load_performance, perform, save_performance
     from model.motion.motion import load_motion

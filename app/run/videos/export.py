@@ -19,7 +19,7 @@ from app.run.models import get_body
 from app.run.output.telling import Reporter
 from app.run.videos.videos import draw_videos, jobs_of
 from conventions.views import Framing, View
-from model.formats.reading import lengths_apart
+from model.formats.read import lengths_apart
 
 if TYPE_CHECKING:
     import numpy as np

@@ -221,7 +221,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         CancelledRun: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.motion.filtering import smooth_motion
+    from model.motion.altered import smooth_motion
     from model.motion.motion import load_motion
 
     seen = request.seen

@@ -136,7 +136,7 @@ def draw_videos(
     parallel: int = PARALLEL_VIDEOS,
 ) -> dict[Key, np.ndarray]:
     """As `renderer.video.workers.draw_jobs`, for whom the work ends by `CancelledRun`."""
-    from renderer.video.encoder import Cancelled
+    from processes.job import Cancelled
     from renderer.video.workers import draw_jobs
 
     try:

@@ -198,14 +198,10 @@ def _generate(
     """From the excerpt alone: the system hears what the participants hear. No two clips share
     noise, or participants would see the same gestures again and again; conditions of one system and
     seed share it, and the plan that a style changes."""
-    from model.generation.clip_noise import clip_seed
-    from model.generation.windows import (
-        Cancelled,
-        GenerateOptions,
-        draw_conditions,
-        generate_motion,
-    )
-    from model.motion.filtering import filtered
+    from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
+    from model.motion.altered import filtered
+    from model.sampling.samplers import clip_seed
+    from processes.job import Cancelled
 
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)

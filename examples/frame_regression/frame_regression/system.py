@@ -8,8 +8,7 @@ from torch.nn.functional import avg_pool1d
 
 from frame_regression import DRAWN, FAMILY
 from frame_regression.network import CONTEXT, POSE, Regression
-from model.generation.base import Draw, System, Window, Windowing
-from model.generation.stitching import SpeechWindow
+from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.rotations import matrix_from_axis_angle
 from model.networks.trained import Trained
 

@@ -9,8 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.motion.packing import Normaliser
-from model.networks.branch import ConditionedNetwork, MotionBranch
-from model.networks.layers import Attention
+from model.networks.branch import Attention, ConditionedNetwork, MotionBranch
 from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior
 from model.systems.asynfusion import DualBranchConfig

@@ -8,8 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, System, Window, Windowing
-from model.generation.stitching import SpeechWindow
+from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained

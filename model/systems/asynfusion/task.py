@@ -63,13 +63,11 @@ class BranchesTask(DescentTask):
         if taught is not None:
             self.teacher = taught.as_of(make_network(shape, (face, body), consistent=False))
         network = make_network(shape, (face, body), consistent=self.teacher is not None)
-        if given:
-            given.start(network)
-        elif self.teacher is not None:
+        if self.teacher is not None:
             network.load_state_dict(self.teacher.state_dict())
         super().__init__(
-            setup, config, network, body.normaliser, shape.window_frames, shape.speech_context,
-            face_tensors(face) | {"prior.covariance": body.prior.covariance},
+            setup, config, given, network, body.normaliser, shape.window_frames,
+            shape.speech_context, face_tensors(face) | {"prior.covariance": body.prior.covariance},
         )  # fmt: skip
         self.normalisers = face.normaliser.to(device), self.normaliser
         if self.teacher is not None:

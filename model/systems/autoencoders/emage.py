@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from model.motion.motion import Motion
 from model.motion.rotations import rot6d_from_matrix
-from model.storage.torch_file import check_tensors, read_tensors
+from model.storage.checkpoint import check_tensors, read_tensors
 
 CODE_DIM = 240
 """Numbers of a code: 12 for each of 20 chains of bones."""
@@ -52,7 +52,7 @@ class MaskedConv(nn.Module):
         return nn.functional.conv1d(frames, weight, self.bias, stride=2, padding=self._padding)
 
 
-class Pool(nn.Module):
+class BonePool(nn.Module):
     """Averages of bones, by a matrix."""
 
     def __init__(self, channels: int, pooled: int) -> None:
@@ -76,7 +76,7 @@ class EmageLevel(nn.Module):
             MaskedConv(channels_in, channels_out, 4), nn.GroupNorm(_NUM_GROUPS, channels_out)
         )
         self.shortcut = MaskedConv(channels_in, channels_out, 1)
-        pools = [] if pooled is None else [Pool(channels_out, pooled)]
+        pools = [] if pooled is None else [BonePool(channels_out, pooled)]
         self.common = nn.Sequential(*pools, nn.Tanh())
 
     def forward(self, frames: Float[Tensor, "n in_dim T"]) -> Float[Tensor, "n out half"]:

@@ -25,14 +25,12 @@ class AutoencoderTask(DescentTask):
         self, config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup
     ) -> None:
         given = setup.begin(config, data)
-        if given is None:
-            normaliser = fit_input(config, statistics_batch(data, config.window_frames))
-        else:
-            normaliser = given.normaliser
+        frames = config.window_frames
+        normaliser = (
+            given.normaliser if given else fit_input(config, statistics_batch(data, frames))
+        )
         network = MotionAutoencoder(config.autoencoder)
-        if given:
-            given.start(network)
-        super().__init__(setup, config, network, normaliser, config.window_frames)
+        super().__init__(setup, config, given, network, normaliser, frames)
         self.skeleton = open_body_skeleton()
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:

@@ -19,9 +19,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from model.generation.base import Draw, System, Window, Windowing
+from model.generation.base import Draw, SpeechWindow, System, Window, Windowing, fade
 from model.generation.family import Family
-from model.generation.stitching import SpeechWindow, fade
 from model.motion.packing import Normaliser
 from model.networks.branch import AddedTokens, PriorNetwork
 from model.networks.config import BranchConfig

@@ -19,16 +19,15 @@ class FaceTask(DescentTask):
     """Flow matching of face units; plans are told where clips have annotated ones."""
 
     config: FaceTrainConfig
+    may_lack = True  # weights may know of no plans
 
     def __init__(self, config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.expression
         given = setup.begin(config, data, shape.num_speakers)
         normaliser, prior = fit_face_prior(data, shape, given)
         network = FaceNetwork(shape, prior)
-        if given:
-            given.start(network, may_lack=True)
         super().__init__(
-            setup, config, network, normaliser, shape.window_frames, shape.speech_context
+            setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
         )
         self.plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
 

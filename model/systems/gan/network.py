@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
-from model.networks.branch import ConditionedNetwork, MotionBranch, shown
-from model.networks.layers import TimeEmbedding
+from model.networks.branch import ConditionedNetwork, MotionBranch, TimeEmbedding, shown
 from model.sampling.prior import GaussianPrior
 from model.systems.gan import DiscriminatorConfig, GeneratorConfig
 from model.systems.gan.sampling import flow_time

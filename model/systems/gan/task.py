@@ -12,16 +12,16 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Decoded, Normaliser, decode
+from model.motion.packing import Decoded, decode
 from model.sampling.flow import time_weight
 from model.systems.gan import GanConfig
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses
+from model.training.loop import TrainingError
 from model.training.losses import geometric_terms
 from model.training.parallel import Draws, compiled
-from model.training.run_folder import TrainingError
-from model.training.targets import Targets, conditions, fit_motion_prior, prepare_targets
+from model.training.targets import conditions, fit_motion_prior, prepare_targets
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
 PATIENCE = 1000
@@ -35,18 +35,6 @@ one motion."""
 FAR = 5.0
 MEMORY = 0.98
 """Of the running means that these limits hold for: verdicts on one batch come and go."""
-
-
-def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTask":
-    shape = config.generator
-    given = setup.begin(config, data, shape.num_speakers)
-    targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-    normaliser, prior = fit_motion_prior(data, targets, shape, given)
-    generator = Generator(shape, prior, normaliser)
-    discriminator = Discriminator(config.discriminator, shape)
-    if given:
-        given.start(generator)
-    return GanTask(setup, config, generator, discriminator, normaliser, targets)
 
 
 def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
@@ -152,20 +140,16 @@ class GanTask(DescentTask):
     config: GanConfig
     network: Generator
 
-    def __init__(
-        self,
-        setup: TaskSetup,
-        config: GanConfig,
-        generator: Generator,
-        discriminator: Discriminator,
-        normaliser: Normaliser,
-        targets: Targets,
-    ) -> None:
-        shape, device = config.generator, setup.shard.device
+    def __init__(self, config: GanConfig, data: PreparedData, setup: TaskSetup) -> None:
+        shape = config.generator
+        given = setup.begin(config, data, shape.num_speakers)
+        self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
+        normaliser, prior = fit_motion_prior(data, self.targets, shape, given)
+        generator = Generator(shape, prior, normaliser)
+        self.discriminator = Discriminator(config.discriminator, shape).to(setup.shard.device)
         super().__init__(
-            setup, config, generator, normaliser, shape.window_frames, shape.speech_context
+            setup, config, given, generator, normaliser, shape.window_frames, shape.speech_context
         )
-        self.targets, self.discriminator = targets, discriminator.to(device)
         self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
         self.watch = Watch()
         self.training_terms = (
@@ -309,6 +293,9 @@ class GanTask(DescentTask):
         dist.all_reduce(flat)
         parts = (flat / self.shard.count).split([gradient.numel() for gradient in gradients])
         return [part.view_as(of) for part, of in zip(parts, gradients, strict=True)]
+
+
+make_task = GanTask
 
 
 def _spread_of(windows: Float[Tensor, "B T C"]) -> Float[Tensor, ""]:

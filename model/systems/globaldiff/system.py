@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from conventions.rates import FPS
-from model.generation.base import Draw
-from model.generation.stitching import fade_weights
+from model.generation.base import Draw, fade_weights
 from model.motion.packing import pack, rotations
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM

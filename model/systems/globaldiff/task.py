@@ -45,14 +45,7 @@ class MotionTask(DescentTask):
     is_compiled = True
     config: GlobalDiffConfig
 
-    def __init__(
-        self, config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup, *,
-        may_lack: bool = False,
-    ) -> None:  # fmt: skip
-        """
-        Args:
-            may_lack: see `Trained.start`.
-        """
+    def __init__(self, config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.network
         given = setup.begin(config, data, shape.num_speakers)
         self.encoder = None
@@ -71,10 +64,8 @@ class MotionTask(DescentTask):
         network = self.untrained(config, prior)
         if isinstance(network, MotionNetwork):
             network.start_at(mean_vector(normaliser, self.targets))
-        if given:
-            given.start(network, may_lack=may_lack)
         super().__init__(
-            setup, config, network, normaliser, shape.window_frames, shape.speech_context
+            setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
         )
         self.training_terms = compiled(self.terms) if self.compiles else self.terms
 

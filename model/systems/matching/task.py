@@ -35,15 +35,15 @@ class MatchingTask(DescentTask):
 
     def __init__(self, config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         given = setup.begin(config, data)
-        if given is None:
-            batch = statistics_batch(data, config.piece_frames)
-            normaliser = fit_tracks(motion_tracks(batch.poses))
-        else:
-            normaliser = given.normaliser
+        normaliser = (
+            given.normaliser
+            if given
+            else fit_tracks(motion_tracks(statistics_batch(data, config.piece_frames).poses))
+        )
         network = MatchingNetwork(config.matching)
-        if given:
-            given.start(network)
-        super().__init__(setup, config, network, normaliser, config.pieces * config.piece_frames)
+        super().__init__(
+            setup, config, given, network, normaliser, config.pieces * config.piece_frames
+        )
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
         config, shard = self.config, draws.shard

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from model.generation.family import FileReport
 from model.storage.cards import CheckpointError
-from model.storage.torch_file import check_tensors, read_tensors
+from model.storage.checkpoint import check_tensors, read_tensors
 from model.systems.official.files import (
     BODY_CHANNELS,
     EXPRESSION_DIM,

@@ -8,16 +8,15 @@ window's later frames, and as one of the first 8 of a window.
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from model.generation.stitching import num_windows
+from model.generation.base import num_windows
 from model.speech.encoder import EncoderError
-from model.speech.wavlm import normalises
+from model.speech.wavlm import normalises, speech_model
 from model.systems.official.files import (
     SEED_FRAMES,
     SPEECH_DIM,
@@ -116,21 +115,7 @@ def _by_model(folder: Path) -> Hear:
             f"{folder} holds a {kind} of width {width}; the authors' networks hear by a wavlm or "
             f"hubert of width {SPEECH_DIM}."
         )
-    try:
-        import transformers
-    except ImportError as error:
-        raise EncoderError(
-            "The systems official/... need the package transformers to hear; pip install it, or "
-            "give prepared features with --official-features FILE."
-        ) from error
-    try:
-        model = getattr(transformers, MODELS[kind]).from_pretrained(folder, local_files_only=True)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise EncoderError(
-            f"The speech model in {folder} cannot be loaded: {str(error).splitlines()[0]}"
-        ) from error
-    network = cast(torch.nn.Module, model).eval().requires_grad_(False)
-    levels = normalises(folder)
+    network, levels = speech_model(folder, MODELS[kind]), normalises(folder)
 
     @torch.inference_mode()
     def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 1024"]:

@@ -12,8 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_NAMES
-from model.generation.base import Draw, System, Window, Windowing
-from model.generation.stitching import SpeechWindow
+from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix

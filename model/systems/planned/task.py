@@ -29,18 +29,17 @@ class PlannerTask(DescentTask):
     """The negative log-likelihood of a plan's events."""
 
     config: PlannerTrainConfig
+    may_lack = True  # weights may have fewer tiers, or no codes
 
     def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.planner
         given = setup.begin(config, data, shape.num_speakers)
         self.plans = prepare_plans(data, shape.num_speakers)
         network = PlannerNetwork(shape)
-        if given:
-            given.start(network, may_lack=True)  # with fewer tiers, or no codes
         device = setup.shard.device
         self.codes = load_codes(setup.helpers, device) if shape.codes else None
         super().__init__(
-            setup, config, network, given.normaliser if given else fit_features(data),
+            setup, config, given, network, given.normaliser if given else fit_features(data),
             shape.window_frames, shape.context,
             {**self.plans.table.tensors(), "begins.goals": first_goals(data, self.plans, shape)},
         )  # fmt: skip
@@ -81,10 +80,11 @@ class PlannedTask(MotionTask):
     """What GlobalDiff's network descends, told plans."""
 
     config: PlannedConfig
+    may_lack = True  # weights may know of no plans
 
     def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
         self.plans = prepare_plans(data, config.network.num_speakers)
-        super().__init__(config, data, setup, may_lack=True)  # weights may know of no plans
+        super().__init__(config, data, setup)
         self.statistics = {"kinds.names": self.plans.table.tensors()["kinds.names"]}
 
     def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from model.data.annotated import annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
-from model.networks.speech_codes import CodesNetwork, Reading
+from model.networks.speech_codes import CodesNetwork, SpeechReading
 from model.speech.codes import TOLD
 from model.systems.speech_encoder import SpeechEncoderConfig
 from model.training.parallel import Draws
@@ -28,10 +28,10 @@ class CodesTask(DescentTask):
         given, shape = setup.begin(config, data), config.codes
         self.spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
         network = CodesNetwork(shape)
-        if given:
-            given.start(network)
         normaliser = given.normaliser if given else fit_features(data)
-        super().__init__(setup, config, network, normaliser, config.window_frames, shape.context)
+        super().__init__(
+            setup, config, given, network, normaliser, config.window_frames, shape.context
+        )
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
         config, shard = self.config, draws.shard
@@ -42,7 +42,7 @@ class CodesTask(DescentTask):
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
-        found = Reading(reading.phone[:, inside].float(), reading.told[:, inside].float())
+        found = SpeechReading(reading.phone[:, inside].float(), reading.told[:, inside].float())
         right = (found.phone.argmax(-1) == phone).float().mean()
         return StepLoss(terms(found, phone, told), {"phones_right": right})
 
@@ -51,7 +51,7 @@ make_task = CodesTask
 
 
 def terms(
-    found: Reading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
+    found: SpeechReading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
 ) -> dict[str, Float[Tensor, ""]]:
     """Each part of the loss."""
     losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}

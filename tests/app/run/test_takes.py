@@ -14,7 +14,7 @@ from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of, offers_for
-from app.run.takes.take import Take, TakeAsk, make_take, row_of
+from app.run.takes.take import MadeTake, TakeAsk, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures
@@ -229,7 +229,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
     asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED)
-    assert make_take(asked, lambda event: None, never) == Take(0)
+    assert make_take(asked, lambda event: None, never) == MadeTake(0)
     rows: list[Row] = []
 
     def noted(event: Event) -> None:

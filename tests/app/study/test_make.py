@@ -20,11 +20,11 @@ from app.study.make import media
 from app.study.make.bundle import genea_tables, hemvip
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
-from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.plan.editing import Gesture, added, deleted
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
+from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, write_wav
 from model.systems.planned import PLANNED
 from model.systems.registry import load_system

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from model.evaluation.clips import read_recording
-from model.evaluation.matching import (
+from model.evaluation.judges import (
     MEASURES,
     coupling,
     frame_loudness,

@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,33 +10,28 @@ import torch
 from model.evaluate import main
 from model.evaluation import finding
 from model.evaluation.adherence import (
-    EDITS,
     Answers,
-    Distances,
+    distances,
     gesture_size,
     moves_alone,
-    planned_places,
     random_edit,
     rest_speeds,
     stroke_lags,
+    told,
 )
 from model.evaluation.finding import (
     Counts,
-    PhaseNetwork,
     agreement,
     near,
     overlapping,
     with_long_holds,
 )
-from model.motion.motion import Motion
-from model.networks.autoencoder import load_encoder
 from model.plan import found
 from model.plan.editing import Gesture, added, gestures, sized
+from model.plan.found import PhaseNetwork
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
-from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders import FGD_ENCODER
-from tests.helpers import smooth_motion_example
+from model.plan.tracks import hand_tracks, tracks_of
 from tests.model.plan.made import made_plan, phase
 
 FRAMES = 300
@@ -52,6 +46,12 @@ def plan() -> GesturePlan:
     return made
 
 
+def planned_places(plan: GesturePlan) -> dict:
+    """Where a plan has the wrists."""
+    planned = tracks_of(plan, FRAMES).astype(np.float64)
+    return {side: planned[:, hand_tracks(side)][:, :3] for side in SIDES}
+
+
 def test_strokes_are_as_late_as_they_are(plan):
     exact = planned_places(plan)
     assert stroke_lags(exact, plan) == [0.0] * 3
@@ -59,7 +59,7 @@ def test_strokes_are_as_late_as_they_are(plan):
     assert stroke_lags(late, plan) == pytest.approx([5 / 30] * 3)
     small = {side: 0.3 * path + 0.1 for side, path in exact.items()}
     assert stroke_lags(small, plan) == [0.0] * 3
-    inside = stroke_lags(late, plan, [range(140, 160)])
+    inside = stroke_lags(late, plan, range(140, 160))
     assert inside == pytest.approx([5 / 30])
 
 
@@ -87,7 +87,7 @@ def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
     usual = math.dist(PLACES["stop"], REST_PLACE)
     for size in (0.6, 1.0, 1.4):
         larger = sized(plan, gesture, size).plan
-        found = gesture_size(planned_places(larger), larger, gesture)
+        found = gesture_size(planned_places(larger), gesture)
         assert found == pytest.approx(size * usual, rel=0.05)
 
 
@@ -100,45 +100,35 @@ def test_rests_are_measured_inside(plan):
     assert rest_speeds(drifting, plan) == pytest.approx([0.3] * 5, abs=0.05)
 
 
-def test_random_edits_are_of_every_kind_and_tell_what_they_are_about(plan):
-    rng, seen = np.random.default_rng(1), set()
+def test_random_edits_change_the_plan_and_tell_what_they_are_about(plan):
+    rng, gone = np.random.default_rng(1), 0
     for _ in range(120):
-        name, edited, gesture = random_edit(plan, rng)
-        seen.add(name)
-        assert edited.plan != plan or edited.notes or name in ("hold", "size", "height")
+        edited, gesture = random_edit(plan, rng)
+        gone += gesture is None
         if gesture is not None:
             lands = [g.lands_s for g in gestures(edited.plan, gesture.side)]
             assert min(abs(at - gesture.lands_s) for at in lands) < 1e-6
-    assert seen == set(EDITS)
-    assert random_edit(STILL, rng)[0] == "add"
+    assert 5 < gone < 40, "one kind in seven deletes"
+    assert len(gestures(random_edit(STILL, rng)[0].plan, "right")) < 2
 
 
 def test_answers_are_told_with_their_number():
-    asked = Answers()
-    asked.add("a", [1.0, 0.0])
-    asked.add("a", [1.0, math.nan])
-    asked.add("b", [])
-    assert asked.told() == {"a": {"mean": pytest.approx(2 / 3), "count": 4}}
+    asked = Answers(list, a=[1.0, 0.0, 1.0, math.nan], b=[])
+    assert told(asked) == {"a": {"mean": pytest.approx(2 / 3), "count": 4}}
 
 
 def test_distances_are_those_of_edited_and_unedited_motion():
-    encoder = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-    recorded, near, far = moved(0, 0.02), moved(1, 0.02), moved(2, 0.3)
-    distances = Distances(encoder)
-    assert distances.told() == {}
-    for _ in range(2):
-        distances.add(recorded, [near, near, far])
-    told = {name: answer["mean"] for name, answer in distances.told().items()}
-    alone = Distances(encoder)
-    for _ in range(2):
-        alone.add(recorded, [near, far])
-    plain = {name: answer["mean"] for name, answer in alone.told().items()}
-    assert told["FGD, unedited"] == plain["FGD, unedited"] > 0
-    assert plain["FGD, edited"] > plain["FGD, unedited"]
+    rng = np.random.default_rng(0)
+    recorded, near, far = (rng.normal(at, 1, (200, 3)) for at in (0.0, 0.1, 2.0))
+    assert distances([[recorded, near, far]]) == {}
+    found = {
+        name: each["mean"] for name, each in distances([[recorded, near, near, far]] * 2).items()
+    }
+    plain = {name: each["mean"] for name, each in distances([[recorded, near, far]] * 2).items()}
+    assert plain["FGD, edited"] > found["FGD, unedited"] == plain["FGD, unedited"] > 0
     half = (plain["FGD, unedited"] + plain["FGD, edited"]) / 2
-    assert told["FGD, edited"] == pytest.approx(half)
-    ratio = told["FGD, edited"] / told["FGD, unedited"]
-    assert told["FGD, edited / unedited"] == pytest.approx(ratio)
+    assert found["FGD, edited"] == pytest.approx(half)
+    assert found["FGD, edited / unedited"] == pytest.approx(half / plain["FGD, unedited"])
 
 
 def test_moments_are_met_once_each():
@@ -171,30 +161,23 @@ def test_a_plan_agrees_with_itself_in_everything():
     assert moved["ends of strokes"].met == 0 and moved["nods"].met == 1
 
 
-def test_what_is_fitted_is_what_is_computed_without_torch(tmp_path, monkeypatch):
-    """The written weights give the network's own scores."""
+def test_what_is_fitted_is_what_is_read(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     path = np.cumsum(rng.normal(0, 0.01, (400, 3)), axis=0)
     monkeypatch.setattr(finding, "_recorded", lambda *_: (made_plan(), dict(left=path, right=path)))
     monkeypatch.setattr(finding, "STEPS", 3)
-    kept = {}
+    fitted = []
     monkeypatch.setattr(
-        PhaseNetwork,
-        "state_dict",
-        lambda self: kept.setdefault("net", self) and torch.nn.Module.state_dict(self),
+        finding, "PhaseNetwork", lambda n: fitted.append(PhaseNetwork(n)) or fitted[0]
     )
     finding.fit(tmp_path, ["a"], tmp_path / "w.npz")
     monkeypatch.setattr(found, "WEIGHTS", tmp_path / "w.npz")
     found._weights.cache_clear()
-    features = found.hand_features(path, path)
-    likely, stay, change = found._likelihoods(features)
-    told = found._weights()
-    x = torch.from_numpy((features - told["mean"]) / told["std"]).T[None]
-    with torch.no_grad():
-        own = torch.log_softmax(kept["net"](x)[0].T, dim=1).numpy()
-    np.testing.assert_allclose(likely, own, atol=0.02)
-    assert np.isfinite(stay).all() and np.isfinite(change).all()
+    read, told = found._weights()
     found._weights.cache_clear()
+    assert told["next"].sum(axis=1) == pytest.approx(1) and (told["frames"] > 0).all()
+    for name, tensor in fitted[0].state_dict().items():
+        torch.testing.assert_close(read.state_dict()[name], tensor.half().float())
 
 
 def test_the_command_asks_a_protocol_by_its_name(annotated_folder, tmp_path, capsys):
@@ -205,9 +188,3 @@ def test_the_command_asks_a_protocol_by_its_name(annotated_folder, tmp_path, cap
     assert f"strokes: f1 {told['strokes']['f1']:.4g}, precision" in capsys.readouterr().out
     assert main(["adherence", *command, "--weights", str(tmp_path)]) == 1
     assert "workbench/planned" in capsys.readouterr().err
-
-
-def moved(seed: int, size: float) -> Motion:
-    poses = np.cumsum(np.random.default_rng(seed).normal(0, size / 10, (FRAMES, 165)), axis=0)
-    zeros = np.zeros((FRAMES, 3), np.float32)
-    return replace(smooth_motion_example(FRAMES), poses=poses.astype(np.float32), trans=zeros)

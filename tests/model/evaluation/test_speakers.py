@@ -8,8 +8,8 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from model.data.recordings import read_files
-from model.evaluation.matching import PIECE_FRAMES
-from model.evaluation.speakers import (
+from model.evaluation.judges import (
+    PIECE_FRAMES,
     FewClips,
     SpeakerJudge,
     calm_over_lively,
@@ -20,11 +20,10 @@ from model.evaluation.speakers import (
     with_silence,
     wrist_speed_m_s,
 )
-from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures.hearing import arm_rotations_alike, arm_speed, speed_in_silence
 from model.motion.motion import Motion, first_frames, save_motion
-from model.sampling.samplers import USUAL
+from model.sampling.samplers import USUAL, clip_seed
 from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech, make_data_folder

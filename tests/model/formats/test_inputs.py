@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.formats.read import read_any_motion
-from model.formats.reading import Reading, read_told
+from model.formats.read import Reading, read_any_motion, read_told
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, foreign_folder
 from tests.model.formats.made import drawn, joints_of

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from model.formats.reading import (
+from model.formats.read import (
     Assumption,
     Reading,
     apart,

@@ -9,18 +9,19 @@ import torch
 from model.generation.again import (
     ENDING,
     KeptError,
-    Performance,
+    KeptPerformance,
     load_performance,
     perform,
     save_performance,
 )
-from model.generation.windows import Cancelled, GenerateOptions, generate_motion
+from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.plan.editing import Gesture, added, deleted, with_event
 from model.plan.plan import GesturePlan, Nod
 from model.systems.planned import PLANNED
 from model.systems.registry import load_system
+from processes.job import Cancelled
 from tests.model.made import made_speech
 from tests.model.plan.made import resting
 
@@ -43,12 +44,12 @@ def system(planned_weights):
 
 
 @pytest.fixture(scope="module")
-def first(system) -> Performance:
+def first(system) -> KeptPerformance:
     return perform(system, SPEECH, options(PLAN))
 
 
 @pytest.fixture(scope="module")
-def changed(system, first) -> Performance:
+def changed(system, first) -> KeptPerformance:
     return perform(system, SPEECH, options(WITHOUT), first)
 
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from conventions.joints import JOINT_INDEX
+from model.generation.base import SpeechWindow
 from model.generation.live import LiveMotion, Pace
-from model.generation.stitching import SpeechWindow
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import put_together

@@ -2,9 +2,9 @@
 
 import torch
 
-from model.generation.clip_noise import clip_seed
-from model.generation.stitching import SpeechWindow, cross_fade, fade_weights, num_windows
+from model.generation.base import SpeechWindow, cross_fade, fade_weights, num_windows
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
+from model.sampling.samplers import clip_seed
 
 
 def test_windows_cover_every_length_and_no_window_is_spare():

@@ -9,7 +9,6 @@ import torch
 from conventions.joints import JOINT_INDEX
 from model.generation import windows
 from model.generation.windows import (
-    Cancelled,
     GenerateOptions,
     generate_motion,
     motion_pieces,
@@ -18,6 +17,7 @@ from model.generation.windows import (
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.systems.globaldiff import BEST
+from processes.job import Cancelled
 from tests.model.made import made_speech
 
 OPTIONS = GenerateOptions(speaker="ann", steps=2)

@@ -9,14 +9,15 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from model.plan import annotation, elan
-from model.plan.annotation import plan_of_tiers
 from model.plan.files import (
     ENDINGS,
+    USUAL_NOD_DEG,
     Marker,
+    PlanRead,
     annotated_plan,
     markers_csv,
     markers_of,
+    plan_of_tiers,
     read_plan_file,
     write_plan_file,
 )
@@ -34,7 +35,7 @@ from model.plan.plan import (
     Stand,
     read_plan,
 )
-from model.plan.textgrid import NamedTier, Row, textgrid_of, textgrid_tiers
+from model.plan.tier_files import NamedTier, TierRow, textgrid_of, textgrid_tiers
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 from tests.model.plan.strategies import plans
 
@@ -150,7 +151,7 @@ def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
         write_plan_file(plan, tmp_path / "plan.txt")
 
 
-def told(*tiers: NamedTier) -> annotation.PlanRead:
+def told(*tiers: NamedTier) -> PlanRead:
     return plan_of_tiers(tiers, 5.0)
 
 
@@ -212,7 +213,7 @@ def test_heads_and_faces_need_no_numbers() -> None:
     )
     plan = read.plan
     assert plan.left == plan.right and len(plan.left) == 1
-    assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, annotation.USUAL_NOD_DEG)
+    assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, USUAL_NOD_DEG)
     assert [look.yaw_deg > 0 for look in plan.looks] == [False, True]
     assert plan.brows[0].height < 0 and plan.blinks[0].time_s == 2.1
     assert plan.stands[0].leg == "left"
@@ -284,7 +285,7 @@ def test_a_textgrid_comes_back_whatever_its_labels_hold() -> None:
     spans = tier("of", *((k, k + 1, label) for k, label in enumerate(LABELS)))
     told = [spans, tier("none"), tier('a "b"', *((k, label) for k, label in enumerate(LABELS)))]
     assert textgrid_tiers(textgrid_of(told, 7.0)) == (
-        [spans, NamedTier("none", (Row(0.0, 7.0, ""),)), told[2]],
+        [spans, NamedTier("none", (TierRow(0.0, 7.0, ""),)), told[2]],
         7.0,
     )
 
@@ -318,8 +319,8 @@ SHORT = """File type = "ooTextFile short"
 
 
 def test_praats_short_format_exponents_and_times_before_zero_are_read_as_they_stand() -> None:
-    words = (Row(0.0, 0.5, 'so "it" now'), Row(0.5, 2.0, "goes"))
-    apex = NamedTier("apex", (Row(-1.0, -1.0, "here"),), has_points=True)
+    words = (TierRow(0.0, 0.5, 'so "it" now'), TierRow(0.5, 2.0, "goes"))
+    apex = NamedTier("apex", (TierRow(-1.0, -1.0, "here"),), has_points=True)
     assert textgrid_tiers(SHORT) == ([NamedTier("words", words), apex], 2.0)
 
 
@@ -404,7 +405,7 @@ def test_large_and_missing_files_are_refused(
     for ending in ENDINGS:
         with pytest.raises(PlanError, match="could not be read"):
             read_plan_file(tmp_path / f"missing{ending}")
-    monkeypatch.setattr(elan, "MAX_ELEMENTS", 3)
+    monkeypatch.setattr("model.plan.tier_files.MAX_ELEMENTS", 3)
     monkeypatch.setattr("model.plan.plan.MAX_BYTES", 10_000)
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     with pytest.raises(PlanError, match="holds more than any ELAN file"):

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from model.speech import wavlm
-from model.speech.encoder import EncoderError
-from model.speech.encoders import make_encoder
+from model.speech.encoder import EncoderError, make_encoder
 from model.speech.wavlm import WavLMEncoder
 
 RATE = 16_000

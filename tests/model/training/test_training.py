@@ -12,10 +12,10 @@ import torch
 from model.data.prepared import prepare
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import ROTATION_DIM, decode, to_vectors
-from model.networks.layers import Attention
+from model.networks.branch import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
-from model.systems.globaldiff import presets
+from model.systems.globaldiff import GlobalDiffConfig, presets
 from model.systems.globaldiff.task import make_task
 from model.train import main
 from model.training import losses, parallel
@@ -135,8 +135,10 @@ def test_attention_written_out_is_torchs_own():
 
 
 def losses_of(data, folder, steps: int, shard) -> list[float]:
-    config = presets("globaldiff/global")["smoke"]
-    config = replace(config, batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6)
+    config = GlobalDiffConfig(
+        network=presets("globaldiff/global")["smoke"].network,
+        batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6,
+    )  # fmt: skip
     task = make_task(config, data, TaskSetup(folder, shard=shard))
     clips, found = data.of_split("train"), []
     for step in range(steps):

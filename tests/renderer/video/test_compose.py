@@ -6,6 +6,7 @@ import av
 import numpy as np
 import pytest
 
+from processes.job import Cancelled
 from renderer.scene.stage import Panel
 from renderer.video.compose import (
     FLICKER_FRAMES,
@@ -18,7 +19,7 @@ from renderer.video.compose import (
     label_band,
     rows_of,
 )
-from renderer.video.encoder import Cancelled, VideoError
+from renderer.video.encoder import VideoError
 from tests.renderer.video.test_encoder import (
     SIZE,
     decoded_frames,

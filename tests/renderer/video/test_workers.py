@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from processes.ended import Ended
+from processes.job import Cancelled
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.scene.stage import set_stage
-from renderer.video.encoder import Cancelled, VideoError, read_facts
+from renderer.video.encoder import VideoError, read_facts
 from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure
 from tests.processes.made import wait_for

@@ -22,7 +22,7 @@ from sklearn.metrics import roc_auc_score
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.motion import load_motion
-from model.plan.textgrid import textgrid_tiers
+from model.plan.tier_files import textgrid_tiers
 from model.speech.audio import SpeechLimits, load_speech
 from tools.corpus.layout import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices

@@ -24,7 +24,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import edits_of, locked_of
-from app.run.takes.take import Take, TakeAsk
+from app.run.takes.take import MadeTake, TakeAsk
 from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
@@ -167,7 +167,7 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
     number = 0
     with changed(request.out) as record:
         start = record.row(request.start)
@@ -186,7 +186,7 @@ def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Ta
         row.files["told"] = "told.json"
         (request.out / "told.json").write_text("{}")
         record.put(row)
-    return Take(number, ("It was mended.",) if number else ())
+    return MadeTake(number, ("It was mended.",) if number else ())
 
 
 class Editor:
@@ -235,7 +235,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+    def fails(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
         made = make(request, on_event, should_cancel)
         with changed(request.out) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")

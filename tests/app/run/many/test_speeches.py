@@ -16,10 +16,10 @@ from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import find_speeches, generate_many, is_many
 from app.run.output.bars import Bars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
-from model.generation.clip_noise import clip_seed
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
+from model.sampling.samplers import clip_seed
 from model.speech.audio import SpeechError, write_wav
 from model.systems.planned import PLANNED
 from processes.pool import JobPool

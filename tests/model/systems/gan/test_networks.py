@@ -14,7 +14,7 @@ from model.systems.gan.task import (
     generator_loss,
     gradient_penalty,
 )
-from model.training.run_folder import TrainingError
+from model.training.loop import TrainingError
 from tests.model.made import made_components, made_prior, shaken
 from tests.model.systems.gan.made_generator import TINY, made_generator, told
 

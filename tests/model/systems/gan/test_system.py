@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.generation.base import Draw
-from model.generation.stitching import SpeechWindow
+from model.generation.base import Draw, SpeechWindow
 from model.generation.windows import GenerateOptions, generate_motion
 from model.storage.cards import CheckpointError
 from model.systems.gan import SYSTEMS

@@ -1,7 +1,7 @@
 """Training of the generator against the discriminator: two steps, and each loss by itself."""
 
-import copy
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.parallel import Draws
-from model.training.task import Task, TaskSetup
+from model.training.task import Start, Task, TaskSetup
 from tests.model.training.made import (
     FP32,
     assert_equal_states,
@@ -67,24 +67,21 @@ def drawn_by(task: GanTask, batch: Batch, seed: int) -> Drawn:
     return task.draw(task.network, batch, draws)
 
 
-def changed(task: GanTask, **changes) -> GanTask:
-    """One of other settings with the same statistics and, in the same shape, the same weights."""
-    config = quick(WEIGHTS, **changes)
-    generator, discriminator = copy.deepcopy(networks_of(task))
-    if config.generator != task.config.generator:
-        generator = Generator(config.generator, task.network.prior, task.normaliser)
-    targets = task.targets
-    return GanTask(task.setup, config, generator, discriminator, task.normaliser, targets)
+@pytest.fixture
+def changed(data, trained) -> Callable[..., GanTask]:
+    """Tasks of other settings, which begin with the same weights."""
+    setup = TaskSetup(BUNDLED_WEIGHTS, Start(trained / "weights", WEIGHTS), FP32)
+    return lambda **changes: make_task(quick(WEIGHTS, **changes), data, setup)
 
 
-def test_each_network_descends_its_own_loss_at_its_own_rate(task, batch):
+def test_each_network_descends_its_own_loss_at_its_own_rate(task, batch, changed):
     assert isinstance(task, Task)
     rates = [optimizer.param_groups[0]["lr"] for optimizer in (task.optimizer, task.judging)]
     assert rates == [task.config.learning_rate, task.config.discriminator_learning_rate]
     assert rates[0] != rates[1]
     for frozen, moving in ((0, 1), (1, 0)):
         name = "learning_rate" if frozen == 0 else "discriminator_learning_rate"
-        other = changed(task, **{name: 0.0, "weight_decay": 0.0})
+        other = changed(**{name: 0.0, "weight_decay": 0.0})
         before = [[p.clone() for p in network.parameters()] for network in networks_of(other)]
         other.step(0, batch, torch.Generator().manual_seed(0))
         after = [list(network.parameters()) for network in networks_of(other)]
@@ -116,17 +113,17 @@ def test_the_right_answer_steps_back_to_the_data(task, batch):
     assert abs(float(found.mean())) < 4 * float(found.std()) / len(found) ** 0.5
 
 
-def test_weight_zero_leaves_the_adversary_alone(task, batch):
+def test_weight_zero_leaves_the_adversary_alone(batch, changed):
     loss = replace(GanConfig(WEIGHTS).loss, geometric=0.0)
-    task = changed(task, loss=loss)
+    task = changed(loss=loss)
     logged = task.step(0, batch, torch.Generator().manual_seed(0))
     assert logged["simple"] == 0 and logged["total"] == pytest.approx(logged["adversarial"])
     assert logged["gradient_norm"] > 0
 
 
-def test_the_penalty_is_descended_by_the_discriminator_alone(task, batch):
-    usual = changed(task)
-    without = changed(task, loss=replace(usual.config.loss, gradient_penalty=0.0))
+def test_the_penalty_is_descended_by_the_discriminator_alone(task, batch, changed):
+    usual = changed()
+    without = changed(loss=replace(usual.config.loss, gradient_penalty=0.0))
     for one in (usual, without):
         one.step(0, batch, torch.Generator().manual_seed(0))
     assert_equal_states(usual.network.state_dict(), without.network.state_dict())
@@ -134,8 +131,8 @@ def test_the_penalty_is_descended_by_the_discriminator_alone(task, batch):
     assert not torch.equal(*weights)
 
 
-def test_a_loss_that_is_no_number_changes_nothing(task, batch, monkeypatch):
-    task = changed(task)
+def test_a_loss_that_is_no_number_changes_nothing(task, batch, monkeypatch, changed):
+    task = changed()
     before = [p.clone() for network in networks_of(task) for p in network.parameters()]
     monkeypatch.setattr(module, "generator_loss", lambda fake: fake * float("nan"))
     with pytest.raises(FloatingPointError, match="adversarial is nan at step 0"):
@@ -162,8 +159,8 @@ def test_training_leaves_weights_that_load_and_a_log_of_both_sides(trained, weig
     assert not any("discriminator" in name for name in load_weights(tmp_path, WEIGHTS)[0])
 
 
-def test_errors_on_a_batch_fall(task, batch):
-    task = changed(task, steps=10**6, learning_rate=2e-3)
+def test_errors_on_a_batch_fall(batch, changed):
+    task = changed(steps=10**6, learning_rate=2e-3)
     found = [task.step(k, batch, torch.Generator().manual_seed(0)) for k in range(8)]
     assert found[-1]["simple"] < 0.9 * found[0]["simple"]
     assert found[-1]["discriminator"] < found[0]["discriminator"]

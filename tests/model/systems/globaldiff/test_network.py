@@ -18,7 +18,7 @@ from model.systems.globaldiff import (
 )
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
-from model.training.run_folder import differing_fields
+from model.training.loop import differing_fields
 from tests.model.made import TINY_NETWORK, shaken
 
 

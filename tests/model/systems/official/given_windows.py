@@ -8,8 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from model.generation.base import Draw, Windowing
-from model.generation.stitching import SpeechWindow
+from model.generation.base import Draw, SpeechWindow, Windowing
 from model.motion.motion import Motion
 from model.storage.cards import Card
 from model.systems.official import FAMILY, FILTERED

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from model.storage.cards import CheckpointError
-from model.storage.torch_file import read_tensors
+from model.storage.checkpoint import read_tensors
 from model.systems.official.files import official_file, official_folder, part_of
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill, sha256_of

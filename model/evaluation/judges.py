@@ -1,10 +1,15 @@
-"""Whose manner a motion takes on: a judge of speakers, what the speaker decides of a motion, and
-whether it rests where speech does.
+"""Judges of motion: does it fit its own speech better than other speech, whose manner does it take
+on, what does the speaker decide of it, and does it rest where speech does?
 
-The judge is Fisher's linear discriminant, fitted to recorded motion of the training split alone: to
-each piece of 10 s it assigns one of the speakers. Chance is one over their number. It sees mean and
-spread of the rotations from pelvis to wrists, where the wrists are, and how fast all of it moves;
-no speech.
+Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), put to a judge that was
+trained on recorded motion alone (`model.systems.matching.network`): it is given 10 s of motion and
+two speeches of 10 s. Chance is .5. Pieces are cut from where speech begins to where it ends, so
+that silence before and after it tells nothing.
+
+The judge of speakers is Fisher's linear discriminant, fitted to recorded motion of the training
+split alone: to each piece of 10 s it assigns one of the speakers. Chance is one over their number.
+It sees mean and spread of the rotations from pelvis to wrists, where the wrists are, and how fast
+all of it moves; no speech.
 
 What the speaker decides is asked of one speech, moved by several speakers under several noise
 seeds. As `model.measures.hearing` asks of speech: two motions that share the speaker and not the
@@ -19,16 +24,16 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+import torch
+from jaxtyping import Bool, Float, Float64
+from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
-from model.evaluation.matching import PIECE_FRAMES, cut
 from model.generation.base import System
-from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.face import wrist_speed
+from model.measures.face import lagged_correlation, wrist_speed
 from model.measures.hearing import (
     LEAST_FRAMES,
     SILENCE_S,
@@ -40,9 +45,109 @@ from model.measures.hearing import (
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
-from model.sampling.samplers import Sampling
+from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechError
+from model.speech.features import NUM_MELS
 from model.storage.npz import MotionError
+from model.systems.matching import HEARING_JUDGE
+from model.systems.matching.network import MatchingJudge, agreement
+
+NO_HEARING_JUDGE = (
+    f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."
+)
+PIECE_FRAMES = 300
+MEASURES: Mapping[str, tuple[str, ...]] = {
+    "matched": ("arms", "trunk"),
+    "matched_arms": ("arms",),
+    "matched_face": ("face",),
+}
+"""Measures, and the parts of the body that the judge sees for them: lips, which decide all where
+they move, have a measure of their own."""
+ALIKE = 1e-3
+"""Agreements nearer to each other than that are a tie."""
+_VOICING = NUM_MELS + 3
+"""The column of `MelEncoder` that tells whether there is a voice."""
+
+_Heard = Float[np.ndarray, "_ 68"]
+
+
+def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:
+    """Whether there is a voice in each frame."""
+    return features[:, _VOICING] > 0.5
+
+
+def spoken(features: _Heard) -> slice:
+    """From the first frame with a voice to the last; empty where there is none."""
+    heard = np.flatnonzero(voiced(features))
+    return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
+
+
+def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
+    """As `cut`, for the judge."""
+    return torch.from_numpy(cut(rows).astype(np.float32))
+
+
+def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
+    """Pieces of 10 s one after the other; a rest is left out."""
+    count = len(rows) // PIECE_FRAMES
+    return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
+
+
+def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
+    """For each of `MEASURES`, in which share of comparisons the judge prefers the motion's own
+    speech: every piece of the motion with its speech, against every piece of the foreign one. A tie
+    counts half.
+
+    And ``arm_speed_heard``: the correlation of the arms' log speed with the one that is told from
+    the speech alone, mean over pieces.
+
+    Args:
+        own: features of the motion's speech (`MelEncoder`), from its first frame on.
+        foreign: those of another speech.
+
+    Returns:
+        Nothing where either speech, or the motion under it, lasts less than 10 s.
+    """
+    shared = min(motion.num_frames, len(own))
+    spoke = spoken(own[:shared])
+    poses, right, wrong = (
+        pieces(rows) for rows in (motion.poses[spoke], own[spoke], foreign[spoken(foreign)])
+    )
+    if len(right) == 0 or len(wrong) == 0:
+        return {}
+    found = {}
+    for measure, parts in MEASURES.items():
+        agreed = judge.agreements(poses, torch.cat([right, wrong]), parts)
+        found[measure] = preferred(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
+    moved, told = judge.arm_speeds(poses, right)
+    found["arm_speed_heard"] = float(agreement(told, moved).diagonal().mean())
+    return found
+
+
+def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
+    """The share of others that a piece's own speech beats; a tie counts half."""
+    lead = own[:, None] - others
+    wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
+    return float(wins.mean())
+
+
+def frame_loudness(
+    waveform: Float[np.ndarray, " N"], num_frames: int
+) -> Float[np.ndarray, " num_frames"]:
+    """Level of each motion frame in dB, not below -60 dB of full scale; silence after the end."""
+    edges = (np.arange(num_frames + 1) * SAMPLE_RATE / FPS).astype(int)
+    energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
+    total = np.diff(energy[edges.clip(max=len(waveform))])
+    return 10 * np.log10(total / np.diff(edges) + 1e-6)
+
+
+def coupling(positions: Float[np.ndarray, "T 55 3"], loudness: Float[np.ndarray, " T2"]) -> float:
+    """How far the speed of the wrists goes with the loudness of speech: their correlation at the
+    best lag within half a second, both smoothed over 0.3 s. The choice of the lag raises it above
+    0 for any two signals: compare with shifted speech.
+    """
+    return lagged_correlation(wrist_speed(positions), loudness)
+
 
 RECORDINGS = 6
 """Of each speaker, at most."""
@@ -229,11 +334,7 @@ class FewClips:
         motions = [motion for own in moved.values() for motion in own]
         voiced = np.arange(heard.num_frames) < spoken
         silences = [speed_in_silence(motion, voiced) for motion in motions]
-        found = {
-            key: float(np.mean([one[key] for one in silences]))
-            for key in silences[0]
-            if all(key in one for one in silences)
-        }
+        found = mean_of(silences)
         if self.speakers is None or spoken < LEAST_FRAMES:
             return found
         speaking = {
@@ -251,6 +352,12 @@ class FewClips:
             "arm_rotations_other_speaker": manner.arm_rotations_same_noise,
             **_wrist_speeds(calm, lively),
         }
+
+
+def mean_of(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Averages, such as over noise seeds; a measure that any of them lacks is left out."""
+    names = [name for name in found[0] if all(name in one for one in found)]
+    return {name: float(np.mean([one[name] for one in found])) for name in names}
 
 
 def with_silence(speech: Speech) -> Speech:
