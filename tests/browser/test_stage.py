@@ -556,7 +556,7 @@ PICTURE = """async ([text, eye, size, isSlow, ground]) => {
 }"""
 
 
-@pytest.mark.slow  # a picture in a video is held against the stage's in test_real.py
+@pytest.mark.slow  # a picture in a video is held against the stage's in test_own.py
 @pytest.mark.gl
 def test_pictures_look_as_those_of_videos(page: Page) -> None:
     """Those of a card, and those that a processor draws."""

@@ -47,11 +47,12 @@ pytestmark = pytest.mark.browser
 
 WAITS = f"() => {LOCKSTEP}.isWaiting"
 PLAYS = f"() => {LOCKSTEP}.isPlaying && {LOCKSTEP}.frame > 0"
+SOUND = "document.querySelector('#player audio')"
+STILL = f"() => !{LOCKSTEP}.isPlaying && !{LOCKSTEP}.isWaiting && !{SOUND}.hasAttribute('src')"
 ARGUED = "document.querySelector('#mechanism-player .lockstep')"
 ARGUE = f"""() => {ARGUED}?.querySelector('.stage')?.dataset.bodies === '2'
     && {ARGUED}.lockstep.isPlaying && {ARGUED}.lockstep.time > 0.1"""
 ENDED = f"() => {LOCKSTEP}.frame === {FRAMES - 1} && !{LOCKSTEP}.isPlaying"
-SOUND = "document.querySelector('#player audio')"
 TRANSCRIPT = """File type = "ooTextFile"
 Object class = "TextGrid"
 item [1]:
@@ -140,8 +141,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     press(page, text.CANCEL)
     expect(page.locator("#status")).to_contain_text(text.CANCELLED)
     expect(page.locator("#player .stage")).to_be_hidden()
-    assert not page.evaluate(f"{LOCKSTEP}.isPlaying || {LOCKSTEP}.isWaiting")
-    assert not page.evaluate(f"{SOUND}.hasAttribute('src')")
+    page.wait_for_function(STILL)
     press(page, text.GENERATE)
     page.wait_for_function(PLAYS)
     page.evaluate(f"{LOCKSTEP}.seekFrame(45)")
