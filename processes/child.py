@@ -107,13 +107,6 @@ class Child:
         except (EOFError, OSError) as error:
             raise Gone from error
 
-    def receive_bytes(self) -> bytes:
-        """As `receive`, of what was sent by ``send_bytes``."""
-        try:
-            return self._channel.recv_bytes()
-        except (EOFError, OSError) as error:
-            raise Gone from error
-
     def ended(self) -> Ended:
         """How a child ended that is `Gone`."""
         try:

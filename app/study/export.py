@@ -150,14 +150,15 @@ class _Maker:
         frames = {source.clip.name: source.num_frames for source in sources}
         whole, done = sum(frames[clip] for clip, _ in undone), 0.0
         for source in sources:
-            views = [view for view in self.plan.views if (source.clip.name, view) in undone]
+            clip = source.clip.name
+            views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
             motions = self._motions(source) if views else {}
             for view in views:
 
                 def tell(share: float, before: float = done, of: int = source.num_frames) -> None:
                     self.on_progress((before + share * of) / whole)
 
-                here = source.clip.name, view
+                here = clip, view
                 scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
                 self._make_scene(view, scene, motions, tracks, tell)
                 made = {b: replace(key.videos[b], sha256=sha256(video(b))) for b in scene.values()}

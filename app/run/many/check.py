@@ -22,7 +22,6 @@ from conventions.rates import FPS
 from model.formats.read import ENDINGS
 from model.storage.files import written_atomically
 
-GENEA = "genea"
 SAMPLES = 5
 SPLIT = "train_test_split.csv"
 _MOST_FRAMES_APART = 1

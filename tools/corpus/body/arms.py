@@ -34,7 +34,7 @@ from tools.corpus.body.signals import (
 )
 from tools.corpus.gesture.gestures import ABDUCTION, FLEX, SHAPE_SIZE, THUMB, finger_rotations
 from tools.corpus.gesture.plan import CycleSpan, HandKey, HandPlan
-from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
+from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
@@ -218,7 +218,7 @@ def with_less_twist(
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     angle = np.arctan2(sine, (direction @ from_direction)[:, None])
     swing = Rotation.from_rotvec(axis / np.maximum(sine, 1e-9) * angle).as_matrix() @ reference
-    twist = Rotation.from_matrix(upper @ transposed(swing)).as_rotvec()
+    twist = Rotation.from_matrix(upper @ swing.mT).as_rotvec()
     along = (twist * direction).sum(axis=1, keepdims=True)
     return Rotation.from_rotvec(direction * along * share).as_matrix() @ swing
 
@@ -468,8 +468,8 @@ class _ArmMover:
         turned, wrist_rot = forearm_and_wrist(self._arm, hand, fore)
         return {
             JOINT_INDEX[f"{side}_collar"]: collar,
-            JOINT_INDEX[f"{side}_shoulder"]: transposed(collar) @ upper,
-            JOINT_INDEX[f"{side}_elbow"]: transposed(upper) @ turned,
+            JOINT_INDEX[f"{side}_shoulder"]: collar.mT @ upper,
+            JOINT_INDEX[f"{side}_elbow"]: upper.mT @ turned,
             JOINT_INDEX[f"{side}_wrist"]: wrist_rot,
             **finger_rotations(side, hand[:, FINGERS], self._twist),
         }

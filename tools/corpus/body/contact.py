@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from conventions.joints import JOINT_INDEX, PARENTS
 from conventions.rates import FPS
 from tools.corpus.body.signals import low_pass, minimum_jerk
-from tools.corpus.people.rig import SIDE_SIGN, Rig, transposed
+from tools.corpus.people.rig import SIDE_SIGN, Rig
 
 _MARGIN_M = 0.006
 _CONTACT_M = 0.004  # palms that touch press into each other a little
@@ -59,7 +59,7 @@ def hips_of(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) -> Hips:
     two = rotations[lowest] @ rotations[middle]
     position = rig.offsets[lowest] + rotations[lowest] @ rig.offsets[middle]
     position = position + two @ rig.offsets[chest]
-    rotmat = transposed(two @ rotations[chest])
+    rotmat = (two @ rotations[chest]).mT
     return Hips(rotmat, -np.einsum("tij,tj->ti", rotmat, position))
 
 

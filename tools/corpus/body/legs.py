@@ -19,7 +19,7 @@ from tools.corpus.body.signals import (
     sway,
 )
 from tools.corpus.body.trunk import CALMER, Trunk
-from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
+from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Span
 
@@ -90,9 +90,9 @@ def move_legs(
         kneecap = euler_matrices("Y", turn_deg[:, None] - KNEES_IN_DEG * sign)
         upper, knee = limbs[side].reach(span, kneecap @ np.array([0.0, 0.0, 1.0]))
         sole = np.stack([turn_deg, 350 * feet.lift[side]], axis=1)
-        rotations[_joint(side, "hip")] = transposed(pelvis) @ upper
+        rotations[_joint(side, "hip")] = pelvis.mT @ upper
         rotations[_joint(side, "knee")] = knee
-        rotations[_joint(side, "ankle")] = transposed(upper @ knee) @ euler_matrices("YX", sole)
+        rotations[_joint(side, "ankle")] = (upper @ knee).mT @ euler_matrices("YX", sole)
     return Legs(rotations, trans, feet.stances, feet.steps)
 
 

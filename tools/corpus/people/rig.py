@@ -69,11 +69,6 @@ def euler_matrices(
     return flat.reshape(*degrees.shape[:-1], 3, 3)
 
 
-def transposed(rotmat: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """The inverse rotations."""
-    return np.swapaxes(rotmat, -1, -2)
-
-
 def forward_kinematics(
     rig: Rig, local_rot: Float[np.ndarray, "T 55 3 3"], trans: Float[np.ndarray, "T 3"]
 ) -> tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]:
