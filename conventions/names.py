@@ -54,6 +54,11 @@ def listed(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
+def counted(count: int, noun: str) -> str:
+    """1 noun, 2 nouns."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def short_names(systems: Iterable[str]) -> dict[str, str]:
     """Each system's name after its slash, where that is a word and no other's too."""
     systems = list(systems)

@@ -21,7 +21,7 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from conventions.names import printable
+from conventions.names import counted, printable
 from conventions.rates import FPS, SAMPLE_RATE
 from model.storage.files import written_atomically
 
@@ -105,7 +105,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     if limits.channel is not None:
         if limits.channel >= num_channels > 0:
             raise SpeechError(
-                f"{name} has {_counted(num_channels, 'channel')}; number {limits.channel + 1} was "
+                f"{name} has {counted(num_channels, 'channel')}; number {limits.channel + 1} was "
                 "asked for."
             )
         if num_channels > 1:
@@ -345,10 +345,6 @@ def _parse_log(log: str, track: int) -> tuple[int | None, float | None, int]:
 
 def _rms(waveform: Float32[np.ndarray, " N"]) -> float:
     return float(np.sqrt(np.mean(np.square(waveform, dtype=np.float64)))) if len(waveform) else 0.0
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _minutes(seconds: float | int) -> str:

@@ -17,6 +17,7 @@ import pandas as pd
 from app.errors import RunError
 from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, Stimulus, TrialKind
 from app.study.design.plan import CHOICES, Choice, Plan
+from conventions.names import counted
 
 
 @dataclass(frozen=True)
@@ -281,12 +282,11 @@ class StudySize:
     def sentence(self) -> str:
         """For the researcher."""
         vote, whom = _WHAT[self.kind]
-        count = f"{self.fewest}" if self.fewest == self.most else f"{self.fewest} to {self.most}"
-        minutes, pages = self.minutes, self.num_pages
+        count = counted(self.most, vote)
+        count = count if self.fewest == self.most else f"{self.fewest} to {count}"
         return (
-            f"About {minutes} minute{'s' * (minutes != 1)} and {pages} page{'s' * (pages != 1)} "
-            f"for each participant; {count} {vote}{'s' * (self.most != 1)} for each {whom} if all "
-            "finish."
+            f"About {counted(self.minutes, 'minute')} and {counted(self.num_pages, 'page')} for "
+            f"each participant; {count} for each {whom} if all finish."
         )
 
 

@@ -21,7 +21,7 @@ from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
 from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
-from conventions.names import listed, printable
+from conventions.names import counted, listed, printable
 from model.storage import harmless
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -130,10 +130,6 @@ def p_value(p: float) -> str:
     """The same with its letter."""
     shown = p_number(p)
     return f"p{NO_BREAK}{shown}" if shown.startswith("<") else f"p{NO_BREAK}={NO_BREAK}{shown}"
-
-
-def counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def ahead(gap: Number, is_ranking: bool) -> Number:
