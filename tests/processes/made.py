@@ -3,13 +3,13 @@
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from processes.job import Job, JobsError
 from processes.pool import JobPool
+from tests.waiting import wait_for
 
 
 def make_jobs(folder: Path, count: int, are_held: bool = False) -> list[Job]:
@@ -76,13 +76,6 @@ def done(folder: Path) -> list[str]:
     """Names as they came."""
     log = folder / "log"
     return log.read_text().split() if log.exists() else []
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    until = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < until, "it did not come to that"
-        time.sleep(0.05)
 
 
 if __name__ == "__main__":

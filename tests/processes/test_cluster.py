@@ -15,7 +15,8 @@ from processes import cluster
 from processes.job import JobsError
 from processes.pool import JobPool
 from tests.helpers import ROOT
-from tests.processes.made import done, fail, made_job, make_jobs, wait_for
+from tests.processes.made import done, fail, made_job, make_jobs
+from tests.waiting import wait_for
 
 distributed = pytest.importorskip(
     "distributed", reason="Dask is not installed (requirements-cluster.txt)"

@@ -24,8 +24,8 @@ from tests.processes.made import (
     made_job,
     make_jobs,
     run_out_of_memory,
-    wait_for,
 )
+from tests.waiting import wait_for
 
 FRAMES = [f'  File "{name}.py", line 1 in {name}' for name in "abcdefghijkl"]
 CRASH = "Fatal Python error: Aborted"

@@ -6,13 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from tests.helpers import ROOT
+from tests.waiting import wait_for
 
 AHEAD_S = 3700
 """What SIGUSR1 puts the server's clock forward by."""
@@ -88,20 +88,14 @@ def server(folder: Path, keep_s: float = 3600.0, weights: Path | None = None) ->
             text=True,
         )
     try:
-        _wait_for(lambda: "open at" in log.read_text(), process)
+        wait_for(lambda: "open at" in log.read_text() or process.poll() is not None)
+        assert process.poll() is None, "the server did not start"
         address = log.read_text().split("open at ")[1].split()[0]
         yield Server(address, process, temp, log)
         assert "Traceback" not in log.read_text(), log.read_text()
     finally:
         process.terminate()
         process.wait(30)
-
-
-def _wait_for(is_so, process: subprocess.Popen[str], longest_s: float = 300) -> None:
-    until = time.monotonic() + longest_s
-    while not is_so():
-        assert process.poll() is None and time.monotonic() < until, "the server did not start"
-        time.sleep(0.2)
 
 
 def _family(first: int) -> list[int]:

@@ -1,7 +1,5 @@
 """Browsers that ask the page's handlers, and what these then show."""
 
-import threading
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,13 +34,3 @@ def updates_of(
     except gr.Error as error:
         found.append({"error": str(error.message)})
     return found
-
-
-def until(is_so: Callable[[], bool]) -> None:
-    """Wait for a condition, a minute at most."""
-    moment = threading.Event()
-    for _ in range(1200):
-        if is_so():
-            return
-        moment.wait(0.05)
-    raise AssertionError("it has not come about within a minute")

@@ -1,7 +1,6 @@
 """Runs from speech to files: what they leave, tell, record, refuse, and what stops them."""
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -35,6 +34,7 @@ from renderer.draw import probe
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
+from tests.waiting import wait_for
 
 Asks = Callable[..., Ask]
 LOCAL, WORLD = "globaldiff/local", "globaldiff/global"
@@ -342,10 +342,7 @@ def test_cancelling_ends_the_children_that_draw(
     with pytest.raises(CancelledRun):
         do(request, told.append, should_cancel)
     assert seen and not request.out.exists()
-    end = time.monotonic() + 60
-    while drawing_children() and time.monotonic() < end:
-        pass
-    assert not drawing_children()
+    wait_for(lambda: not drawing_children())
 
 
 def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_path: Path) -> None:

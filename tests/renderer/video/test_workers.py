@@ -18,10 +18,10 @@ from renderer.scene.stage import set_stage
 from renderer.video.encoder import VideoError, read_facts
 from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure
-from tests.processes.made import wait_for
 from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.gl
 

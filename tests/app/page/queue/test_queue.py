@@ -14,8 +14,8 @@ import pytest
 from app.page.parts.html_parts import AT_ONCE, in_turn
 from app.page.queue.jobs import Jobs
 from app.run.ask import OnEvent, ShouldCancel
-from tests.app.page.made import until
 from tests.app.page.queue.test_runner import Runner
+from tests.waiting import wait_for
 
 SLOTS, PLACES = 1, 3
 
@@ -75,7 +75,7 @@ def first_of(page: Page, number: int) -> Callable[[], bool]:
 
 def test_runs_go_one_at_a_time_in_order_and_each_is_told_its_place(page):
     assert page.ask("a").status_code == 200
-    until(first_of(page, 1))
+    wait_for(first_of(page, 1))
     for visitor in "bcd":
         assert page.ask(visitor).status_code == 200
     full = page.ask("e")
@@ -84,33 +84,33 @@ def test_runs_go_one_at_a_time_in_order_and_each_is_told_its_place(page):
         ranks = [next(last)["rank"]]
         for number in range(2, 5):
             page.may_end.release()
-            until(first_of(page, number))
+            wait_for(first_of(page, number))
             ranks.append(next(last).get("rank"))
         assert ranks[:3] == [2, 1, 0] and page.begun == list("abcd")
         assert [next(third).get("rank") for _ in range(3)] == [1, 0, None]
         page.may_end.release()
         assert next(each for each in last if each["msg"] == "process_completed")["success"]
-    until(lambda: not page.jobs.in_use())
+    wait_for(lambda: not page.jobs.in_use())
 
 
 def test_who_has_gone_leaves_the_place_and_ends_the_run(page):
     for visitor in "ab":
         page.ask(visitor)
-    until(first_of(page, 1))
+    wait_for(first_of(page, 1))
     with page.heard("a") as one, page.heard("b") as other:
         next(one), next(other)
     page.ask("c")
-    until(first_of(page, 2))
+    wait_for(first_of(page, 2))
     assert page.begun == ["a", "c"] and len(page.jobs._jobs) == 1
     page.may_end.release()
 
 
 def test_who_cancels_gives_the_place_to_the_next_at_once(page):
     events = {visitor: page.ask(visitor).json()["event_id"] for visitor in "abc"}
-    until(first_of(page, 1))
+    wait_for(first_of(page, 1))
     for visitor in "ba":
         asked = {"session_hash": visitor, "fn_index": page.fn, "event_id": events[visitor]}
         assert page.client.post("/gradio_api/cancel", json=asked).status_code == 200
-    until(first_of(page, 2))
+    wait_for(first_of(page, 2))
     assert page.begun == ["a", "c"] and len(page.jobs._jobs) == 1
     page.may_end.release()

@@ -15,7 +15,7 @@ from app.page.routes.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.visitors.visitors import COOKIE
 from app.run.pieces import HEADER
 from tests.app.live.test_live import ByHand, sound
-from tests.app.page.made import until
+from tests.waiting import wait_for
 
 ASK = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
 OWN = {"origin": "http://testserver", "host": "testserver"}
@@ -47,13 +47,13 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         for block in sound(2.5):
             socket.send_bytes(block)
         (session,) = sessions.performers.open.values()
-        until(lambda: session._samples == 40_000)
-        until(lambda: sessions.performers.turn() and session.windows)
+        wait_for(lambda: session._samples == 40_000)
+        wait_for(lambda: sessions.performers.turn() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live minute"):
         sessions.keep(ready["token"], "yours", tmp_path)
-    until(lambda: len(sessions.places) == 0)  # the connection ends, and the minute outlives it
+    wait_for(lambda: len(sessions.places) == 0)  # the connection ends, and the minute outlives it
     assert len(sessions._ended) == 1
 
 

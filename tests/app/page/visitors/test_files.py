@@ -17,9 +17,9 @@ from app.page.visitors.files import claim_folder, sweep
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import address_of
 from tests.app.page.conftest import UPLOAD
-from tests.app.page.made import until
 from tests.helpers import ROOT
 from tests.soak.attacks import tiny_files
+from tests.waiting import wait_for
 
 KEEP_S = 1000.0
 
@@ -107,7 +107,7 @@ def test_an_upload_is_served_and_gone_once_it_is_old(served):
     assert visitor.get(f"/gradio_api/file={path}").text == "sound"
     for touched in (path, path.parent):
         os.utime(touched, (0, 0))
-    until(lambda: not path.exists())
+    wait_for(lambda: not path.exists())
     assert visitor.get(f"/gradio_api/file={path}").status_code in (403, 404)
 
 

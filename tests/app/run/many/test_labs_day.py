@@ -15,7 +15,7 @@ from app.run.output.run_folder import RUN, read_run
 from model.speech.audio import write_wav
 from processes.pool import JobPool
 from tests.model.made import made_waveform
-from tests.processes.made import wait_for
+from tests.waiting import wait_for
 
 pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
 
