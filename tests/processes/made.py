@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from processes.job import Job, JobsError
 from processes.pool import JobPool
@@ -43,25 +44,15 @@ def kill_worker_once(folder: Path, name: str) -> None:
     mark = folder / f"{name}.killed"
     if not mark.exists():
         mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
+        kill()
     do(folder, name)
 
 
-def kill_worker(folder: Path, name: str) -> None:
+def kill(*_: Any) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def crash(folder: Path, name: str) -> None:
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def leave(folder: Path, name: str) -> None:
-    sys.stderr.write("the last words of it\n")
-    sys.stderr.flush()
-    os._exit(3)
-
-
-def run_out_of_memory(folder: Path, name: str) -> None:
+def run_out_of_memory(*_: Any) -> None:
     """As C++ does where nobody catches it."""
     sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
     sys.stderr.flush()

@@ -14,12 +14,10 @@ from processes.job import JobsError
 from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT
 from tests.processes.made import (
-    crash,
     done,
     fail,
-    kill_worker,
+    kill,
     kill_worker_once,
-    leave,
     leave_python,
     made_job,
     make_jobs,
@@ -56,9 +54,7 @@ def test_a_killed_worker_costs_no_job(tmp_path):
 @pytest.mark.parametrize(
     ("work", "words"),
     [
-        (crash, ["by signal 11 (SIGSEGV)", "Segmentation fault", "in crash", "report"]),
-        (leave, ["with exit status 3", "the last words of it", "report"]),
-        (kill_worker, [f"ended {MAX_BREAKS} times", "by signal 9 (SIGKILL)", "no want of memory"]),
+        (kill, [f"ended {MAX_BREAKS} times", "by signal 9 (SIGKILL)", "no want of memory"]),
         (run_out_of_memory, ["for want of memory, as its log says; use fewer processes"]),
     ],
 )

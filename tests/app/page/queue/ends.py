@@ -48,20 +48,9 @@ def terminate(*_: Any) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def kill(*_: Any) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def leave_with_3(*_: Any) -> None:
     sys.stderr.write("the last words of it\x1b[2J\n")
     sys.exit(3)
-
-
-def run_out_of_memory_in_c(*_: Any) -> None:
-    """As C++ does where nobody catches it."""
-    sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
-    sys.stderr.flush()
-    os.abort()
 
 
 def niceness(*_: Any) -> int:

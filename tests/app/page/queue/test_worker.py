@@ -16,6 +16,7 @@ from model.motion.motion import save_motion
 from processes import ended
 from tests.app.page.queue import ends
 from tests.helpers import smooth_motion_example
+from tests.processes.made import kill, run_out_of_memory
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +114,8 @@ def test_what_takes_too_long_is_ended(limits, words):
         (ends.segfault, ["signal 11 (SIGSEGV)", "Segmentation fault", "fresh process", "report"]),
         (ends.leave_with_3, ["with exit status 3", "the last words of it", "report"]),
         (ends.terminate, ["by signal 15 (SIGTERM), which was sent to it", "start it again"]),
-        (ends.kill, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
-        (ends.run_out_of_memory_in_c, ["for want of memory, as its log says", "may take 4.0 GB"]),
+        (kill, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
+        (run_out_of_memory, ["for want of memory, as its log says", "may take 4.0 GB"]),
         (ends.take_five_gigabytes, ["ran out of memory"]),
     ],
 )
@@ -125,7 +126,7 @@ def test_a_process_that_dies_says_how_and_the_next_task_goes_well(end, words, wo
     sentence = str(told.value)
     assert all(word in sentence for word in words) and sentence.isprintable(), sentence
     wants_memory = "for want of memory" in sentence or "ran out of memory" in sentence
-    assert wants_memory == (end in (ends.run_out_of_memory_in_c, ends.take_five_gigabytes))
+    assert wants_memory == (end in (run_out_of_memory, ends.take_five_gigabytes))
     if end is ends.leave_with_3:
         assert "the last words of it" in capsys.readouterr().err, "what it says goes to the log"
     assert worker.do(ends.carry_on, "said") == "said"
