@@ -8,8 +8,12 @@ import re
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import UseAppendAction, arg
 
 from app.errors import RunError
+from app.flags import File, Minutes, written
 
 PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
@@ -17,23 +21,73 @@ EXAMPLES = PROJECT / "examples"
 LOCAL_PROXIES = ("127.0.0.1", "::1")
 """Their X-Forwarded-For and -Proto are believed without a word."""
 _ORIGIN = re.compile(r"https?://(\*\.)?[a-z0-9.-]+(:[0-9]{1,5})?", re.IGNORECASE)
+Several = UseAppendAction[tuple[str, ...]]
+
+
+def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
+    """Names and passwords, one of each a line, with a colon between. Raises `RunError` if there are
+    none."""
+    try:
+        lines = [line.strip() for line in Path(path).read_text("utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"The accounts {path} cannot be read: {error}.") from error
+    pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
+    if not pairs or not all(name and password for name, password in pairs):
+        raise RunError(f"{path} must hold lines of NAME:PASSWORD, at least one.")
+    return tuple((name, password) for name, password in pairs)
+
+
+def default_host() -> str:
+    """Hosted Gradio spaces set GRADIO_SERVER_NAME; elsewhere only this machine is served."""
+    return os.environ.get("GRADIO_SERVER_NAME") or "127.0.0.1"
+
+
+def default_port() -> int:
+    """GRADIO_SERVER_PORT, else 7860."""
+    value = os.environ.get("GRADIO_SERVER_PORT") or "7860"
+    if not value.isdigit():
+        raise RunError(f"GRADIO_SERVER_PORT must be a whole number; got {value!r}.")
+    return int(value)
+
+
+def default_body() -> Path | None:
+    """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
+    value = os.environ.get("SMPLX_MODEL")
+    return Path(value) if value else None
 
 
 @dataclass(frozen=True)
 class AppConfig:
     """Where the page listens, what it works with and what it allows."""
 
-    host: str = "127.0.0.1"
-    port: int = 7860
+    host: str = field(default_factory=default_host)
+    """Address to listen on."""
+    port: int = field(default_factory=default_port)
     """0 takes the first free one from 7860 on."""
-    weights: Path = BUNDLED_WEIGHTS
-    body: Path | None = None
+    body: File = field(default_factory=default_body)
+    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
+    """A name under which the page is reached, as people type it, besides this machine's own and
+    --host; may be given again."""
+    proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
+    """Address of a proxy whose X-Forwarded headers are believed; may be given again. By default
+    one on this machine, without X-Forwarded-Host."""
+    embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
+    """A site that may show the page in a frame, as https://lab.example; may be given again. By
+    default none but the page itself; for a hosted space its host's too."""
+    accounts: Annotated[
+        tuple[tuple[str, str], ...], written(read_accounts, "FILE", "none"), arg(name="auth")
+    ] = ()
+    """Lines of NAME:PASSWORD; visitors must log in."""
+    opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
+    """Results of `generate` or `diagnose`, or their zip: shown when the page opens."""
+    max_speech_s: Minutes = 600.0
+    """Longest speech accepted."""
     min_speech_s: float = 0.5
-    max_speech_s: float = 600.0
     max_upload: str = "250mb"
     """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
-    num_slots: int = 1
-    """Runs at work at the same time; each draws two videos at once."""
     max_waiting: int = 32
     """For their turn, videos behind a stage among them."""
     keep_results_s: float = 3600.0
@@ -43,17 +97,7 @@ class AppConfig:
     """Of memory that a run may take beyond the models."""
     min_free_bytes: int = 10**9
     """Of the disk, which is never filled further."""
-    host_names: tuple[str, ...] = ()
-    """Names under which the page answers, besides this machine's own and `host`."""
-    proxies: tuple[str, ...] = ()
-    """Addresses of proxies that were named; with any, X-Forwarded-Host is believed."""
-    embedders: tuple[str, ...] = ()
-    """Origins of sites that may show the page in a frame."""
-    accounts: tuple[tuple[str, str], ...] = ()
-    """Names and passwords; without any, nobody need log in."""
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
-    opened: Path | None = None
-    """A folder of results, or its zip, that the page shows first."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
@@ -81,25 +125,6 @@ class AppConfig:
     @property
     def cache_folder(self) -> Path:
         return self.temp / "gradio"
-
-
-def default_host() -> str:
-    """Hosted Gradio spaces set GRADIO_SERVER_NAME; elsewhere only this machine is served."""
-    return os.environ.get("GRADIO_SERVER_NAME") or "127.0.0.1"
-
-
-def default_port() -> int:
-    """GRADIO_SERVER_PORT, else 7860."""
-    value = os.environ.get("GRADIO_SERVER_PORT") or "7860"
-    if not value.isdigit():
-        raise RunError(f"GRADIO_SERVER_PORT must be a whole number; got {value!r}.")
-    return int(value)
-
-
-def default_body() -> Path | None:
-    """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
-    value = os.environ.get("SMPLX_MODEL")
-    return Path(value) if value else None
 
 
 def _is_network(value: str) -> bool:

@@ -105,6 +105,12 @@ File = Annotated[Path | None, written(Path, "FILE", "none")]
 Text = Annotated[str | None, written(str, "NAME", "the first that is known")]
 Names = Annotated[tuple[str, ...], written(names_of, "A,B,...", "all", ",".join)]
 Count = Annotated[int | None, written(a_count, "N", "none")]
+Minutes = Annotated[
+    float,
+    written(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
+    arg(name="max-minutes"),
+]
+"""Seconds."""
 
 
 def part_of(asked: type, *names: str, **instead: Any) -> type:

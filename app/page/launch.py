@@ -12,25 +12,14 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from tyro.conf import UseAppendAction, arg
+from typing import TYPE_CHECKING, Any
 
 from app import text
-from app.config import (
-    BUNDLED_WEIGHTS,
-    EXAMPLES,
-    LOCAL_PROXIES,
-    AppConfig,
-    default_body,
-    default_host,
-    default_port,
-)
+from app.config import EXAMPLES, LOCAL_PROXIES, AppConfig
 from app.errors import RunError, sentence_of
-from app.flags import File, family_files, read_flags, use_family_files
+from app.flags import family_files, part_of, read_flags, use_family_files, whole
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
@@ -43,8 +32,6 @@ PORT_TAKEN = (
     "choose another with --port."
 )
 log = logging.getLogger(__name__)
-Several = UseAppendAction[tuple[str, ...]]
-_FIELDS = {each.name for each in fields(AppConfig)}
 _is_ending = threading.Event()
 FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
@@ -58,91 +45,33 @@ END_WITHIN_S = 15.0
 """Of a signal; what visitors have left is then removed at the next start."""
 
 
-@dataclass(frozen=True)
-class Flags:
-    """Of the page."""
-
-    host: str = field(default_factory=default_host)
-    """Address to listen on."""
-    port: int = field(default_factory=default_port)
-    """Port."""
-    body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
-    weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
-    """Folder of trained systems."""
-    host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
-    """A name under which the page is reached, as people type it, besides this machine's own and
-    --host; may be given again."""
-    proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
-    """Address of a proxy whose X-Forwarded headers are believed; may be given again. By default
-    one on this machine, without X-Forwarded-Host."""
-    embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
-    """A site that may show the page in a frame, as https://lab.example; may be given again. By
-    default none but the page itself; for a hosted space its host's too."""
-    auth: File = None
-    """Lines of NAME:PASSWORD; visitors must log in."""
-    opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
-    """Results of `generate` or `diagnose`, or their zip: shown when the page opens."""
-    max_minutes: Annotated[float, arg(metavar="N")] = 10.0
-    """Longest speech accepted."""
-
-
 if TYPE_CHECKING:
-    Files = Any
+    Flags = Files = Any
 else:
     Files = family_files()
+    Flags = part_of(
+        AppConfig,
+        *("host", "port", "body", "weights", "host_names", "proxies", "embedders"),
+        *("accounts", "opened", "max_speech_s"),
+    )
 
 
 def configured(flags: Flags, files: Files) -> AppConfig:
     use_family_files(vars(files))
-    told = {name: value for name, value in vars(flags).items() if name in _FIELDS}
-    accounts = read_accounts(flags.auth) if flags.auth else ()
-    return AppConfig(max_speech_s=60 * flags.max_minutes, accounts=accounts, **told)
+    return whole(AppConfig, flags)
 
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
-    """Flags and environment as one checked configuration.
-
-    Raises:
-        RunError: when a value cannot be used.
-    """
+    """Flags and environment as one checked configuration. Raises `RunError` when a value cannot be
+    used."""
     configured.__doc__ = text.TAGLINE
     return read_flags(configured, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
-def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
-    """Names and passwords, one of each a line, with a colon between.
-
-    Raises:
-        RunError: if there are none.
-    """
-    try:
-        lines = [line.strip() for line in path.read_text("utf-8").splitlines()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"The accounts {path} cannot be read: {error}.") from error
-    pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
-    if not pairs or not all(name and password for name, password in pairs):
-        raise RunError(f"{path} must hold lines of NAME:PASSWORD, at least one.")
-    return tuple((name, password) for name, password in pairs)
-
-
-def launch(
-    config: AppConfig,
-    is_warmed_up: bool = True,
-    make_worker: Callable[..., Worker] | None = None,
-) -> Blocks:
+def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
-
-    Args:
-        is_warmed_up: whether the models are read as soon as the page is up, rather than at the
-            first run.
-        make_worker: makes what does the runs, with arguments as of `Worker`, which is taken where
-            there is none.
-
-    Raises:
-        RunError, CheckpointError: if the weights cannot be offered.
-        OSError: if the port is taken.
-    """
+    Models are read as soon as it is up, rather than at the first run. Raises `RunError` or
+    `CheckpointError` if the weights cannot be offered, `OSError` if the port is taken."""
     check_port(config)
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
@@ -158,8 +87,8 @@ def launch(
     from app.page.alone import save_page
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
-    from app.page.player.first_look_shown import first_look
-    from app.page.queue.jobs import Jobs
+    from app.page.player.player import first_look
+    from app.page.queue.runner import Jobs
     from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
     from app.page.routes.guard import (
@@ -170,13 +99,11 @@ def launch(
     )
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
-    from app.page.routes.stage_route import stage_routes
     from app.page.tabs.services import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import keep_swept
-    from app.page.visitors.kept import Kept
     from app.page.visitors.uploads import keep_uploads_tidy
-    from app.page.visitors.visitors import visitor_route
+    from app.page.visitors.visitors import Kept, visitor_route
     from app.run.output.run_folder import save_run
 
     for sentence in left_out():
@@ -194,10 +121,9 @@ def launch(
 
     limits = Limits(config.max_run_bytes, config.max_run_s)
     warm = (config.weights, config.body) if is_warmed_up else None
-    make = make_worker or Worker
-    worker = make(config.num_slots, limits, warm=warm)
-    videos = make(1, replace(limits, silent_s=PATIENT_S), niceness=19, is_kept=False)
-    gate = make(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    worker = Worker(limits, warm=warm)
+    videos = Worker(replace(limits, silent_s=PATIENT_S), niceness=19, is_kept=False)
+    gate = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, videos, gate):
         atexit.register(each.close)
     media, private = Media(), Kept[Path]()
@@ -219,7 +145,7 @@ def launch(
         opened=opened,
     )
     page = build_app(services)
-    page.queue(max_size=config.max_waiting, default_concurrency_limit=config.num_slots)
+    page.queue(max_size=config.max_waiting, default_concurrency_limit=1)
     made = MadeFiles(config.temp, gate.do)
     routes = [
         saving_route(kept, made, ".zip", save_run),
@@ -227,56 +153,51 @@ def launch(
         *media_routes(media, made),
         researcher_route(private),
         visitor_route(),
-        *stage_routes(),
-        *live_routes(services.live, [example.path for example in catalogue.examples]),
+        *live_routes(services.live),
     ]
-    try:
-        page.launch(
-            server_name=config.host,
-            server_port=config.port or None,  # 0: any free one
-            share=False,
-            prevent_thread_lock=True,
-            show_error=True,
-            max_file_size=config.max_upload,
-            allowed_paths=[str(EXAMPLES)],
-            blocked_paths=[
-                str(path)
-                for path in (
-                    config.weights,
-                    config.body,
-                    config.private_folder,
-                    *(path for family in families() for path in family.private_paths()),
-                )
-                if path
-            ],
-            run_history=False,
-            ssr_mode=False,
-            pwa=False,
-            mcp_server=False,
-            strict_cors=True,
-            enable_monitoring=False,
-            state_session_capacity=64,
-            footer_links=[],
-            theme=make_theme(),
-            css_paths=[CSS],
-            head=head_style(),
-            quiet=True,
-            # It would ask the page itself, and give up after 3 s of a busy machine.
-            _frontend=False,
-            # Before Gradio's own routes, and there as soon as anyone can ask.
-            app_kwargs={
-                "routes": routes,
-                "lifespan": guarded(
-                    HostNames(config.host, config.host_names),
-                    config.embedders,
-                    has_proxy=bool(config.proxies),
-                ),
-            },
-            auth=list(config.accounts) or None,
-        )
-    except OSError:
-        check_port(config)  # another page may have taken it meanwhile
-        raise
+    page.launch(
+        server_name=config.host,
+        server_port=config.port or None,  # 0: any free one
+        share=False,
+        prevent_thread_lock=True,
+        show_error=True,
+        max_file_size=config.max_upload,
+        allowed_paths=[str(EXAMPLES)],
+        blocked_paths=[
+            str(path)
+            for path in (
+                config.weights,
+                config.body,
+                config.private_folder,
+                *(path for family in families() for path in family.private_paths()),
+            )
+            if path
+        ],
+        run_history=False,
+        ssr_mode=False,
+        pwa=False,
+        mcp_server=False,
+        strict_cors=True,
+        enable_monitoring=False,
+        state_session_capacity=64,
+        footer_links=[],
+        theme=make_theme(),
+        css_paths=[CSS],
+        head=head_style(),
+        quiet=True,
+        # It would ask the page itself, and give up after 3 s of a busy machine.
+        _frontend=False,
+        # Before Gradio's own routes, and there as soon as anyone can ask.
+        app_kwargs={
+            "routes": routes,
+            "lifespan": guarded(
+                HostNames(config.host, config.host_names),
+                config.embedders,
+                has_proxy=bool(config.proxies),
+            ),
+        },
+        auth=list(config.accounts) or None,
+    )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
@@ -299,11 +220,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def check_port(config: AppConfig) -> None:
-    """Ask for the port before anything is made.
-
-    Raises:
-        OSError: if another program has it.
-    """
+    """Ask for the port before anything is made; raises `OSError` if another program has it."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -352,7 +269,7 @@ def _remove(folder: Path) -> None:
 def _warm_up(worker: Worker) -> None:
     """First of all what a visitor sees first, the stage; a failure shows where it is wanted."""
     try:
-        from app.page.routes.stage_route import prepare
+        from app.page.routes.media import prepare
 
         prepare()
         time.sleep(FIRST_S)

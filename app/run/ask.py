@@ -11,7 +11,7 @@ from tyro.conf import arg
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.flags import File, Names, Text, a_count, names_of, one_of, some_of, written
+from app.flags import File, Minutes, Names, Text, a_count, names_of, one_of, some_of, written
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
@@ -239,11 +239,7 @@ class Ask:
     told: Assumed = field(default_factory=Told)
     channel: Channel = None
     """Of the speech the one of several that is heard, such as a side of a dialogue."""
-    max_speech_s: Annotated[
-        float,
-        written(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
-        arg(name="max-minutes"),
-    ] = 600.0
+    max_speech_s: Minutes = 600.0
     """Longest speech accepted to move to."""
     max_frames: int | None = None
     """Of all given motions together, at 30 a second."""
