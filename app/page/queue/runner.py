@@ -1,14 +1,18 @@
-"""From the turn of a run to its end, as updates of the page: what all tabs do alike."""
+"""From the turn of a run, which Gradio's queue decides, to its end, as updates of the page: what
+all tabs do alike, in a folder that no other visitor is told of."""
 
 from __future__ import annotations
 
 import queue
+import secrets
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import gradio as gr
@@ -16,12 +20,84 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
-from app.page.parts.asked import Fields
-from app.page.parts.html_parts import AT_ONCE, in_turn, named_fields
-from app.page.queue.jobs import Job, Jobs
+from app.page.parts.asked import Fields, named_fields
+from app.page.parts.html_parts import AT_ONCE, in_turn
 from app.page.queue.worker import Task, Worker
+from app.page.visitors.files import touch, uploads_of
 from app.page.visitors.visitors import cookie_of, visitor_of
 from app.run.ask import Event, Grown, OnEvent, Progress, ShouldCancel
+
+
+@dataclass(eq=False)
+class Job:
+    """One visitor's run."""
+
+    visitor: str
+    tab: str
+    """The part of the page that starts it, and whose button stops it."""
+    folder: Path
+    cookie: str = ""
+    """Of the visitor's browser; empty for one that keeps none."""
+    beside: list[Path] = field(default_factory=list)
+    """What is kept beside its folder: what the visitor has given it to work with."""
+    _stopped: threading.Event = field(default_factory=threading.Event)
+
+    def cancel(self) -> None:
+        self._stopped.set()
+
+    def is_cancelled(self) -> bool:
+        """Whether its visitor, or the end of the page, has stopped it."""
+        return self._stopped.is_set()
+
+
+class Jobs:
+    """All runs of this process that have begun and not ended, in folders below ``root``, beside
+    which uploads lie in ``gradio``."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._jobs: list[Job] = []
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def opened(
+        self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
+    ) -> Iterator[Job]:
+        """A job in a folder that only this process's user can enter; it stays for the downloads.
+        Uploads among the values of a form are kept until it ends, and then for as long as new ones.
+        """
+        uploads = uploads_of(values, self._root.with_name("gradio"))
+        job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
+        job.folder.mkdir(parents=True, mode=0o700)
+        touch(job.beside)
+        with self._lock:
+            self._jobs.append(job)
+        try:
+            yield job
+        finally:
+            job.cancel()
+            with self._lock:
+                self._jobs.remove(job)
+            touch(job.beside)
+
+    def cancel(self, visitor: str, tab: str) -> None:
+        """Stop the runs that the visitor started in that tab."""
+        with self._lock:
+            for job in self._jobs:
+                if (job.visitor, job.tab) == (visitor, tab):
+                    job.cancel()
+
+    def cancel_all(self) -> None:
+        """Stop every run, as at the end of the process."""
+        with self._lock:
+            for job in self._jobs:
+                job.cancel()
+
+    def in_use(self) -> list[Path]:
+        """Folders and uploads of runs that have not ended."""
+        with self._lock:
+            return [path for job in self._jobs for path in (job.folder, *job.beside)]
+
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
@@ -37,17 +113,8 @@ def follow(
     do: Callable[[OnEvent, ShouldCancel], Found], job: Job, told: Told, as_it_is: Updates
 ) -> Generator[Updates, None, Found]:
     """Do a run in a thread of its own; updates several times a second until it has ended, then its
-    result.
-
-    Whoever closes this, as Gradio does when the visitor has cancelled or gone, stops the run with
-    its job.
-
-    Args:
-        as_it_is: leaves all as it is; of an update without any part Gradio empties them.
-
-    Raises:
-        Exception: whatever the run raises, once its thread has ended.
-    """
+    result, or whatever it raises. Whoever closes this, as Gradio does when the visitor has
+    cancelled or gone, stops the run with its job."""
     events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
     outcome: dict[str, Any] = {}
 
@@ -98,6 +165,8 @@ class TabRunner(ABC):
     """Turns a click whose turn has come into a run, and the run into updates of the tab."""
 
     tab: ClassVar[str]
+    is_told: ClassVar[bool] = True
+    """Whether the tab itself says why a run has failed."""
 
     def __init__(self, jobs: Jobs, worker: Worker, status: gr.HTML) -> None:
         self._jobs = jobs
@@ -109,15 +178,11 @@ class TabRunner(ABC):
     def begins_on(
         self, event: Callable[..., Any], fields: Fields | Sequence[Any], **how: Any
     ) -> Any:
-        """Run in its turn after an event, such as ``button.click``; returns Gradio's own of that.
-
-        Args:
-            fields: a form, as programs fill it in too, or parts.
-            how: of Gradio's; at least the ``outputs``.
-        """
+        """Run in its turn after an event, such as ``button.click``, of a form, as programs fill it
+        in too, or of parts; returns Gradio's own of that."""
         run: Any = self.run
-        if isinstance(fields, dict):
-            run, fields = named_fields(run, fields), [field.part for field in fields.values()]
+        if isinstance(fields, Mapping):
+            run, fields = named_fields(run, fields), [*fields.values()]
         if "api_name" not in how:
             how["api_visibility"] = "private"
         return event(run, fields, **{**in_turn(self._status), **how})
@@ -126,14 +191,8 @@ class TabRunner(ABC):
         button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
-        """Updates of the tab while a run goes on, for one visitor.
-
-        Args:
-            values: of the form's fields.
-
-        Raises:
-            gr.Error: with the sentence that the tab shows too, when the run fails.
-        """
+        """Updates of the tab while a run goes on, for one visitor. Raises `gr.Error` with the
+        sentence that the tab shows too, when the run fails."""
         cookie, visitor = cookie_of(request), visitor_of(request)
         try:
             with (
@@ -155,8 +214,9 @@ class TabRunner(ABC):
             self._unfinished.discard(visitor)
             sentence = visitor_sentence(error)
             yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
-            # For programs: the page has told it where it belongs, and tells it once.
-            raise gr.Error(sentence, visible=False, print_exception=False) from error
+            # Else for programs alone: the page tells it once.
+            visible = not self.is_told
+            raise gr.Error(sentence, visible=visible, print_exception=False) from error
 
     def cancel(self, request: gr.Request) -> Updates:
         """The visitor has pressed the button; Gradio takes a run that waits out of its queue, and
@@ -174,29 +234,18 @@ class TabRunner(ABC):
 
     @abstractmethod
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        """The tab as a run begins, and then as it goes on until its end.
-
-        Raises:
-            RunError: before any update when the form asks for what cannot be.
-        """
+        """The tab as a run begins, and then as it goes on until its end. Raises `RunError` before
+        any update when the form asks for what cannot be."""
 
     @abstractmethod
     def stopped(self, status: str, message: str) -> Updates:
-        """After a run that was cancelled or has failed.
-
-        Args:
-            status: one line, as HTML.
-            message: why it failed, as HTML; empty where it was cancelled.
-        """
+        """After a run that was cancelled or has failed: a line of status, and why it failed, as
+        HTML."""
 
     def done(
         self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
     ) -> Generator[Updates, None, Found]:
-        """A task of the worker's, and what the tab shows meanwhile.
-
-        Args:
-            told: or a sentence for the status, with ``share``.
-        """
+        """A task of the worker's, and what the tab shows meanwhile, or a sentence of ``share``."""
 
         def line(events: list[Event]) -> Updates:
             share = last_share(events) if told else None

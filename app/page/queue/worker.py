@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import pickle
-import queue
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -54,11 +54,10 @@ class Limits:
 
 
 class Worker:
-    """Does tasks, as many at once as it has processes. Safe to use from several threads."""
+    """Does tasks, one at a time, in a process of its own. Safe to use from several threads."""
 
     def __init__(
         self,
-        num_processes: int = 1,
         limits: Limits = Limits(),
         warm: tuple[Path, Path | None] | None = None,
         niceness: int = 0,
@@ -66,26 +65,23 @@ class Worker:
     ) -> None:
         """
         Args:
-            warm: weights and body that every process reads before its first task; None reads what a
+            warm: weights and body that the process reads before its first task; None reads what a
                 task needs when it needs it.
             niceness: 19 works only while nobody else wants to.
-            is_kept: whether processes stay for the next task.
+            is_kept: whether the process stays for the next task.
         """
-        self._num_processes = num_processes
         self._limits = limits
         self._warm = warm
         self._niceness = niceness
         self._is_kept = is_kept
         self._is_closed = False
-        self._free: queue.LifoQueue[_Process | None] = queue.LifoQueue()
-        self._all: set[_Process] = set()
-        for _ in range(num_processes):
-            self._free.put(None)
+        self._turn = threading.Lock()
+        self._process: _Process | None = None
 
     def start(self) -> None:
-        """Start all processes, so that the first visitors need not wait for that."""
-        for process in [self._fit(self._free.get()) for _ in range(self._num_processes)]:
-            self._free.put(process)
+        """So that the first visitor need not wait for that."""
+        with self._turn:
+            self._fit()
 
     def do(
         self,
@@ -94,53 +90,46 @@ class Worker:
         on_event: OnEvent = lambda event: None,
         should_cancel: ShouldCancel = lambda: False,
     ) -> Found:
-        """Do a task, which is a function of a module, as soon as a process is free.
+        """Do a task, which is a function of a module, as soon as the one before is done.
 
         Raises:
             CancelledRun: within about a second of ``should_cancel`` saying so.
             RunError: with the sentence of what went wrong, or the limit that was met.
             FaultElsewhere: for a fault of the program.
         """
-        process = self._next_free(should_cancel)
+        while not should_cancel():
+            if self._turn.acquire(timeout=_POLL_S):
+                break
+        else:
+            raise CancelledRun
         try:
-            process = self._fit(process)
-            return process.do((task, request), self._limits, on_event, should_cancel)
+            return self._fit().do((task, request), self._limits, on_event, should_cancel)
         finally:
-            if self._is_closed or not self._is_kept:
-                self._drop(process)
-                process = None
-            elif process is not None and not process.is_fit():
-                # At once: the next visitor should find its models read.
-                process = self._fit(process)
-            self._free.put(process)
+            try:
+                if self._is_closed or not self._is_kept:
+                    self._drop()
+                elif self._process is not None:
+                    self._fit()  # at once: the next visitor should find its models read
+            finally:
+                self._turn.release()
 
     def close(self) -> None:
-        """End all processes."""
+        """End the process, whatever it does."""
         self._is_closed = True
-        for process in list(self._all):
-            self._drop(process)
+        self._drop()
 
-    def _next_free(self, should_cancel: ShouldCancel) -> _Process | None:
-        while not should_cancel():
-            try:
-                return self._free.get(timeout=_POLL_S)
-            except queue.Empty:
-                continue
-        raise CancelledRun
-
-    def _fit(self, process: _Process | None) -> _Process:
-        """This one, or another in its place."""
-        if process is not None and process.is_fit():
-            return process
-        self._drop(process)
-        process = _Process(self._warm, self._niceness)
-        self._all.add(process)
+    def _fit(self) -> _Process:
+        """The process, or another in its place."""
+        process = self._process
+        if process is None or not process.is_fit():
+            self._drop()
+            process = self._process = _Process(self._warm, self._niceness)
         return process
 
-    def _drop(self, process: _Process | None) -> None:
+    def _drop(self) -> None:
+        process, self._process = self._process, None
         if process is not None:
             process.child.end()
-            self._all.discard(process)
 
 
 class _Process:

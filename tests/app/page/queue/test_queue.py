@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.page.parts.html_parts import AT_ONCE, in_turn
-from app.page.queue.jobs import Jobs
+from app.page.queue.runner import Jobs
 from app.run.ask import OnEvent, ShouldCancel
 from tests.app.page.queue.test_runner import Runner
 from tests.waiting import wait_for

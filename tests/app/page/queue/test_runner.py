@@ -12,8 +12,7 @@ import pytest
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.page.queue.jobs import Job, Jobs
-from app.page.queue.runner import TabRunner, Updates, follow
+from app.page.queue.runner import Job, Jobs, TabRunner, Updates, follow
 from app.page.visitors.files import sweep
 from app.run.ask import (
     Ask,
@@ -172,19 +171,11 @@ def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
     upload.write_bytes(b"sound")
 
     def aged() -> bool:
-        os.utime(upload, (0, 0))  # while others' runs go on
+        os.utime(upload.parent, (0, 0))  # while others' runs go on
         sweep(tmp_path, 1000, jobs.in_use())
         return upload.exists()
 
     with jobs.opened("visitor", "generate", "", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
-        assert jobs.in_use() == [job.folder, upload] and aged()
+        assert jobs.in_use() == [job.folder, upload.parent] and aged()
     sweep(tmp_path, 1000, jobs.in_use())
     assert upload.exists() and not aged()
-
-
-def test_what_nobody_waits_for_waits_until_nobody_waits(jobs):
-    with jobs.opened("one", "generate videos"):
-        assert jobs.wait_for_rest(0) and not jobs.is_anyone_waiting()
-        with jobs.opened("two", "seen"):
-            assert not jobs.wait_for_rest(0) and jobs.is_anyone_waiting()
-        assert jobs.wait_for_rest(0)

@@ -34,8 +34,8 @@ def small(tmp_path: Path) -> Ask:
 
 
 def pid_of(worker: Worker) -> int:
-    (process,) = worker._all
-    return process.child.pid
+    assert worker._process is not None
+    return worker._process.child.pid
 
 
 def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_faults(
@@ -84,7 +84,7 @@ def test_a_cancel_that_comes_with_the_work_is_heard(worker):
 
 
 def test_only_the_process_that_is_to_be_nice_is():
-    polite = Worker(2, niceness=19)
+    polite = Worker(niceness=19)
     try:
         assert polite.do(ends.niceness, "") == 19
         assert os.getpriority(os.PRIO_PROCESS, 0) < 19
@@ -138,7 +138,7 @@ def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeyp
     monkeypatch.setattr(ended, "_counters", lambda: iter([tmp_path / "memory.events"]))
 
     def strike() -> bool:
-        if worker._free.empty():
+        if worker._turn.locked():
             (tmp_path / "memory.events").write_text("oom 1\noom_kill 5\n")
             os.kill(pid_of(worker), signal.SIGKILL)
         return False

@@ -1,30 +1,120 @@
-"""Videos of a run that has ended: of what the stage shows, and the standard ones, drawn last."""
+"""What is done with a run that is shown: its gestures edited and performed again, videos of what
+the stage shows, and the standard ones, drawn last."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gradio as gr
+from pydantic import BaseModel, Field, ValidationError
 
 from app import text
-from app.errors import CancelledRun, RunError, visitor_sentence
+from app.errors import CancelledRun, RunError, page_sentence, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import PRIVATE, shown
-from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner, Updates, follow, last_share
+from app.page.queue.runner import Job, TabRunner, Updates, follow, last_share
 from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts, saved_link
 from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
-from app.run.ask import Ask, Event, Grown, OnEvent, ShouldCancel
+from app.run.ask import Ask, Event, Grown
+from app.run.output.run_folder import drop_unfinished
+from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of, locked_of
+from app.run.takes.take import TakeAsk, make_take
 from app.run.videos.seen_video import Seen, SeenRequest, draw_seen
 from app.run.videos.videos import draw_behind
 from conventions.rates import FPS
+
+MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
+"""Characters."""
+MAX_NAME = 200
+
+
+class Asked(BaseModel):
+    """What a browser asks its editor for, as app/page/web/player/editing.js writes it."""
+
+    run: Annotated[str, Field(max_length=MAX_NAME)]
+    start: Annotated[str, Field(max_length=MAX_NAME)]
+    """The row whose plan is changed."""
+    edits: Any = None
+    """See `edits_of`. None only gets the row ready to be edited."""
+    locked: Any = None
+
+    @classmethod
+    def of(cls, told: object) -> Asked:
+        """Raises `RunError` if it does not say of which run it is."""
+        try:
+            json = told if isinstance(told, str) and len(told) <= MAX_ASKED else ""
+            return cls.model_validate_json(json)
+        except ValidationError as error:
+            raise RunError(text.EDITS_DAMAGED) from error
+
+
+class TakesRunner(TabRunner):
+    """Makes the takes of one tab's runs, of which the player's editor tells."""
+
+    tab, is_told = "takes", False
+
+    def __init__(self, services: Services, parts: ResultParts) -> None:
+        super().__init__(services.jobs, services.worker, parts.player)
+        self._services = services
+        self._parts = parts
+
+    def wire(self) -> None:
+        """Have the editor's button start it."""
+        self.begins_on(
+            self._parts.take_start.click,
+            [gr.Textbox(visible=False)],  # which the script fills in
+            outputs=[self._parts.player],
+            js="() => [document.querySelector('#player .lockstep').edits()]",
+            show_progress="hidden",
+            trigger_mode="multiple",
+        )
+
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        asked = Asked.of(values[0])
+        run = self._services.kept.edited(asked.run, job.cookie)
+        if run is None:
+            raise RunError(text.EDITS_GONE)
+        showing = run.showing
+
+        def said(sentence: str, **how: Any) -> Updates:
+            showing.say(sentence, **how)
+            return {self._parts.player: showing.value() | {"begins": False}}
+
+        def coming(events: list[Event]) -> Updates:
+            if not any(isinstance(event, Grown) for event in events):
+                return {}
+            number = max(row.take.number for row in showing.record.rows if row.take)
+            return said(text.TAKE_COMING.format(number=number), state="working")
+
+        yield said(text.TAKE_STARTING, state="working")
+        try:
+            wanted = TakeAsk(
+                out=showing.folder,
+                weights=self._services.config.weights,
+                start=asked.start,
+                edits=edits_of(asked.edits),
+                locked=locked_of(asked.locked),
+            )
+            take = yield from self.done(job, make_take, wanted, coming)
+        except Exception as error:
+            drop_unfinished(showing.folder)
+            yield said(visitor_sentence(error), is_refused=True)
+            return
+        if take.offers:
+            yield said(page_sentence(take.notes[0]), is_refused=True, offers=take.offers)
+            return
+        done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
+        yield said(" ".join((done, *take.notes)))
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {self._parts.player: gr.skip()}
 
 
 class SeenRunner(TabRunner):
@@ -38,11 +128,7 @@ class SeenRunner(TabRunner):
         self._parts = parts
 
     def wire(self, prefix: str = "") -> None:
-        """Have the stage's button start it.
-
-        Args:
-            prefix: of the ids of the tab's parts, with its hyphen.
-        """
+        """Have the stage's button start it; ``prefix`` is that of the ids of the tab's parts."""
         parts = self._parts
         outputs = [parts.seen, parts.seen_cancel]
         run = self.begins_on(
@@ -89,11 +175,7 @@ class SeenRunner(TabRunner):
         }
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
-        """What the page has given an address.
-
-        Raises:
-            RunError: if it has not, or it is kept no longer.
-        """
+        """What the page has given an address. Raises `RunError` if it is kept no longer."""
         path = self._services.media.at(address, cookie)
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
@@ -107,47 +189,31 @@ class SeenRunner(TabRunner):
 
 
 def line_of(line: str, share: float | None = None, more: str = "") -> str:
-    """One line under the stage.
-
-    Args:
-        share: of the work done, where that is known.
-        more: HTML behind it.
-    """
+    """Under the stage, with a bar of the share done where that is known, and HTML behind it."""
     bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
 
 
-_PATIENCE_S = 1.0
-"""Between two looks at whether the visitor is still there."""
-
-
 class VideosBehind:
-    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, while
-    nobody waits for a run; it gives way to one by being ended, and begins anew."""
+    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, by a
+    process that works only while nobody else wants to."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
-        """
-        Args:
-            tab: that of the videos.
-        """
         self._services = services
-        self._jobs = services.jobs
         self._parts = parts
-        self._tab = tab
-        self._wanted: dict[str, tuple[KeptRun, Ask]] = {}
-        self._lock = threading.Lock()
+        self._of = tab
+        self._tab = f"{tab} videos"
 
-    def want(self, visitor: str, run: KeptRun, ask: Ask) -> None:
-        """Have a run's videos drawn, as it was asked for, as soon as the page asks."""
-        with self._lock:
-            there = {who: each for who, each in self._wanted.items() if each[0].is_there}
-            self._wanted = {**there, visitor: (run, ask)}  # some left before they asked
+    def _wanted(self, visitor: str) -> list[KeptRun]:
+        mine = (visitor, self._of)
+        runs = self._services.kept.all()
+        return [run for run in runs if run.to_draw and (run.job.visitor, run.job.tab) == mine]
 
     def give_up(self, visitor: str) -> None:
         """Another run begins: nobody wants the videos of the one before any more."""
-        with self._lock:
-            self._wanted.pop(visitor, None)
-        self._jobs.cancel(visitor, self._tab)
+        for run in self._wanted(visitor):
+            run.to_draw = None
+        self._services.jobs.cancel(visitor, self._tab)
 
     def left(self, request: gr.Request) -> None:
         """The visitor has closed the page."""
@@ -168,14 +234,13 @@ class VideosBehind:
     def run(self, request: gr.Request) -> Iterator[Updates]:
         """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
         visitor = visitor_of(request)
-        with self._lock:
-            wanted = self._wanted.pop(visitor, None)
-        if wanted is None:
+        *_, run = [None, *self._wanted(visitor)]
+        if run is None or run.to_draw is None:
             yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
             return
-        run, ask = wanted
+        ask, run.to_draw = run.to_draw, None
         try:
-            with self._jobs.opened(visitor, self._tab) as job:
+            with self._services.jobs.opened(visitor, self._tab) as job:
                 yield from self._drawn(job, run, ask)
         except CancelledRun:
             return  # another run of the visitor has begun, and shows itself
@@ -183,14 +248,6 @@ class VideosBehind:
             yield self._line(run, text.VIDEOS_FAILED.format(why=visitor_sentence(error)))
 
     def _drawn(self, job: Job, run: KeptRun, ask: Ask) -> Iterator[Updates]:
-        request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")
-
-        def draw(on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-            def gives_way() -> bool:
-                return should_cancel() or self._jobs.is_anyone_waiting()
-
-            self._services.videos.do(draw_behind, request, on_event, gives_way)
-
         def told(events: list[Event]) -> Updates:
             updates: Updates = {}
             if any(isinstance(event, Grown) for event in events):
@@ -200,17 +257,9 @@ class VideosBehind:
                 updates |= self._line(run, text.VIDEOS_COMING.format(share=share))
             return updates
 
-        while True:
-            while not self._jobs.wait_for_rest(_PATIENCE_S):
-                if job.is_cancelled():
-                    raise CancelledRun
-                yield self._line(run, text.VIDEOS_WAIT)
-            try:
-                yield from follow(draw, job, told, {self._parts.status: gr.skip()})
-                break
-            except CancelledRun:
-                if job.is_cancelled():
-                    raise
+        request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")
+        do = partial(self._services.videos.do, draw_behind, request)
+        yield from follow(do, job, told, {self._parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))
         yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
