@@ -80,15 +80,12 @@ def _space() -> str:
 
 
 def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
-    """Headers that say which sites may show the page in a frame: clicks in a frame can be led
-    astray.
-
-    Args:
-        embedders: origins, besides the page's own.
-    """
+    """Headers of every answer: nothing is taken for another type than it says, and none but these
+    sites may show the page in a frame, where clicks can be led astray."""
     hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
     policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
     headers = [(b"content-security-policy", policy.encode("ascii"))]
+    headers.append((b"x-content-type-options", b"nosniff"))
     if not hosts and not embedders:  # it can name no others
         headers.append((b"x-frame-options", b"SAMEORIGIN"))
     return headers
@@ -104,13 +101,8 @@ def _name_of(host: str) -> str:
 def guarded(
     names: HostNames, embedders: Collection[str] = (), *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
-    """A lifespan that puts the guard before all of an app, its CORS headers among it.
-
-    Args:
-        embedders: see `framing`.
-        has_proxy: whether who runs the page has named one, which then says under which of the
-            page's names it was asked.
-    """
+    """A lifespan that puts the guard before all of an app, its CORS headers among it. A proxy that
+    was named is believed under which of the page's names it was asked."""
     is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
@@ -206,8 +198,8 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
     if scope["type"] == "websocket":
         await WebSocketClose(code=4000 + status)(scope, receive, send)
         return
-    headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
-    await PlainTextResponse(sentence, status_code=status, headers=headers)(scope, receive, send)
+    answer = PlainTextResponse(sentence, status_code=status, headers={"Connection": "close"})
+    await answer(scope, receive, send)
 
 
 UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."

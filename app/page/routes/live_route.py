@@ -9,26 +9,21 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from fastapi import Response
-from fastapi.responses import FileResponse, PlainTextResponse
-from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
-from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.routing import BaseRoute, Mount, WebSocketRoute
+from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from app.config import EXAMPLES
 from app.errors import RunError, visitor_sentence
-from app.live.live_body import body_glb
 from app.live.session import live_ask
 from app.live.sessions import LiveSessions, Place
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
 
 SPEAK_ROUTE = "/live/speak"
-BODY_ROUTE = "/live/body.glb"
 EXAMPLE_ROUTE = "/live/example"
 MAX_ASK_BYTES = 1000
 SILENT_S = 20.0
@@ -41,8 +36,8 @@ _MOST_UNSENT = 600
 """Messages to a browser that takes none; about a minute."""
 
 
-def live_routes(sessions: LiveSessions, examples: Sequence[Path] = ()) -> list[BaseRoute]:
-    """Serve the sessions, the body that browsers move, and sound to try it with."""
+def live_routes(sessions: LiveSessions) -> list[BaseRoute]:
+    """Serve the sessions, and sound to try it with."""
 
     async def speak(socket: WebSocket) -> None:
         if not is_from_page(socket.headers.get("origin"), socket.headers.get("host")):
@@ -54,20 +49,9 @@ def live_routes(sessions: LiveSessions, examples: Sequence[Path] = ()) -> list[B
         except WebSocketDisconnect:
             pass
 
-    async def body() -> Response:
-        content = await run_in_threadpool(body_glb)
-        headers = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "nosniff"}
-        return Response(content, media_type="model/gltf-binary", headers=headers)
-
-    async def example(number: int) -> Response:
-        if not 0 <= number < len(examples):
-            return PlainTextResponse("There is no such example.", status_code=404)
-        return FileResponse(examples[number], media_type="audio/wav")
-
     return [
         WebSocketRoute(SPEAK_ROUTE, speak),
-        APIRoute(BODY_ROUTE, body, methods=["GET"], include_in_schema=False),
-        APIRoute(EXAMPLE_ROUTE + "/{number}", example, methods=["GET"], include_in_schema=False),
+        Mount(EXAMPLE_ROUTE, StaticFiles(directory=EXAMPLES)),
     ]
 
 

@@ -12,6 +12,9 @@ open body: the mesh of a licensed one is not handed to visitors.
 
 from __future__ import annotations
 
+import base64
+import functools
+import json
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
@@ -26,10 +29,13 @@ from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
+from starlette.routing import BaseRoute, Mount
+from starlette.staticfiles import StaticFiles
 
 from app.errors import visitor_sentence
-from app.page.visitors.kept import Kept
-from app.page.visitors.visitors import cookie_of
+from app.live.live_body import body_glb, builds, face_names, reaches_message
+from app.page.parts.catalogue import point_choices
+from app.page.visitors.visitors import Kept, cookie_of
 from app.run.videos.export import MARKERS_ENDING, RenderAsk, render_motion, write_plan
 
 MEDIA_ROUTE = "/media"
@@ -44,10 +50,13 @@ SHOWN_TYPES: Mapping[str, str] = {
     ".png": "image/png",
 }
 """What a page shows; everything else is only ever downloaded."""
-_WEB_TYPES = {".js": "text/javascript", ".css": "text/css"}
-PAGE_TYPES: Mapping[str, str] = {".mp4": "video/mp4", ".html": "text/html", **_WEB_TYPES}
+PAGE_TYPES: Mapping[str, str] = {
+    ".mp4": "video/mp4",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+}
 """Of a page for participants, which opens as one."""
-_UNSNIFFED = {"X-Content-Type-Options": "nosniff"}
 Address = Callable[[Path], str]
 """Where a browser gets a file, relative to the page."""
 
@@ -61,13 +70,9 @@ class Media(Kept[_Shared]):
     """Folders whose files one browser may fetch."""
 
     def share(self, folder: Path, cookie: str, types: Mapping[str, str] = SHOWN_TYPES) -> Address:
-        """Gives its files, now and later, their addresses; of one that is replaced by another file
-        it changes.
-
-        Args:
-            cookie: empty for a browser that keeps none; the address alone is asked of it.
-            types: of what is shown rather than saved.
-        """
+        """Gives its files, now and later, their addresses, of which one of these types is shown
+        rather than saved; of one that is replaced by another file it changes. A browser that keeps
+        no cookie is asked for the address alone."""
         token = self.keep(_Shared(folder, types), folder, cookie or None)
 
         def address(path: Path) -> str:
@@ -133,7 +138,7 @@ class MadeFiles:
             out,
             media_type="application/octet-stream",
             filename=out.name,
-            headers={"Cache-Control": "no-store", **_UNSNIFFED},
+            headers={"Cache-Control": "no-store"},
             background=BackgroundTask(shutil.rmtree, folder, ignore_errors=True),
         )
 
@@ -151,14 +156,18 @@ PLAN_SUFFIX = ".tiers.json"
 """Of plans as the page shows them."""
 
 
-def media_routes(media: Media, made: MadeFiles) -> list[APIRoute]:
-    """Serve the player's files, as they are or as other programs read them, and the page's own
-    modules."""
-    modules = {
-        path.relative_to(WEB_FOLDER).as_posix(): path
-        for path in WEB_FOLDER.rglob("*")
-        if path.suffix in _WEB_TYPES
-    }
+class _Modules(StaticFiles):
+    """The page's own, of which a browser asks each time whether they have changed."""
+
+    def file_response(self, *how: Any, **named: Any) -> Response:
+        response = super().file_response(*how, **named)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
+def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
+    """Serve the player's files, as they are or as other programs read them, the page's own modules,
+    and the body that browsers move, its builds, and the numbers by which they draw as videos do."""
 
     async def file(token: str, name: str, request: Request) -> Response:
         found = await run_in_threadpool(media.file, token, name, cookie_of(request))
@@ -172,7 +181,7 @@ def media_routes(media: Media, made: MadeFiles) -> list[APIRoute]:
             path,
             media_type=media_type or "application/octet-stream",
             filename=None if media_type else path.name,
-            headers={"Cache-Control": "private", **_UNSNIFFED},
+            headers={"Cache-Control": "private"},
         )
 
     async def made_of(path: Path, kind: str) -> Response:
@@ -188,17 +197,12 @@ def media_routes(media: Media, made: MadeFiles) -> list[APIRoute]:
 
         return await made.answer(task, asked, f"{stem}{endings[kind]}")
 
-    def web(name: str) -> Response:
-        if name not in modules:
-            return PlainTextResponse(GONE, status_code=404)
-        path = modules[name]
-        headers = {"Cache-Control": "no-cache", **_UNSNIFFED}
-        return FileResponse(path, media_type=_WEB_TYPES[path.suffix], headers=headers)
-
-    methods = ["GET", "HEAD"]
     return [
-        APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=methods),
-        APIRoute(WEB_ROUTE + "/{name:path}", web, methods=methods),
+        APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),
+        Mount(WEB_ROUTE, _Modules(directory=WEB_FOLDER)),
+        _route("/live/body.glb", body_glb, "model/gltf-binary"),
+        _route("/stage/facts.json", stage_facts, "application/json"),
+        _route("/stage/builds.bin", builds, "application/octet-stream"),
     ]
 
 
@@ -213,11 +217,7 @@ FETCHED = (
 
 def researcher_route(private: Kept[Path]) -> APIRoute:
     """Serve the researcher's part of a study once, to the browser that made it: never an output of
-    Gradio, whose files anyone with the address may read, and deleted before its first byte is
-    sent.
-
-    Args:
-        private: folders that hold such a file and nothing else.
+    Gradio, whose files anyone with the address may read, and deleted before its first byte is sent.
     """
 
     def researcher(token: str, request: Request) -> Response:
@@ -232,9 +232,48 @@ def researcher_route(private: Kept[Path]) -> APIRoute:
             headers={
                 "Content-Disposition": f'attachment; filename="{RESEARCHER_FILE}"',
                 "Cache-Control": "no-store",
-                **_UNSNIFFED,
             },
             background=BackgroundTask(file.close),
         )
 
     return APIRoute(RESEARCHER_ROUTE + "/{token}", researcher, methods=["POST"])
+
+
+def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
+    """Of what the stage asks for once."""
+
+    def answer() -> Response:
+        headers = {"Cache-Control": "private, max-age=600"}
+        return Response(make(), media_type=media_type, headers=headers)
+
+    return APIRoute(path, answer, methods=["GET"], include_in_schema=False)
+
+
+def prepare() -> None:
+    """Make what the first page would wait for."""
+    body_glb()
+    stage_facts()
+
+
+@functools.cache
+def stage_facts() -> bytes:
+    """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    from app.run.display import FULL_SPEED_M_S
+    from app.run.followed_point import TIP
+    from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
+    from renderer.body.look import COLORS
+    from renderer.files.glb import STEP_M
+    from renderer.video.facts import drawing_facts
+
+    told = {
+        **drawing_facts(),
+        "faces": list(face_names()),
+        "reaches": base64.b64encode(reaches_message()).decode("ascii"),
+        "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
+        "scales": {"speed": FULL_SPEED_M_S},
+        "points": {name: title for title, name in point_choices()},
+        "usual_point": TIP,
+        "tones": COLORS,
+        "builds": {"names": BUILDS, "step": STEP_M},
+    }
+    return json.dumps(told, separators=(",", ":")).encode()

@@ -6,6 +6,7 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import parse_config
 from app.page.routes.guard import HostNames, framing, is_from_page
@@ -82,7 +83,7 @@ def test_origins_are_compared_whole():
         assert not is_from_page(origin, host), origin
 
 
-def test_with_accounts_nothing_is_given_before_the_login(weights, tmp_path):
+def test_with_accounts_nothing_is_given_before_the_login(weights, tmp_path, capsys):
     file = tmp_path / "accounts.txt"
     file.write_text("# the lab\nann:her pass:word\n\n")
     accounts = parse_config(["--auth", str(file)]).accounts
@@ -96,11 +97,16 @@ def test_with_accounts_nothing_is_given_before_the_login(weights, tmp_path):
         wrong, right = ({"username": "ann", "password": p} for p in ("guess", "her pass:word"))
         assert client.post("/login", data=wrong).status_code == 400
         assert client.post("/login", data=right).status_code == 200
-        for path, status in (("/config", 200), ("/live/example/0", 200), ("/media/x", 404)):
+        for path, status in (
+            ("/config", 200),
+            ("/live/example/three_reasons.wav", 200),
+            ("/media/x", 404),
+        ):
             assert client.get(path).status_code == status
     file.write_text("ann\n")
-    with pytest.raises(RunError, match="NAME:PASSWORD"):
+    with pytest.raises(SystemExit):
         parse_config(["--auth", str(file)])
+    assert "NAME:PASSWORD" in capsys.readouterr().err
 
 
 def test_no_other_site_shows_the_page_in_a_frame(client, monkeypatch):
@@ -108,10 +114,12 @@ def test_no_other_site_shows_the_page_in_a_frame(client, monkeypatch):
         headers = client.get(path).headers
         assert "frame-ancestors 'self'" in headers["content-security-policy"].split(", ")
         assert headers["x-frame-options"] == "SAMEORIGIN"
+        assert headers["x-content-type-options"] == "nosniff"
     refused = client.get("/", headers={"Host": "evil.example"})
     assert refused.headers["content-security-policy"] == "frame-ancestors 'self'"
     told = dict(framing(("https://lab.example",)))
-    assert told == {b"content-security-policy": b"frame-ancestors 'self' https://lab.example"}
+    assert told[b"content-security-policy"] == b"frame-ancestors 'self' https://lab.example"
+    assert b"x-frame-options" not in told
     monkeypatch.setenv("SPACE_HOST", "us-page.hf.space")
     told = dict(framing())
     assert told[b"content-security-policy"].endswith(b"https://huggingface.co https://*.hf.space")
@@ -144,7 +152,7 @@ def test_a_claim_of_another_address_is_believed_of_a_proxy_that_was_named_and_of
     for flag, value in (("--proxy", "lab.example"), ("--embed-in", "lab.example"),
                         ("--embed-in", "https://a; b")):  # fmt: skip
         with pytest.raises(RunError, match=f"{flag} takes .*; got {value}"):
-            parse_config([flag, value])
+            AppConfig(**{"proxies" if flag == "--proxy" else "embedders": (value,)})
 
 
 def test_what_the_page_has_not_is_told_in_a_sentence(client):

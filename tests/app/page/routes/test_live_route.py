@@ -9,6 +9,7 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from app.config import EXAMPLES
 from app.errors import RunError
 from app.page.routes import live_route
 from app.page.routes.live_route import FOREIGN, SPEAK_ROUTE, live_routes
@@ -27,9 +28,9 @@ def sessions(weights: Path) -> ByHand:
 
 
 @pytest.fixture
-def client(sessions: ByHand, speech: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[TestClient]:
+def client(sessions: ByHand, monkeypatch: pytest.MonkeyPatch) -> Iterator[TestClient]:
     monkeypatch.setattr(live_route, "SILENT_S", 600.0)  # a busy machine is not a browser that left
-    with TestClient(FastAPI(routes=live_routes(sessions, [speech]))) as client:
+    with TestClient(FastAPI(routes=live_routes(sessions))) as client:
         yield client
 
 
@@ -112,9 +113,8 @@ def test_one_too_many_is_told(client):
     assert "2 visitors speak live on this machine" in answers[3]["end"]
 
 
-def test_body_and_examples_are_there_and_nothing_else(client, speech):
-    body = client.get("/live/body.glb")
-    assert body.status_code == 200 and body.content[:4] == b"glTF"
-    assert client.get("/live/example/0").content == speech.read_bytes()
-    for other in ("1", "-1", "..%2f..%2fapp.py", "x"):
-        assert client.get(f"/live/example/{other}").status_code in (404, 422)
+def test_examples_are_there_and_nothing_else(client):
+    example = EXAMPLES / "three_reasons.wav"
+    assert client.get(f"/live/example/{example.name}").content == example.read_bytes()
+    for other in ("", "1", "..%2fapp.py", "..%2f..%2fapp.py", "%2fetc%2fpasswd", "x"):
+        assert client.get(f"/live/example/{other}").status_code == 404
