@@ -13,7 +13,8 @@ import secrets
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,37 +53,32 @@ def _is_held(lock: Path) -> bool:
 
 
 def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
-    """The uploads among a form's values."""
+    """The folders in which Gradio keeps the uploads among a form's values, each its own."""
     found: list[Path] = []
     for value in values:
         if isinstance(value, list):
             found += uploads_of(value, cache)
         elif isinstance(value, str) and value.startswith(f"{cache}{os.sep}"):
-            found.append(Path(value))
+            found += [cache / part for part in Path(value).relative_to(cache).parts[:1]]
     return found
 
 
-def touch(uploads: Iterable[Path]) -> None:
+def touch(folders: Iterable[Path]) -> None:
     """Keep them as if they had come now."""
-    for upload in uploads:
-        try:
-            os.utime(upload)
-        except (OSError, ValueError):
-            continue  # a reader says that it is gone
+    for folder in folders:
+        with suppress(OSError, ValueError):  # a reader says that it is gone
+            os.utime(folder)
 
 
 def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
     """Delete what was last touched longer ago than it is kept, but for what is in use."""
-    before = time.time() - keep_s
-    kept = set(in_use)
-    for folder in (*_entries(root / "jobs"), *_entries(root / "private")):
-        if folder not in kept and _last_touched(folder) < before:
-            shutil.rmtree(folder, ignore_errors=True)
-    for file in sorted(_below(root / "gradio"), reverse=True):
-        if file.is_dir() and not file.is_symlink():
-            _remove_empty(file, before)
-        elif file not in kept and _last_touched(file) < before:
-            file.unlink(missing_ok=True)
+    before, kept = time.time() - keep_s, set(in_use)
+    for entry in (each for part in ("jobs", "private", "gradio") for each in _entries(root / part)):
+        if entry not in kept and _last_touched(entry) < before:
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
+                entry.unlink(missing_ok=True)
 
 
 def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) -> None:
@@ -97,12 +93,6 @@ def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) 
     threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()
 
 
-def _below(folder: Path) -> Iterator[Path]:
-    """All files and folders in it; what goes meanwhile is passed over, where `rglob` fails."""
-    for parent, folders, files in os.walk(folder):
-        yield from (Path(parent, name) for name in (*folders, *files))
-
-
 def _entries(folder: Path) -> list[Path]:
     return list(folder.iterdir()) if folder.is_dir() else []
 
@@ -113,11 +103,3 @@ def _last_touched(path: Path) -> float:
         return path.lstat().st_mtime
     except OSError:
         return float("inf")
-
-
-def _remove_empty(folder: Path, before: float) -> None:
-    if _last_touched(folder) < before:
-        try:
-            folder.rmdir()
-        except OSError:
-            return  # something is in it

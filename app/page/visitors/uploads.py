@@ -68,10 +68,8 @@ class TidyParser(route_utils.GradioMultiPartParser):
             raise error
 
     def _see_room(self, num_bytes: int) -> None:
-        """
-        Raises:
-            MultiPartException: where so much more is too much for a request, or for the disk.
-        """
+        """Raises `MultiPartException` where so much more is too much for a request, or for the
+        disk."""
         if self._num_bytes + num_bytes > MAX_BODY_BYTES:
             raise MultiPartException(TOO_MUCH_AT_ONCE.format(limit=MAX_BODY_BYTES / 1e9))
         if shutil.disk_usage(self.root).free < self.min_free_bytes + num_bytes:
