@@ -18,8 +18,8 @@ from app import text
 from app.errors import RunError
 from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
-from app.page.results.clips_shown import clips_html, title_of
-from app.page.routes.stage_route import stage_facts
+from app.page.results.tables import clips_html, title_of
+from app.page.routes.media import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import RowKind, runs_in
@@ -74,13 +74,7 @@ document.querySelector("header select")?.addEventListener("change", ({{ target }
 
 def player_alone(folder: Path, title: str = "") -> str:
     """HTML that needs nothing beside itself, of the folder of a run, or of those of several clips.
-
-    Args:
-        title: in place of the run's own.
-
-    Raises:
-        RunError: if it is none, or has no motion that a browser plays.
-    """
+    Raises `RunError` if it is none, or has no motion that a browser plays."""
     files: dict[str, bytes] = {}
 
     def address(path: Path) -> str:

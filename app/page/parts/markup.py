@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 from app import text
@@ -53,6 +53,11 @@ def header(trained_on: str) -> str:
     )
 
 
+def number_of(count: int, what: str) -> str:
+    """So many of them, in words."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def step(number: int, title: str) -> str:
     """A numbered heading of the form."""
     return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'
@@ -64,6 +69,29 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
+def heads(labels: Mapping[str, str]) -> str:
+    """Of a table's columns, by whole name."""
+    return "".join(
+        f'<th scope="col" title="{escape(name)}">{escape(label)}</th>'
+        for name, label in labels.items()
+    )
+
+
+def row(title: str, cells: Iterable[str]) -> str:
+    """Of a table."""
+    told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    return f'<tr><th scope="row">{escape(title)}</th>{told}</tr>'
+
+
+def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
+    """Which scrolls where it is too wide; head, body and foot are HTML."""
+    return (
+        f'<div class="scroll" role="region" aria-label="{escape(name)}" tabindex="0"><table>'
+        f'<thead><tr><th scope="col">{escape(corner)}</th>{head}</tr></thead>'
+        f"<tbody>{body}</tbody>{foot}</table></div>"
+    )
+
+
 def status(
     line: str, fractions: Mapping[Stage, float], details: Mapping[Stage, str], stages=STAGES
 ) -> str:
@@ -73,7 +101,7 @@ def status(
         fraction = fractions.get(stage)
         state = "todo" if fraction is None else "done" if fraction >= 1 else "doing"
         percent = round(100 * min(1.0, fraction or 0.0))
-        shown = {"todo": "", "doing": f"{percent} %", "done": ""}[state]
+        shown = f"{percent} %" if state == "doing" else ""
         detail = details.get(stage, "") if state == "doing" else ""
         rows.append(
             f'<li class="{state}"><i aria-hidden="true"></i>'

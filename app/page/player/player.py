@@ -6,11 +6,15 @@ import json
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app import text
 from app.errors import page_sentence
-from app.page.routes.media import Address
+from app.page.parts.html_parts import shown
+from app.page.routes.media import Address, Media
+from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
 from app.run.output.run_folder import (
     RUN,
     Row,
@@ -48,11 +52,7 @@ class Showing:
 
     @property
     def record(self) -> RunRecord:
-        """What its folder says by now.
-
-        Raises:
-            RunError: if it says nothing.
-        """
+        """What its folder says by now. Raises `RunError` if it says nothing."""
         told = (self.folder / RUN).stat() if (self.folder / RUN).exists() else None
         key = (told.st_ino, told.st_mtime_ns) if told else (0, 0)
         if self._read is None or self._read[0] != key:
@@ -87,12 +87,8 @@ class Showing:
         state: str = "",
         offers: Sequence[Offer] = (),
     ) -> None:
-        """Have the editor of gestures say something beside all that it knows.
-
-        Args:
-            state: ``working`` while a take is made.
-            offers: what can be done instead.
-        """
+        """Have the editor of gestures say something beside all that it knows; its state is
+        ``working`` while a take is made, and offers are what can be done instead."""
         told = [{"label": one.label, "edits": [e.told() for e in one.edits]} for one in offers]
         self.editing = {"said": sentence, "refused": is_refused, "state": state, "offers": told}
 
@@ -170,3 +166,28 @@ def _assumed(row: Row) -> dict[str, Any]:
     """What chips are told: the kind of its file, as `Told` has it, and its reading."""
     read = [{**each, "why": page_sentence(str(each.get("why", "")))} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
+
+
+def first_look(media: Media) -> tuple[dict[str, Any], Any]:
+    """Of the player and of what stands in the place of results, for a page that opens."""
+    value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
+    plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
+    return plays, shown(question(json.loads((FIRST_LOOK / FACTS).read_text())))
+
+
+def question(facts: dict[str, Any]) -> str:
+    """What to look for, with the answer folded away, and the way to something of one's own."""
+    jerk, (system,) = facts["jerk_m_s3"], facts["provenance"]["weights"]
+    answer = text.LOOK_ANSWER.format(
+        row=TREMBLING,
+        noise=facts["noise_rad"],
+        trembling=jerk[TREMBLING],
+        steady=jerk[STEADY],
+    )
+    about = text.LOOK_ABOUT.format(system=system)
+    return (
+        f'<div class="first-look"><h2>{escape(text.LOOK_QUESTION)}</h2>'
+        f"<p>{escape(about)}</p>"
+        f"<details><summary>{escape(text.LOOK_SHOW)}</summary><p>{escape(answer)}</p></details>"
+        f'<a class="own" href="#speech">{escape(text.LOOK_OWN)}</a></div>'
+    )

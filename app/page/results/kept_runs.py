@@ -25,14 +25,12 @@ from app.errors import page_sentence, without_folders
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import Showing, showings_in
-from app.page.queue.jobs import Job
-from app.page.queue.runner import Updates
-from app.page.results.clips_shown import clips_html, title_of
-from app.page.results.measures_table import measures_table
+from app.page.queue.runner import Job, Updates
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.results.tables import clips_html, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
-from app.page.visitors.kept import Kept
-from app.page.visitors.visitors import is_same
+from app.page.visitors.visitors import Kept, is_same
+from app.run.ask import Ask
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
 
@@ -40,6 +38,8 @@ PARAMETER = "run"
 """Of the page's address."""
 RUN_ROUTE = "/media/run"
 """Below which a run is had as a file, by its token."""
+EDITED = "generate"
+"""The tab whose player has the editor of gestures."""
 _MAX_STEM = 60
 
 
@@ -53,13 +53,11 @@ class KeptRun:
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
     ended: float = field(default_factory=time.time)
+    to_draw: Ask | None = None
+    """What is to be drawn of it as soon as the page asks."""
     token: str = ""
     clips: dict[str, KeptRun] = field(default_factory=dict)
     """Of several that are one run all of them, this one too, by name."""
-
-    @property
-    def is_there(self) -> bool:
-        return self.job.folder.is_dir()
 
     @property
     def record(self) -> RunRecord:
@@ -82,12 +80,8 @@ class KeptRun:
     def updates(
         self, parts: ResultParts, showing: Showing | None = None, *, begins: bool = False
     ) -> Updates:
-        """Everything that a tab shows of it.
-
-        Args:
-            showing: for another browser than the one that asked for it.
-            begins: whether it plays at once, where it does not yet.
-        """
+        """Everything that a tab shows of it, as ``showing`` where that is for another browser;
+        where it ``begins`` it plays at once."""
         showing = showing or self.showing
         record, notes = showing.record, map(page_sentence, showing.record.notes)
         is_done, why = record.state == "done", without_folders(record.sentence)
@@ -144,44 +138,23 @@ class KeptRuns(Kept[KeptRun]):
     """All runs that can be opened again."""
 
     def __init__(self, keep_s: float) -> None:
-        """
-        Args:
-            keep_s: for as long files are kept; only to be told.
-        """
         super().__init__()
-        self._keep_s = keep_s
+        self._keep_s = keep_s  # as files are; only to be told
 
     def keep_run(
-        self,
-        job: Job,
-        showing: Showing,
-        form: Mapping[str, Any] | None = None,
-        *,
-        is_edited: bool = False,
+        self, job: Job, showing: Showing, form: Mapping[str, Any] | None = None
     ) -> KeptRun:
-        """
-        Args:
-            is_edited: whether takes of its plans are made, where it has any.
-        """
         run = KeptRun(job, showing, form or {})
-        if is_edited and showing.performed():
+        if job.tab == EDITED and showing.performed():
             showing.say()
         run.token = self.keep(run, job.folder, None)
         return run
 
     def keep_clips(
-        self,
-        job: Job,
-        showings: Mapping[str, Showing],
-        form: Mapping[str, Any] | None = None,
-        *,
-        is_edited: bool = False,
+        self, job: Job, showings: Mapping[str, Showing], form: Mapping[str, Any] | None = None
     ) -> KeptRun:
         """Keep a run, or those of several clips by name; returns the first that has any motion."""
-        kept = {
-            clip: self.keep_run(job, each, form, is_edited=is_edited)
-            for clip, each in showings.items()
-        }
+        kept = {clip: self.keep_run(job, each, form) for clip, each in showings.items()}
         for run in kept.values() if len(kept) > 1 else ():
             run.clips = kept
         runs = list(kept.values())
@@ -231,16 +204,12 @@ class KeptRuns(Kept[KeptRun]):
 
 def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
     """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
-    token.
-
-    Raises:
-        RunError: if it is none.
-    """
+    token. Raises `RunError` if it is none."""
     folder = copied_run(path, temp)
     showings = showings_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(showings.values())).record.kind == "generated"
-    job = Job("", "generate" if is_made else "own_motion", temp)
-    return kept.keep_clips(job, showings, is_edited=is_made).token
+    job = Job("", EDITED if is_made else "own_motion", temp)
+    return kept.keep_clips(job, showings).token
 
 
 def address_of(*runs: KeptRun) -> str:
@@ -282,22 +251,15 @@ def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
 def saving_route(
     kept: KeptRuns, made: MadeFiles, ending: str, task: Callable[..., object], below: str = ""
 ) -> APIRoute:
-    """Serve runs in one form, of all that there is of them when they are asked for.
-
-    Args:
-        task: writes it, asked by the run's folder and the file.
-    """
-
-    def found(token: str) -> tuple[Path, str] | None:
-        run = kept.find(token)
-        return run and (run.folder, file_name(run.title, ending))
+    """Serve runs in one form, of all that there is of them when they are asked for; the task writes
+    it, asked by the run's folder and the file."""
 
     async def answer(token: str) -> Response:
-        run = await run_in_threadpool(found, token)
+        run = await run_in_threadpool(kept.find, token)
         if run is None:
             return PlainTextResponse(GONE, status_code=404)
-        folder, name = run
-        return await made.answer(task, lambda out: (folder, out), name)
+        name = await run_in_threadpool(lambda: file_name(run.title, ending))
+        return await made.answer(task, lambda out: (run.folder, out), name)
 
     return APIRoute(f"{RUN_ROUTE}/{{token}}{below}", answer, methods=["GET"])
 

@@ -51,12 +51,7 @@ class ResultParts:
 
 
 def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
-    """What a run shows; what has nothing to show yet is hidden.
-
-    Args:
-        prefix: of the parts' ids on the page, with its hyphen.
-        ready: the status before the first run.
-    """
+    """What a run shows; what has nothing to show yet is hidden."""
     message = told_part(prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
     look = told_part(prefix + "look")
@@ -92,11 +87,7 @@ NO_WORDS: Mapping[str, str] = {}
 def figures_html(
     files: Iterable[Path], address: Address, sentences: Mapping[str, str] = NO_WORDS
 ) -> str:
-    """The figures among some files, each with what the numbers say of it.
-
-    Args:
-        sentences: as of `app.findings.sentences.sentences_of`.
-    """
+    """The figures among some files, each with what the numbers say of it."""
     figures: dict[str, dict[str, Path]] = {}
     for path in files:
         figures.setdefault(path.stem, {})[path.suffix.lstrip(".")] = path

@@ -17,8 +17,8 @@ from app.page.parts.html_parts import shown
 from app.page.player.player import Showing
 from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRun, address_of
-from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
+from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
 from app.run.output.run_folder import RunRecord, colors_of
 from app.run.settings import MOTIONS, NONE, SEED, SPEECH, differing
@@ -29,11 +29,7 @@ MAX_VIDEOS = 12
 
 
 def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie: str) -> Updates:
-    """What a tab shows to a browser that opens both.
-
-    Args:
-        cookie: of that browser.
-    """
+    """What a tab shows to the browser of this cookie, which opens both."""
     runs = a.showing, b.showing
     pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
@@ -182,11 +178,8 @@ class RunPair:
     def _timeline(
         self, lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], is_shared: bool
     ) -> dict[str, Any]:
-        """One time line of both, of the motions that have a row, under the sound of one of them.
-
-        Args:
-            is_shared: whether that is the sound of both.
-        """
+        """One time line of both, of the motions that have a row, under the sound of one of them, or
+        the sound that they share."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
             new = {name: self.name(name, letter) for name in line["curves"]}

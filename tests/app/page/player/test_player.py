@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.errors import RunError
-from app.page.player.first_look_shown import first_look
+from app.page.player.player import first_look
 from app.page.routes.media import Media
 from app.run.ask import Ask, Event, Grown
 from app.run.examples import STEADY, TREMBLING

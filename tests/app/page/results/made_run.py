@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from app.page.player.player import Showing
-from app.page.queue.jobs import Job
+from app.page.queue.runner import Job
 from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.routes.media import Media
 from app.run.output.result_folder import ResultFolder

@@ -19,9 +19,9 @@ from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
 from app.page.player.player import Showing
 from app.page.results.kept_runs import KeptRuns, address_of
-from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
+from app.page.results.tables import measures_table
 from app.run.ask import Ask
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord

@@ -1,7 +1,5 @@
-"""The table of all measures as HTML: every number raw and filtered, one switch for both.
-
-app/page/web/measures.js turns the switch and saves the CSV.
-"""
+"""The tables of the page: all measures of a run, raw and filtered, between which
+app/page/web/measures.js switches; the clips of one run; and sets of clips."""
 
 from __future__ import annotations
 
@@ -9,12 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
-from typing import Literal
+from typing import Any, Literal
 
 from app import text
-from app.findings.comparison import point_title
-from app.findings.measure_rows import MEASURES, Measure, Numbers, nearest, signed, written
+from app.errors import page_sentence, without_folders
+from app.findings.comparison import plain, point_title
+from app.findings.measure_rows import JERK, MEASURES, Measure, Numbers, nearest, signed, written
+from app.findings.verdict import jerk_over_clips, verdict_over_clips
 from app.page.parts import markup
+from app.run.many.distances import TITLE as DISTANCE
+from app.run.many.table import cells_of, interval
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 
@@ -65,14 +67,7 @@ def table_of(
     legend: str,
     above: str = "",
 ) -> str:
-    """A part of the page: heading, switches and the table.
-
-    Args:
-        point: the title of the one that was followed.
-        legend: a sentence beside the switches; it gets the sign of what is nearest to a reference
-            where there is one.
-        above: what stands before the table, as HTML.
-    """
+    """A part of the page: heading, what stands above, switches with a legend, and the table."""
     shown = [measure for measure in MEASURES if _is_known(measure, columns)]
     about = text.NUMBERS_HELP.format(point=point.lower())
     has_reference = any(column.kind == "reference" for column in columns)
@@ -86,10 +81,7 @@ def table_of(
     return (
         '<div class="measures" data-filter="raw">'
         f"{markup.heading(text.NUMBERS_HEADING, about)}{above}{_bar(legend, has_reference)}"
-        f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
-        'tabindex="0"><table>'
-        f'<thead><tr><th scope="col">Measure</th>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>{_more(shown)}</div>"
+        f"{markup.table(text.NUMBERS_HEADING, 'Measure', head, body)}{_more(shown)}</div>"
     )
 
 
@@ -190,13 +182,126 @@ def _finding(found: Told, label: str) -> str:
 
 def _findings(run: RunRecord) -> str:
     """What stands out in the motions, the gravest few apart, and in which nothing does."""
-    first = [_finding(found, run.label(found.name)) for found in run.gravest]
-    if not first:
+    if not run.gravest:
         return ""
-    rest = [
-        _finding(each, run.label(each.name)) for each in run.findings if each not in run.gravest
-    ]
-    also = f"{text.ALSO_FOUND} ({len(rest)})"
-    more = f"<details><summary>{also}</summary><ul>{''.join(rest)}</ul></details>" if rest else ""
+    ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
+    items = [_finding(each, run.label(each.name)) for each in ordered]
+    also = f"{text.ALSO_FOUND} ({len(items) - len(run.gravest)})"
     title = f"<h3>{text.FINDINGS_TITLE}</h3>" if run.findings[0].name else ""
-    return f'<div class="findings">{title}<ul>{"".join(first)}</ul>{more}</div>'
+    return _listed(title, items, len(run.gravest), also)
+
+
+def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:
+    """The first few, and the others folded away; all are HTML."""
+    rest = "".join(items[most:])
+    folded = f"<details><summary>{more}</summary><ul>{rest}</ul></details>" if rest else ""
+    return f'<div class="findings">{title}<ul>{"".join(items[:most])}</ul>{folded}</div>'
+
+
+def title_of(records: Sequence[RunRecord]) -> str:
+    """Of a run, or of several clips that are one."""
+    if len(records) < 2:
+        return records[0].title
+    asked = records[0].settings.get("systems", "")
+    return text.CLIPS_TITLE.format(count=len(records), systems=asked)
+
+
+def clips_html(runs: Mapping[str, RunRecord]) -> str:
+    """Of runs by clip, each system's headline number in every clip; empty of one run alone."""
+    if len(runs) < 2:
+        return ""
+    point = next(iter(runs.values())).point
+    jerk = jerk_over_clips(run.numbers for run in runs.values())
+    verdict = verdict_over_clips(point, jerk)
+    above = "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)
+    names = short_names(jerk)
+    rows = [
+        _clip_row(clip, [plain(of[number]) if number in of else "…" for of in jerk.values()], run)
+        for number, (clip, run) in enumerate(runs.items(), 1)
+    ]
+    means = [interval(list(of.values())) for of in jerk.values()]
+    cells = [f"{plain(mean)} [{plain(low)}, {plain(high)}]" for mean, low, high in means]
+    head = markup.heads({name: names[name] for name in jerk})
+    title = text.CLIPS_TABLE.format(point=point_title(point))
+    foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
+    return (
+        f'<div class="measures all clips">{above}<p>{escape(title)}</p>'
+        f"{markup.table(title, text.CLIP, head, ''.join(rows), foot)}</div>"
+    )
+
+
+def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
+    if run.state not in ("failed", "cancelled"):
+        return markup.row(clip, cells)
+    why = escape(page_sentence(without_folders(run.sentence)) or text.STOPPED)
+    return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
+
+
+SETS_HEADING = "Results as sets"
+COUNTED = (
+    "{clips} in {sets}, each measured as it is. Means over clips, with 95 % intervals over clips."
+)
+WORST_FIRST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
+NONE_FOUND = "Nothing stands out in any clip."
+SETS_TABLE = "Mean over clips [95 % interval]"
+MORE_MEASURES = "All measures"
+STAR = "* the paired difference to {last} is not chance."
+MOST_SHOWN = 5
+"""Worst clips that are seen unfolded."""
+
+
+def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
+    """All that is told of sets, as `app.run.many.motions.Sets.told` has it, by the names of their
+    systems, the reference last; with the figure of their spread and links to what can be saved."""
+    clips = told["clips"]
+    counted = COUNTED.format(
+        clips=markup.number_of(len(clips), "clip"), sets=markup.number_of(len(systems), "set")
+    )
+    return (
+        f'<div class="sets">{markup.heading(SETS_HEADING, counted)}'
+        f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems)}"
+        f'<div class="downloads">{links}</div></div>'
+    )
+
+
+def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Every clip by what is said of it, the worst first."""
+    worst: dict[str, str] = {
+        each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in told["worst"]
+    }
+    clips: list[str] = told["clips"]
+    return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
+
+
+def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
+    if not worst:
+        return f'<p class="says">{NONE_FOUND}</p>'
+    unit = next(row.unit for row in MEASURES if row.key == JERK)
+    items = [
+        f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
+        f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span></li>"
+        for each in worst
+    ]
+    return _listed(f"<h3>{WORST_FIRST}</h3>", items, MOST_SHOWN, f"{len(items) - MOST_SHOWN} more")
+
+
+def kinds_of(worst: Mapping[str, Any]) -> str:
+    """Of findings, in words."""
+    return ", ".join(kind.replace("_", " ") for kind in worst["kinds"])
+
+
+def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:
+    firsts = {f"{row.key}" for row in MEASURES if row.is_first} | {DISTANCE}
+    head = markup.heads({name: name for name in systems})
+
+    def table(chosen: list[Mapping[str, Any]]) -> str:
+        told = cells_of(list(systems), [dict(row) for row in chosen])
+        body = "".join(markup.row(title, cells) for title, cells in told.items())
+        return markup.table(SETS_TABLE, SETS_TABLE, head, body)
+
+    star = f"<p>{escape(STAR.format(last=systems[-1]))}</p>" if len(systems) > 1 else ""
+    first = table([row for row in rows if row["measure"] in firsts])
+    return (
+        f'<div class="measures all">{first}{star}'
+        f"<details><summary>{MORE_MEASURES}</summary>{table(list(rows))}</details></div>"
+    )
