@@ -13,7 +13,7 @@ import pytest
 from frame_regression import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
-from app.page.tabs.systems.systems import ladder
+from app.page.tabs.systems import ladder
 from app.run.ask import Ask
 from app.run.pipeline import do
 from model import evaluate as measuring

@@ -14,13 +14,9 @@ from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.motion import build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.services import Services
+from app.page.tabs.stage import SeenRunner, TakesRunner
 from app.page.tabs.study import build_analysis, build_study_tab
-from app.page.tabs.systems.hearing import HearingRunner
-from app.page.tabs.systems.mechanism import MechanismRunner
-from app.page.tabs.systems.step_curve import StepCurveRunner
-from app.page.tabs.systems.systems import build_systems_tab
-from app.page.tabs.takes_run import TakesRunner
-from app.page.tabs.videos_run import SeenRunner
+from app.page.tabs.systems import HearingRunner, MechanismRunner, StepCurveRunner, build_systems_tab
 from app.page.visitors.visitors import VISITOR_ROUTE
 
 _ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from app import text
 from app.page.tabs import live as live_tab
-from app.page.tabs.study_run import PREVIEW
+from app.page.tabs.study import PREVIEW
 from app.study.leaks import check_study
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file

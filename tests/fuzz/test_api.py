@@ -16,10 +16,10 @@ from app.config import AppConfig
 from app.page.launch import launch
 from app.page.parts.asked import Fields, values_of
 from app.page.tabs.motion import ask_from_form, build_form
-from app.page.tabs.own_motion import build_own_form
-from app.page.tabs.own_motion_run import own_ask
-from app.page.tabs.study import build_study_tab
-from app.page.tabs.study_run import plan_text
+from app.page.tabs.own_motion import build_own_form, own_ask
+from app.page.tabs.study import build_study_tab, plan_text
+from app.run.ask import Ask
+from app.study.design.plan import Plan
 from tests.app.fakes import CATALOGUE, made_services
 from tests.fuzz.clock import (
     FOR_EVER_S,
@@ -59,16 +59,20 @@ def changed(values: Sequence[Any], changes: list[tuple[int, Any]]) -> list[Any]:
 
 
 @pytest.fixture(scope="module")
-def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Fields, Callable]]:
+def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fields, Callable]]:
     """Fields, and what makes an ask of what they give."""
     services, config = made_services(tmp_path_factory.mktemp("page")), AppConfig()
     with gr.Blocks():
         generate, own = build_form(services).fields, build_own_form(services).fields
         study = build_study_tab(services)
     return {
-        "generate": (generate, lambda told: ask_from_form(told, Path("/job"), CATALOGUE, config)),
-        "own": (own, lambda told: own_ask(told, Path("/job"), config)),
-        "study": (study, plan_text),
+        "generate": (
+            Ask,
+            generate,
+            lambda told: ask_from_form(told, Path("/job"), CATALOGUE, config),
+        ),
+        "own": (Ask, own, lambda told: own_ask(told, Path("/job"), config)),
+        "study": (Plan, study, plan_text),
     }
 
 
@@ -77,14 +81,14 @@ FILES["study"] = {"speeches": ["a.wav"]}
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_forms(forms: dict[str, tuple[Fields, Callable]], name: str) -> None:
-    form, ask = forms[name]
-    usual = [FILES[name].get(key, field.part.value) for key, field in form.items()]
+def test_forms(forms: dict[str, tuple[type, Fields, Callable]], name: str) -> None:
+    asked, form, ask = forms[name]
+    usual = [FILES[name].get(key, part.value) for key, part in form.items()]
 
     @given(changes(len(form)))
     def check(changes: list[tuple[int, Any]]) -> None:
         values = changed(usual, changes)
-        is_done_or_refused(lambda: ask(values_of(form, values)))
+        is_done_or_refused(lambda: ask(values_of(asked, form, values)))
 
     run_by_the_clock(check)
 

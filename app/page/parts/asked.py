@@ -1,17 +1,20 @@
-"""The fields of a form, each under the name of what it asks for, and what is sent for them.
+"""The fields of a form, each under the name of what it asks for, and what is sent for them, read as
+the ask declares it.
 
 A browser sends what the page's fields give; a program may send anything.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, Field, fields
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
+from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
 
@@ -25,41 +28,17 @@ _KINDS = {
 }
 """What parts give; others a text, or the name of a file."""
 NOT_WHOLE = "{what} must be a whole number from {least} to {most}; got {value}."
+Fields = Mapping[str, Any]
+"""Parts of the page."""
 
 
-@dataclass(frozen=True)
-class Field:
-    """One of a form."""
-
-    part: Any
-    """Of the page."""
-    read: Callable[[Any], Any] = lambda value: value
-    """What is asked for, of what the part gives. May raise `RunError`."""
-
-    @property
-    def kind(self) -> Any:
-        """What the part gives."""
-        part = self.part
-        if getattr(part, "file_count", "") == "multiple" or getattr(part, "multiselect", False):
-            return list[str] | None
-        if isinstance(part, gr.Dropdown | gr.Radio) and isinstance(part.value, float):
-            return float | None
-        return _KINDS.get(type(part), str | None)
-
-
-Fields = Mapping[str, Field]
-
-
-def values_of(form: Fields, values: Sequence[Any]) -> dict[str, Any]:
-    """What is asked for, by name, of what was sent in the order of the fields.
-
-    Raises:
-        RunError: if a value has another type than its field, is NaN or is far too long; or what
-            `Field.read` raises.
-    """
+def values_of(asked: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
+    """What is asked for, by name, of what was sent in the order of the fields; of a field that is
+    empty or off it is what is usual for the dataclass that the form fills in. Raises `RunError` if
+    a value has another type than its field, is NaN or far too long, or cannot be asked for."""
     sent = dict(zip(form, values, strict=False))
-    sent = {name: sent.get(name, field.part.value) for name, field in form.items()}
-    kinds: dict[str, Any] = {name: (field.kind, ...) for name, field in form.items()}
+    sent = {name: sent.get(name, part.value) for name, part in form.items()}
+    kinds: dict[str, Any] = {name: (_kind(part), ...) for name, part in form.items()}
     config = ConfigDict(strict=True, allow_inf_nan=False, str_max_length=LONGEST_TEXT)
     try:
         create_model("Form", __config__=config, **kinds)(**sent)
@@ -68,34 +47,76 @@ def values_of(form: Fields, values: Sequence[Any]) -> dict[str, Any]:
         raise RunError(
             f"The field {found['loc'][0]} cannot be used: {found['msg'].lower()}."
         ) from error
-    return {name: field.read(sent[name]) for name, field in form.items()}
+    hints, usual = get_type_hints(asked, include_extras=True), {of.name: of for of in fields(asked)}
+    return {
+        name: _read(part, sent[name], hints.get(name), usual.get(name))
+        for name, part in form.items()
+    }
 
 
-def whole(
-    what: str, least: int, most: int, usual: int | None = None
-) -> Callable[[float | None], int | None]:
-    """Reads a whole number.
-
-    Args:
-        usual: of an empty field; None refuses that.
-    """
-
-    def read(value: float | None) -> int | None:
-        if value is None and usual is not None:
-            return usual
-        if value is None or value != int(value) or not least <= value <= most:
-            told = "nothing" if value is None else f"{value:.15g}"
-            raise RunError(NOT_WHOLE.format(what=what, least=least, most=most, value=told))
-        return int(value)
-
-    return read
+def _kind(part: Any) -> Any:
+    """What a part gives."""
+    if getattr(part, "file_count", "") == "multiple" or getattr(part, "multiselect", False):
+        return list[str] | None
+    offered = getattr(part, "choices", None) or ()
+    if isinstance(part, gr.Dropdown | gr.Radio) and any(type(each[1]) is float for each in offered):
+        return float | Literal[""] | None
+    return _KINDS.get(type(part), str | None)
 
 
-def a_file(value: str | None) -> Path | None:
-    """Where an upload lies, if there is one."""
+def _read(part: Any, value: Any, hint: Any, of: Field[Any] | None) -> Any:
+    """As the ask has it."""
+    usual = MISSING if of is None else of.default
+    if of is not None and of.default_factory is not MISSING:
+        usual = of.default_factory()
+    if isinstance(part, gr.File | gr.Audio):
+        return tuple(map(Path, value or ())) if _kind(part) != str | None else _a_path(value)
+    if isinstance(value, list):
+        value = tuple(value)
+    if isinstance(value, str):
+        value = value.strip()
+    if isinstance(part, gr.Number | gr.Slider) and not _has(hint, float):
+        value = usual if value is None and usual is not MISSING else _whole(part, value)
+    if not value and usual is not MISSING:
+        return usual
+    if value is True and get_origin(hint) is Literal:
+        return next(each for each in get_args(hint) if each != usual)
+    if isinstance(value, str):
+        for spec in getattr(hint, "__metadata__", ()):
+            if isinstance(spec, PrimitiveConstructorSpec):
+                return spec.instance_from_str([value])
+    return value
+
+
+def _a_path(value: str | None) -> Path | None:
     return Path(value) if value else None
 
 
-def some_files(values: Sequence[str] | None) -> tuple[Path, ...]:
-    """Where uploads lie."""
-    return tuple(map(Path, values or ()))
+def _has(hint: Any, kind: type) -> bool:
+    """Whether it is among the types of a hint."""
+    return hint is kind or any(_has(each, kind) for each in get_args(hint))
+
+
+def _whole(part: Any, value: float | None) -> int:
+    least, most = int(part.minimum), int(part.maximum)
+    if value is None or value != int(value) or not least <= value <= most:
+        told = "nothing" if value is None else f"{value:.15g}"
+        raise RunError(NOT_WHOLE.format(what=part.label, least=least, most=most, value=told))
+    return int(value)
+
+
+def named_fields(run: Callable[..., Iterator[Any]], form: Fields) -> Callable[..., Iterator[Any]]:
+    """``run`` with one parameter for each field, of which all but the first may be left out: Gradio
+    names the parameters of the page's API by them."""
+
+    def named(request: gr.Request, *values: Any) -> Iterator[Any]:
+        yield from run(request, *values)
+
+    kind = Parameter.POSITIONAL_OR_KEYWORD
+    defaults = [Parameter.empty, *(part.value for part in list(form.values())[1:])]
+    parameters = [Parameter("request", kind, annotation=gr.Request)]
+    parameters += [
+        Parameter(name, kind, default=default) for name, default in zip(form, defaults, strict=True)
+    ]
+    named.__dict__["__signature__"] = Signature(parameters)
+    return named

@@ -148,16 +148,7 @@ def default_systems(systems: Sequence[str]) -> list[str]:
     return [name for name in systems if name in chosen]
 
 
-USUAL = -1.0
-"""As suits each system: no strength is below 0."""
-
-
-def strength_choices(values: Sequence[float]) -> list[tuple[str, float]]:
-    """Labels and values of a field that offers these, and the usual one first."""
+def strength_choices(*values: float) -> list[tuple[str, float | str]]:
+    """Labels and values of a field that offers these, and first of all nothing: the usual one."""
     named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
-    return [(text.USUAL_GUIDANCE, USUAL), *named]
-
-
-def strength_of(chosen: float | None) -> float | None:
-    """What a request asks for."""
-    return None if chosen in (None, USUAL) else chosen
+    return [(text.USUAL_GUIDANCE, ""), *named]

@@ -1,14 +1,11 @@
-"""Parts of Gradio: our own HTML in them, named fields for programs, how listeners are heard."""
+"""Parts of Gradio: our own HTML in them, and how listeners are heard."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from inspect import Parameter, Signature
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gradio as gr
-
-from app.page.parts.asked import Fields
 
 
 def mount(module: str, function: str) -> str:
@@ -22,14 +19,8 @@ def mount(module: str, function: str) -> str:
 def arrange_chips(
     field: str, about: Mapping[str, str], groups: Mapping[str, Sequence[str]]
 ) -> None:
-    """Have the choices of a field stand in groups, each of which its title ticks as a whole, and
-    say what they are when a pointer rests on them.
-
-    Args:
-        field: its id on the page.
-        about: a sentence for each label.
-        groups: labels that follow each other, by title.
-    """
+    """Have the choices of a field, named by its id, stand in groups, each of which its title ticks
+    as a whole, and say of each label what it is when a pointer rests on it."""
     gr.HTML(
         {"field": field, "about": dict(about), "groups": dict(groups)},
         html_template="",
@@ -73,27 +64,6 @@ def player_part(prefix: str) -> gr.HTML:
         apply_default_css=False,
         elem_id=prefix + "player",
     )
-
-
-def named_fields(run: Callable[..., Iterator[Any]], form: Fields) -> Callable[..., Iterator[Any]]:
-    """``run`` with one parameter for each field, of which all but the first may be left out:
-    Gradio names the parameters of the page's API by them.
-
-    Args:
-        run: takes the request of the browser and the values of the fields.
-    """
-
-    def named(request: gr.Request, *values: Any) -> Iterator[Any]:
-        yield from run(request, *values)
-
-    kind = Parameter.POSITIONAL_OR_KEYWORD
-    defaults = [Parameter.empty, *(field.part.value for field in list(form.values())[1:])]
-    parameters = [Parameter("request", kind, annotation=gr.Request)]
-    parameters += [
-        Parameter(name, kind, default=default) for name, default in zip(form, defaults, strict=True)
-    ]
-    named.__dict__["__signature__"] = Signature(parameters)
-    return named
 
 
 PRIVATE: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}

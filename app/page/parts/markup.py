@@ -53,11 +53,6 @@ def header(trained_on: str) -> str:
     )
 
 
-def number_of(count: int, what: str) -> str:
-    """So many of them, in words."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def step(number: int, title: str) -> str:
     """A numbered heading of the form."""
     return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'

@@ -18,7 +18,7 @@ from app.page.parts import markup
 from app.run.many.distances import TITLE as DISTANCE
 from app.run.many.table import cells_of, interval
 from app.run.output.run_folder import RunRecord, Told
-from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 
 
 @dataclass(frozen=True)
@@ -254,11 +254,11 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     """All that is told of sets, as `app.run.many.motions.Sets.told` has it, by the names of their
     systems, the reference last; with the figure of their spread and links to what can be saved."""
     clips = told["clips"]
-    counted = COUNTED.format(
-        clips=markup.number_of(len(clips), "clip"), sets=markup.number_of(len(systems), "set")
+    told_count = COUNTED.format(
+        clips=counted(len(clips), "clip"), sets=counted(len(systems), "set")
     )
     return (
-        f'<div class="sets">{markup.heading(SETS_HEADING, counted)}'
+        f'<div class="sets">{markup.heading(SETS_HEADING, told_count)}'
         f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems)}"
         f'<div class="downloads">{links}</div></div>'
     )

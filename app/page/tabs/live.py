@@ -11,15 +11,13 @@ import gradio as gr
 from app import text
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount
-from app.page.queue.jobs import Job
+from app.page.queue.runner import Job
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.live_route import EXAMPLE_ROUTE
-from app.page.tabs.motion import PAGE_SIZE_PX, FormParts
+from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.services import Services
+from app.page.tabs.services import SEEN, Services, set_here
 from app.run.ask import Ask
-from app.run.display import Display
-from conventions.views import CLOSE_UPS
 from model.systems.registry import family_of, usual_systems
 
 _MAX_TOKEN = 100
@@ -31,23 +29,11 @@ class LiveRunner(RunRunner):
     tab = "live"
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
-        """Sound, motion and plan of the last minute, laid into the job's folder.
-
-        Raises:
-            RunError: if there is nothing to keep.
-        """
-        config = self._services.config
+        """Sound, motion and plan of the last minute, laid into the job's folder. Raises `RunError`
+        if there is nothing to keep."""
         token = values[0] if isinstance(values[0], str) else ""
         kept = self._services.live.keep(token[:_MAX_TOKEN], job.cookie, job.folder)
-        return replace(
-            kept,
-            weights=config.weights,
-            body=config.body,
-            display=Display(has_trail=True),
-            size=PAGE_SIZE_PX,
-            close_ups=CLOSE_UPS,
-            max_speech_s=config.max_speech_s,
-        )
+        return replace(kept, **set_here(self._services.config, job.folder), **SEEN)
 
 
 TAB = "Live"
@@ -93,7 +79,7 @@ def offered(catalogue: Catalogue) -> dict[str, Any]:
         "systems": systems,
         "speakers": list(catalogue.speakers),
         "examples": [
-            {"label": example.label, "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{number}"}
-            for number, example in enumerate(catalogue.examples)
+            {"label": example.label, "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{example.path.name}"}
+            for example in catalogue.examples
         ],
     }

@@ -16,9 +16,8 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Field, Fields, a_file, some_files, whole
+from app.page.parts.asked import Fields
 from app.page.parts.catalogue import (
-    USUAL,
     Catalogue,
     Example,
     about_systems,
@@ -27,46 +26,38 @@ from app.page.parts.catalogue import (
     groups_of,
     point_choices,
     strength_choices,
-    strength_of,
 )
 from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
-from app.page.tabs.services import Services
+from app.page.tabs.services import SEEN, Services, set_here
 from app.run.ask import (
     MAX_CLIPS,
     MAX_SAMPLES,
-    MAX_STEPS,
     Ask,
-    WordsAsked,
-    parse_steps,
 )
-from app.run.display import Display
 from app.run.followed_point import TIP
 from app.run.many.opened import SPEECHES
 from app.run.many.speeches import ENDINGS
 from app.run.upload_check import TOO_MANY_CLIPS
-from conventions.names import POST_FILTERS, printable
-from conventions.views import CLOSE_UPS
+from conventions.names import counted, printable
 from model.systems.registry import sampler_title
 
+ORDER = (
+    *("speech", "systems", "speaker", "seed", "samples", "steps", "sampler", "post_filter"),
+    *("reference", "joint", "start_frame", "transcript", "face_steps", "guidance", "words"),
+    *("has_video", "plan", "clips"),
+)
+"""In which programs give what the form asks for."""
 SEED_LIMIT = 2**31 - 1
 LAST_FRAME = 10**6
 """That a figure may begin at; the motion is shorter."""
 PAGE_VIDEOS = 12
-PAGE_SIZE_PX = 640
-"""Height of a body in the player."""
 
 
 def ask_from_form(
     told: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
 ) -> Ask:
-    """The run that a form asks for.
-
-    Args:
-        told: as `values_of` gives it.
-
-    Raises:
-        RunError: a sentence for the visitor when the form asks for something that cannot be.
-    """
+    """The run that a form asks for, as `values_of` gives it. Raises `RunError` with a sentence for
+    the visitor."""
     told = dict(told)
     speeches = (*filter(None, [told["speech"]]), *told.pop("clips"))
     if not speeches:
@@ -85,8 +76,8 @@ def ask_from_form(
     if count > PAGE_VIDEOS:
         raise RunError(
             text.TOO_MANY_VIDEOS.format(
-                systems=_counted(len(systems), "system"),
-                samples=_counted(told["samples"], "sample"),
+                systems=counted(len(systems), "system"),
+                samples=counted(told["samples"], "sample"),
                 count=count,
                 limit=PAGE_VIDEOS,
             )
@@ -98,13 +89,8 @@ def ask_from_form(
     face_steps = dict.fromkeys(apart, told["face_steps"]) if told["face_steps"] else None
     ask = Ask(
         **{**told, "systems": systems, "steps": steps, "face_steps": face_steps},
-        out=folder / "results",
-        weights=config.weights,
-        body=config.body,
-        display=Display(has_trail=True),
-        size=PAGE_SIZE_PX,
-        close_ups=CLOSE_UPS,  # the player shows those that are wanted
-        max_speech_s=config.max_speech_s,
+        **set_here(config, folder),
+        **SEEN,
     )
     ask.check()
     return ask
@@ -114,7 +100,11 @@ def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, 
     """What fills the form in again where the run's link is opened: all but files that a run does
     not show. What is spoken stays in the run's folder, under its own name."""
     sent = dict(zip(form, values, strict=False))
-    kept = {name: value for name, value in sent.items() if form[name].read is not a_file}
+    kept = {
+        name: value
+        for name, value in sent.items()
+        if not isinstance(form[name], gr.File | gr.Audio)
+    }
     beside = folder / SPEECHES
     beside.mkdir(exist_ok=True)
     speeches = [Path(path) for path in (sent["speech"], *(sent.get("clips") or ())) if path]
@@ -124,10 +114,7 @@ def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, 
 
 
 def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
-    """
-    Raises:
-        RunError: where a form cannot have several.
-    """
+    """Raises `RunError` where a form cannot have several."""
     if len(speeches) > MAX_CLIPS:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
     if any(told[name] is not None for name in ("reference", "transcript", "plan")):
@@ -139,10 +126,6 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
     other = next((path.name for path in speeches if path.suffix.lower() not in ENDINGS), None)
     if other is not None:
         raise RunError(text.CLIP_OTHER.format(name=printable(other), known=", ".join(ENDINGS)))
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 @dataclass(frozen=True)
@@ -157,8 +140,9 @@ class FormParts:
 def build_form(services: Services) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
     catalogue, config = services.catalogue, services.config
+    of: dict[str, Any] = {}
     gr.HTML(markup.step(1, text.STEP_SPEECH))
-    speech = gr.Audio(
+    of["speech"] = gr.Audio(
         label=text.SPEECH_LABEL,
         sources=["upload", "microphone"],
         type="filepath",
@@ -168,13 +152,13 @@ def build_form(services: Services) -> FormParts:
         ),
         buttons=[],
     )
-    services.watch(speech, "speech")
+    services.watch(of["speech"], "speech")
     limits = text.SPEECH_HELP.format(
         min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
     )
     gr.HTML(f'<p class="hint">{limits}</p>')
     if catalogue.examples:
-        _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
+        _offer_examples(catalogue.examples, of["speech"], config.cache_folder / "examples")
     with gr.Accordion(text.CLIPS_LABEL, open=False, elem_id="several-fold"):
         told = text.CLIPS_HELP.format(
             count=MAX_CLIPS,
@@ -182,11 +166,11 @@ def build_form(services: Services) -> FormParts:
             size=config.max_upload.upper().replace("MB", " MB"),
         )
         gr.HTML(f'<p class="hint">{told}</p>')
-        clips = services.file(
+        of["clips"] = services.file(
             "clips", text.CLIPS_LABEL, ["audio"], "several", height=150, file_count="multiple"
         )
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
-    systems = gr.CheckboxGroup(
+    of["systems"] = gr.CheckboxGroup(
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label=text.SYSTEMS_LABEL,
@@ -197,48 +181,48 @@ def build_form(services: Services) -> FormParts:
     arrange_chips("systems", about, groups)
     gr.HTML(markup.step(3, text.STEP_SETTINGS))
     with gr.Row(elem_classes="pair"):
-        speaker = gr.Dropdown(
+        of["speaker"] = gr.Dropdown(
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label=text.SPEAKER_LABEL,
             info=text.SPEAKER_HELP,
             min_width=120,
         )
-        seed = gr.Number(
+        of["seed"] = gr.Number(
             value=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
             info=text.SEED_HELP, min_width=100,
         )  # fmt: skip
-    samples = gr.Slider(
+    of["samples"] = gr.Slider(
         *(1, MAX_SAMPLES), value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP,
         buttons=[],
     )  # fmt: skip
-    guidance = gr.Dropdown(
-        choices=strength_choices((1.0, 1.5, 2.0, 2.5, 3.0, 4.0)),
-        value=USUAL,
+    of["guidance"] = gr.Dropdown(
+        choices=strength_choices(1.0, 1.5, 2.0, 2.5, 3.0, 4.0),
+        value="",
         label=text.GUIDANCE_LABEL,
         info=text.GUIDANCE_HELP,
         elem_id="guidance",
     )
-    face_steps = gr.Slider(
+    of["face_steps"] = gr.Slider(
         *(0, 50), value=0, step=1, label=text.FACE_STEPS_LABEL, buttons=[], visible=False,
         info=face_steps_help(catalogue.with_face_steps), elem_id="face-steps",
     )  # fmt: skip
-    systems.change(
+    of["systems"].change(
         lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
-        systems,
-        face_steps,
+        of["systems"],
+        of["face_steps"],
         **PRIVATE,
     )
-    is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
-    has_videos = gr.Checkbox(
+    of["post_filter"] = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
+    of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="has-videos"
     )
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
-        steps = gr.Textbox(
+        of["steps"] = gr.Textbox(
             "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
             max_lines=1, elem_id="steps",
         )  # fmt: skip
-        sampler = gr.Dropdown(
+        of["sampler"] = gr.Dropdown(
             choices=[
                 (text.USUAL_SAMPLER, ""),
                 *((sampler_title(name), name) for name in catalogue.samplers),
@@ -247,51 +231,33 @@ def build_form(services: Services) -> FormParts:
             label=text.SAMPLER_LABEL,
             info=text.SAMPLER_HELP,
         )
-        reference = services.file(
+        of["reference"] = services.file(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
         )
-        transcript = services.file(
+        of["transcript"] = services.file(
             "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
         )
-        plan = services.file(
+        of["plan"] = services.file(
             "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150
         )
-        has_words = gr.Checkbox(
+        of["words"] = gr.Checkbox(
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
-        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
+        of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        of["start_frame"] = start_field("start-frame")
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
-    asked = {
-        "speech": Field(speech, a_file),
-        "systems": Field(systems, tuple),
-        "speaker": Field(speaker),
-        "seed": Field(seed, whole(text.SEED_LABEL, 0, SEED_LIMIT)),
-        "samples": Field(samples, whole(text.SAMPLES_LABEL, 1, MAX_SAMPLES)),
-        "steps": Field(steps, parse_steps),
-        "sampler": Field(sampler, lambda name: name or None),
-        "post_filter": Field(is_smoothed, lambda is_on: POST_FILTERS[is_on]),
-        "reference": Field(reference, a_file),
-        "joint": Field(point, lambda name: name or TIP),
-        "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
-        "transcript": Field(transcript, a_file),
-        "face_steps": Field(face_steps, whole(text.FACE_STEPS_LABEL, 0, MAX_STEPS)),
-        "guidance": Field(guidance, strength_of),
-        "words": Field(has_words, words_of),
-        "has_video": Field(has_videos),
-        "plan": Field(plan, a_file),
-        "clips": Field(clips, some_files),
-    }
-    return FormParts(asked, start, cancel)
+    return FormParts({name: of[name] for name in ORDER}, start, cancel)
 
 
-def words_of(is_on: bool) -> WordsAsked:
-    """Whether words are recognised."""
-    return "recognise" if is_on else "none"
+def start_field(elem_id: str | None = None) -> gr.Number:
+    """The first frame of a figure."""
+    return gr.Number(
+        value=0, minimum=0, maximum=LAST_FRAME, label=text.START_LABEL, elem_id=elem_id
+    )
 
 
 def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:

@@ -17,15 +17,14 @@ from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.html_parts import AT_ONCE, reveal_on_click, shown
 from app.page.player.player import NOTHING, showings_in
-from app.page.queue.jobs import VIDEOS, Job
-from app.page.queue.runner import TabRunner, Updates
-from app.page.results.clips_shown import clips_html
+from app.page.queue.runner import Job, TabRunner, Updates
 from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import updates_of
+from app.page.results.tables import clips_html
 from app.page.tabs.motion import FormParts, ask_from_form, kept_values
 from app.page.tabs.services import Services
-from app.page.tabs.videos_run import VideosBehind
+from app.page.tabs.stage import VideosBehind
 from app.page.visitors.visitors import cookie_of, is_same
 from app.run.ask import Ask, Event, Grown, Progress, Stage
 from app.run.many.opened import do_in_folder
@@ -74,7 +73,7 @@ class RunRunner(TabRunner):
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services.jobs, services.worker, parts.status)
         self._services = services
-        self.videos = VideosBehind(services, parts, f"{self.tab}{VIDEOS}")
+        self.videos = VideosBehind(services, parts, self.tab)
         self._form = form
         self._parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
@@ -86,18 +85,13 @@ class RunRunner(TabRunner):
         also: Sequence[Callable[..., Any]] = (),
         **how: Any,
     ) -> None:
-        """Have the form's buttons begin and end runs.
-
-        Args:
-            also: other events on which the same run begins.
-        """
+        """Have the form's buttons begin and end runs, which begin on other events also."""
         form = self._form
         reveal_on_click(form.start, self._status)
         # Listeners of a click are served in turn: this before the run.
         form.start.click(self.waits, outputs=[self._status, form.cancel], **AT_ONCE)
         begun = [self.after(form.start.click, fields, **how)]
-        inputs = [field.part for field in form.fields.values()]
-        begun += [self.after(event, inputs) for event in also]
+        begun += [self.after(event, [*form.fields.values()]) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
 
@@ -109,10 +103,7 @@ class RunRunner(TabRunner):
 
     @abstractmethod
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
-        """
-        Raises:
-            RunError: when the form asks for what cannot be.
-        """
+        """Raises `RunError` when the form asks for what cannot be."""
 
     def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
         """Of the form, for whoever opens the run by its link."""
@@ -128,11 +119,8 @@ class RunRunner(TabRunner):
     def perform(
         self, job: Job, ask: Ask, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
-        """A run that fails keeps what it has, if that is any motion.
-
-        Raises:
-            Exception: of a run that has left nothing.
-        """
+        """A run that fails keeps what it has, if that is any motion. Raises `Exception` of a run
+        that has left nothing."""
         services, parts = self._services, self._parts
         address = services.media.share(job.folder, job.cookie)
         showings = partial(showings_in, ask.out, address, job.folder.name, ask.has_video)
@@ -162,9 +150,9 @@ class RunRunner(TabRunner):
             has_left = [end_run(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
                 raise
-        kept = services.kept.keep_clips(job, showings(), form, is_edited=bool(form))
+        kept = services.kept.keep_clips(job, showings(), form)
         if ask.has_video and kept.record.state == "done" and not kept.clips:
-            self.videos.want(job.visitor, kept, ask)
+            kept.to_draw = ask
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
@@ -173,9 +161,7 @@ class RunRunner(TabRunner):
 
     def blank(self) -> Updates:
         return {
-            **self._without_results(),
-            self._parts.status: markup.sentence_status(text.STARTING_SYSTEMS),
-            self._parts.message: shown(""),
+            **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
             self._parts.look: shown(""),
             self._parts.runs: shown(""),
             **self._buttons(is_running=True),
@@ -191,16 +177,9 @@ class RunRunner(TabRunner):
 
     def _without_results(self) -> Updates:
         parts = self._parts
-        told = (
-            parts.clips,
-            parts.verdict,
-            parts.seen,
-            parts.figures,
-            parts.numbers,
-            parts.downloads,
-        )
+        told = (parts.clips, parts.verdict, parts.seen, parts.figures, parts.numbers)
         hidden = {parts.player: NOTHING, parts.clip: gr.update(visible=False)}
-        return {**hidden, **{part: shown("") for part in told}}
+        return {**hidden, **{part: shown("") for part in (*told, parts.downloads)}}
 
     def waits(self) -> Updates:
         """From the click until its turn has come."""
@@ -225,7 +204,7 @@ class GenerateRunner(RunRunner):
 
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         services = self._services
-        told = values_of(self._form.fields, values)
+        told = values_of(Ask, self._form.fields, values)
         return ask_from_form(told, job.folder, services.catalogue, services.config)
 
     def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
@@ -237,11 +216,7 @@ class Opening:
     else the example. And in each tab the visitor's runs."""
 
     def __init__(
-        self,
-        services: Services,
-        tabs: gr.Tabs,
-        places: Mapping[str, ResultParts],
-        form: Fields,
+        self, services: Services, tabs: gr.Tabs, places: Mapping[str, ResultParts], form: Fields
     ) -> None:
         """
         Args:
@@ -249,35 +224,32 @@ class Opening:
                 own tab is not among them.
             form: the first tab's, to be filled in as the run was asked for.
         """
+        self._services = services
         self._kept = services.kept
-        self._keep_s = services.config.keep_results_s
         self._tabs = tabs
         self._places = places
-        self._first_look = services.first_look
-        self._media = services.media
-        self._opened = services.opened
         self._form = form
 
     @property
     def outputs(self) -> list[Any]:
         parts = [part for parts in self._places.values() for part in parts.all]
-        return [self._tabs, *parts, *(field.part for field in self._form.values())]
+        return [self._tabs, *parts, *self._form.values()]
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
         listed = shown(self._kept.html(cookie))
         updates: Updates = {parts.runs: listed for parts in self._places.values()}
-        tokens = request.query_params.getlist(PARAMETER)[:2] or self._opened
+        tokens = request.query_params.getlist(PARAMETER)[:2] or self._services.opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
             return {**updates, **self._pair_opened(runs, cookie)}
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
-        if self._first_look is not None:
-            updates[parts.player], updates[parts.look] = self._first_look
+        if self._services.first_look is not None:
+            updates[parts.player], updates[parts.look] = self._services.first_look
         if tokens:
-            gone = text.RUN_GONE.format(minutes=round(self._keep_s / 60))
+            gone = text.RUN_GONE.format(minutes=round(self._services.config.keep_results_s / 60))
             updates[parts.message] = shown(markup.notes_message([gone]))
         return updates
 
@@ -285,7 +257,7 @@ class Opening:
         parts = next(iter(self._places.values()))
         a, b = sorted(runs, key=lambda run: run.ended)
         return {
-            **updates_of(a, b, parts, self._media, cookie),
+            **updates_of(a, b, parts, self._services.media, cookie),
             parts.runs: shown(self._kept.html(cookie, a, b)),
         }
 
@@ -302,14 +274,14 @@ class Opening:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         return {
             **self._shown(run, self._places[tab], cookie),
-            **{self._form[name].part: gr.update(value=sent) for name, sent in run.form.items()},
+            **{self._form[name]: gr.update(value=sent) for name, sent in run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }
 
     def _shown(self, run: KeptRun, parts: ResultParts, cookie: str) -> Updates:
         showing = run.showing
         if run.job.visitor and not is_same(run.job.cookie, cookie):  # of nobody: everybody's
-            showing = showing.for_browser(self._media.share(run.folder, cookie))
+            showing = showing.for_browser(self._services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),

@@ -3,26 +3,42 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gradio as gr
 
 from app import text
-from app.page.parts.asked import Field, some_files, whole
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.parts.asked import values_of
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click, told_part
-from app.page.results.result_parts import ResultParts, build_results
-from app.page.tabs.motion import LAST_FRAME, FormParts, words_of
-from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner, display_names
-from app.page.tabs.services import Services
-from app.run.ask import MAX_COMPARED, read_assumptions, read_channel
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click, shown, told_part
+from app.page.queue.runner import Job, Updates
+from app.page.results.result_parts import ResultParts, build_results, figures_html, files_listed
+from app.page.results.tables import clip_choices, sets_html
+from app.page.tabs.motion import LAST_FRAME, FormParts, start_field
+from app.page.tabs.motion_run import RunRunner
+from app.page.tabs.services import SEEN, Services, set_here
+from app.page.visitors.visitors import Kept
+from app.run.ask import MAX_COMPARED, Ask
 from app.run.examples import RECORDED, planted_files
 from app.run.followed_point import TIP
-from app.run.many.unpacked import stem_of
-from app.run.upload_check import kind_of
+from app.run.many.motions import Sets, measure_sets
+from app.run.many.opened import is_one_run
+from app.run.many.unpacked import is_packed, stem_of
+from app.run.upload_check import FileKind, kind_of
+from conventions.names import REFERENCE_NAME, counted, printable
 
 TAB = "Your motion"
+ORDER = (
+    *("motions", "recorded", "joint", "start_frame", "window", "overlap", "shown", "has_video"),
+    *("words", "told", "channel"),
+)
+"""In which programs give what the form asks for."""
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
 FILES_LABEL = "Motions, and what goes with them"
@@ -69,9 +85,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
             )
             parts = build_results("own-")
     runner = OwnMotionRunner(services, form, parts, of_sets)
-    motions, recorded, assume = (
-        form.fields[each].part for each in ("motions", "reference", "told")
-    )
+    motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     reveal_on_click(planted, parts.status)
     filled = planted.click(
         lambda: (planted_files(services.config.temp / "planted"), RECORDED),
@@ -95,7 +109,8 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 def build_own_form(services: Services) -> FormParts:
     """The left column."""
-    motions = services.file(
+    of: dict[str, Any] = {}
+    of["motions"] = services.file(
         "files",
         FILES_LABEL,
         [".npz", ".npy", ".bvh", ".TextGrid", ".txt", "audio", *SETS],
@@ -104,7 +119,7 @@ def build_own_form(services: Services) -> FormParts:
         file_count="multiple",
     )
     gr.HTML(f'<p class="hint">{FILES_HELP}</p>')
-    reference = gr.Dropdown(
+    of["recorded"] = gr.Dropdown(
         choices=[(NO_RECORDED, "")],
         value="",
         allow_custom_value=True,  # as below
@@ -112,7 +127,7 @@ def build_own_form(services: Services) -> FormParts:
         label=RECORDED_LABEL,
         elem_id="own-reference",
     )
-    shown = gr.Dropdown(
+    of["shown"] = gr.Dropdown(
         choices=[],
         multiselect=True,
         max_choices=MAX_COMPARED,
@@ -122,47 +137,35 @@ def build_own_form(services: Services) -> FormParts:
         info=SHOWN_HELP,
         elem_id="own-shown",
     )
-    channel = gr.Dropdown(
+    of["channel"] = gr.Dropdown(
         [("All channels, mixed", ""), ("Left channel", "left"), ("Right channel", "right")],
         value="",
         label=CHANNEL_LABEL,
         elem_id="own-channel",
         visible=False,
     )
-    motions.change(_choices, motions, [reference, shown, channel], **AT_ONCE)
-    has_words = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
-    point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-    start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
-    has_videos = gr.Checkbox(
+    chosen = [of[name] for name in ("recorded", "shown", "channel")]
+    of["motions"].change(_choices, of["motions"], chosen, **AT_ONCE)
+    of["words"] = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
+    of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+    of["start_frame"] = start_field()
+    of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )
     with gr.Accordion("Read otherwise?", open=False):
-        assume = gr.Textbox(
+        of["told"] = gr.Textbox(
             "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
-            window = gr.Number(value=None, minimum=0, label="Frames of a window")
-            a_window = whole("Frames of a window", 0, LAST_FRAME, 0)
-            overlap = gr.Number(value=None, minimum=0, label="Shared by two")
+            limits: dict[str, Any] = {"minimum": 0, "maximum": LAST_FRAME}
+            of["window"] = gr.Number(value=None, label="Frames of a window", **limits)
+            of["overlap"] = gr.Number(value=None, label="Shared by two", **limits)
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", visible=False, min_width=110)
-    fields = {
-        "motions": Field(motions, some_files),
-        "reference": Field(reference),
-        "joint": Field(point, lambda name: name or TIP),
-        "start_frame": Field(start_frame, whole(text.START_LABEL, 0, LAST_FRAME, 0)),
-        "window": Field(window, lambda frames: a_window(frames) or None),
-        "overlap": Field(overlap, whole("Shared by two", 0, LAST_FRAME, 0)),
-        "shown": Field(shown, lambda names: tuple(names or ())),
-        "has_video": Field(has_videos),
-        "words": Field(has_words, words_of),
-        "told": Field(assume, read_assumptions),
-        "channel": Field(channel, lambda side: read_channel(side) if side else None),
-    }
-    return FormParts(fields, start, cancel)
+    return FormParts({name: of[name] for name in ORDER}, start, cancel)
 
 
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
@@ -177,3 +180,190 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
         gr.update(choices=list(names), value=first, visible=len(names) > MAX_COMPARED),
         gr.update(visible="sounds" in kinds.values()),
     )
+
+
+ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
+"""Of which one goes with all motions."""
+ONE_FILE = "One file of {what} goes with all motions; {count} were given."
+NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
+NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
+MIXED = "Give zips of results only, or motion files only; a zip is measured as one set."
+REFERENCE_TOO = (
+    "Where motions come as zips, the {what} comes as a zip as well, named alike by clip."
+)
+NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
+MEASURING_SETS = "Measuring clips: {share:.0%}"
+MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
+CLIP_GONE = "These clips are kept no longer; give the zips again."
+CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again."
+SetsParts = tuple[gr.HTML, gr.Dropdown]
+"""Where sets are shown, and which of their clips is opened."""
+MAX_FILES = 24
+TOO_MANY = "At most {limit} files are measured at once; {count} were given."
+TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
+SHOWN: dict[str, Any] = {**SEEN, "size": 512, "max_frames": 108_000}
+"""Of all files of a run an hour; the command line has no such limit."""
+MAX_NAME = 60
+"""Characters of a file's name that figures and tables show."""
+
+
+def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
+    """The measuring that a form asks for, of files or of zips, as `values_of` gives it. Raises
+    `RunError` with a sentence for the visitor."""
+    told = dict(told)
+    told |= as_they_are(told["motions"], told.pop("recorded"))
+    motions, reference, speech = told["motions"], told["reference"], told["speech"]
+    if not motions:
+        raise RunError(NO_MOTION)
+    if is_one_run(motions):
+        return asked_of({"run": motions[0]}, None, job, config)
+    limit = MAX_COMPARED - (reference is not None)
+    if has_sets(motions):
+        _check_sets(motions, reference, speech, limit)
+        beside = ("motions", "names", "reference", "speech", "told", "channel")
+        return Ask(out=job / "results", **{name: told[name] for name in beside})
+    if len(motions) > MAX_FILES:
+        raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(motions)))
+    names = told["names"]
+    chosen = tuple(name for name in told["shown"] if name in names)
+    if len(chosen) > limit:
+        raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(chosen)))
+    files = [*motions, *filter(None, [reference])]
+    if any(map(is_packed, [*files, *filter(None, [speech])])):
+        raise RunError(NO_SETS)
+    told["shown"] = chosen if len(motions) > limit else ()
+    told["told"] = told["told"].known(files, *names)
+    return Ask(**set_here(config, job), **SHOWN, **told)
+
+
+def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
+    """What of an ask some files are, as is seen from them, of which one may be named as recorded.
+    Raises `RunError` where there is no such, or more than one speech or text."""
+    by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
+    for path in files:
+        by_kind[kind_of(path)].append(path)
+    for kind, what in ONE_EACH.items():
+        if len(by_kind[kind]) > 1:
+            raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))
+    names = display_names([stem_of(path) for path in by_kind["motions"]])
+    motions = dict(zip(names, by_kind["motions"], strict=True))
+    if recorded and recorded not in motions:
+        raise RunError(NO_REFERENCE.format(name=printable(recorded)))
+    reference = motions.pop(recorded) if recorded else None
+    speech, transcript = (next(iter(by_kind[kind]), None) for kind in ONE_EACH)
+    return {
+        "motions": tuple(motions.values()),
+        "names": tuple(motions),
+        "reference": reference,
+        "speech": speech,
+        "transcript": transcript,
+    }
+
+
+def has_sets(motions: Sequence[Path]) -> bool:
+    """Whether zips of clips are to be measured."""
+    return any(map(is_packed, motions)) and not is_one_run(motions)
+
+
+def _check_sets(
+    motions: Sequence[Path], reference: Path | None, speech: Path | None, limit: int
+) -> None:
+    if not all(map(is_packed, motions)):
+        raise RunError(MIXED)
+    for what, path in (("reference", reference), ("speech", speech)):
+        if path is not None and not is_packed(path):
+            raise RunError(REFERENCE_TOO.format(what=what))
+    if len(motions) > limit:
+        raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
+
+
+def display_names(stems: Sequence[str]) -> tuple[str, ...]:
+    """Each file's stem, cut short; of equal ones the later are numbered."""
+    names: list[str] = []
+    for stem in stems:
+        name = printable(stem)[:MAX_NAME] or "motion"
+        number = 2
+        unique = name
+        while unique in names:
+            unique = f"{name} ({number})"
+            number += 1
+        names.append(unique)
+    return tuple(names)
+
+
+class OwnMotionRunner(RunRunner):
+    """Measures motion files that a visitor brings, or zips of many."""
+
+    tab = "own_motion"
+
+    def __init__(
+        self, services: Services, form: FormParts, parts: ResultParts, of_sets: SetsParts
+    ) -> None:
+        super().__init__(services, form, parts)
+        self._of_sets = of_sets
+        self.outputs += of_sets
+        self.sets: Kept[Sets] = Kept()
+
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        told = values_of(Ask, self._form.fields, values)
+        return own_ask(told, job.folder, self._services.config)
+
+    def perform(
+        self, job: Job, ask: Ask, form: Mapping[str, Any]
+    ) -> Generator[Updates, None, None]:
+        if not has_sets(ask.motions):
+            yield from super().perform(job, ask, form)
+            return
+        found = yield from self.done(job, measure_sets, ask, MEASURING_SETS)
+        address = self._services.media.share(job.folder, job.cookie)
+        token = self.sets.keep(found, job.folder, job.cookie or None)
+        figures, files = figures_html(found.files, address), files_listed(found.files, address)
+        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
+        line = MEASURED_SETS.format(
+            clips=counted(len(choices), "clip"),
+            sets=counted(len(found.clips), "set"),
+        )
+        told, clip = self._of_sets
+        yield {
+            self._status: markup.sentence_status(line),
+            self._parts.message: shown(markup.notes_folded(list(found.notes))),
+            told: shown(sets_html(found.told, list(found.clips), figures, files)),
+            clip: gr.update(choices=choices, value=None, visible=True),
+            **self._buttons(is_running=False),
+        }
+
+    def _without_results(self) -> Updates:
+        told, clip = self._of_sets
+        return {**super()._without_results(), told: shown(""), clip: gr.update(visible=False)}
+
+
+class ClipRunner(RunRunner):
+    """Opens a clip of measured sets: a run like any other, under the sets that stay."""
+
+    tab = "own_motion"
+
+    def __init__(
+        self, services: Services, form: FormParts, parts: ResultParts, of: OwnMotionRunner
+    ) -> None:
+        super().__init__(services, form, parts)
+        self._sets, self.videos = of.sets, of.videos
+
+    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+        token, _, clip = str(values[0] if values else "").partition("/")
+        sets, config = self._sets.find(token, job.cookie), self._services.config
+        if sets is None:
+            raise RunError(CLIP_GONE)
+        if clip not in sets.told["clips"]:
+            raise RunError(CLIP_DAMAGED)
+        motions = {name: files[clip] for name, files in sets.clips.items()}
+        asked = asked_of(motions, sets.sounds.get(clip), job.folder, config)
+        told = sets.ask.told.known(asked.motions, *asked.names)
+        title = f"{clip} of {', '.join(asked.names)}"
+        return replace(asked, told=told, channel=sets.ask.channel, title=title)
+
+
+def asked_of(files: Mapping[str, Path], speech: Path | None, job: Path, config: AppConfig) -> Ask:
+    """The measuring of motions that have names already, the reference among them."""
+    motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
+    told = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
+    return Ask(**set_here(config, job), **SHOWN, **told, reference=files.get(REFERENCE_NAME))

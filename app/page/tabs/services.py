@@ -15,14 +15,28 @@ from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import PRIVATE, shown
-from app.page.queue.jobs import Jobs
+from app.page.queue.runner import Jobs
 from app.page.queue.worker import Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.routes.media import Media
-from app.page.visitors.kept import Kept
+from app.page.visitors.visitors import Kept
+from app.run.display import Display
 from app.run.upload_check import Given, UploadKind, refusal_of
+from conventions.views import CLOSE_UPS
 
 log = logging.getLogger(__name__)
+SEEN: dict[str, Any] = {"display": Display(has_trail=True), "close_ups": CLOSE_UPS, "size": 640}
+"""How runs are shown here: the player has every close-up, and shows those that are wanted."""
+
+
+def set_here(config: AppConfig, job: Path) -> dict[str, Any]:
+    """What this page sets of every ask."""
+    return {
+        "out": job / "results",
+        "weights": config.weights,
+        "body": config.body,
+        "max_speech_s": config.max_speech_s,
+    }
 
 
 @dataclass(frozen=True)

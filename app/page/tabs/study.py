@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Sequence
+import os
+import secrets
+import shutil
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -12,26 +16,20 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Field, Fields, a_file, some_files, values_of, whole
+from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import PRIVATE, reveal_on_click, shown, told_part
-from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner, Updates
-from app.page.results.result_parts import files_listed
+from app.page.queue.runner import Job, TabRunner, Updates
+from app.page.results.result_parts import files_listed, saved_link
+from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
 from app.page.tabs.motion import SEED_LIMIT, fresh_copy
 from app.page.tabs.services import Services
-from app.page.tabs.study_run import (
-    CHANGES,
-    PROTOCOLS,
-    QUESTIONS,
-    SEPARATOR,
-    PlanRunner,
-    StudyParts,
-    StudyRunner,
-)
 from app.page.visitors.uploads import MAX_FILES
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.plan import wording
+from app.study.design.plan import Plan, read_plan, wording
+from app.study.design.trials import make_design, size_of
+from app.study.export import ExportRequest, export_planned
+from app.study.make.workspace import ExportOptions
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
@@ -56,12 +54,10 @@ def build_study_tab(services: Services) -> Fields:
                 write = gr.Button("Plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             with gr.Column(elem_classes="results"):
-                parts = StudyParts(
-                    gr.HTML(markup.idle_status(text.READY), elem_id="study-status"),
-                    told_part("study-made", "study_key.js", "mountKey"),
-                )
+                status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
+                made = told_part("study-made", "study_key.js", "mountKey")
     protocol, speeches, systems, changed = (
-        fields[name].part for name in ("protocol", "speeches", "systems", "changed")
+        fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
 
     def examples(given: list[str] | None) -> list[str] | None:
@@ -80,12 +76,12 @@ def build_study_tab(services: Services) -> Fields:
             api_visibility="private",
         )
         button.click(examples, speeches, speeches, **PRIVATE)
-    outputs = [parts.status, parts.made]
-    only_plan = PlanRunner(services, parts, fields)
+    outputs = [status, made]
+    only_plan = PlanRunner(services, fields, status, made)
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
     only_plan.begins_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
-    runner = StudyRunner(services, parts, fields)
-    reveal_on_click(start, parts.status)
+    runner = StudyRunner(services, fields, status, made)
+    reveal_on_click(start, status)
     run = runner.begins_on(start.click, fields, outputs=outputs, api_name="study")
     runner.ends_on(cancel, run, outputs)
     return fields
@@ -100,12 +96,13 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
         return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
 
 
-def _build_materials(services: Services) -> dict[str, Field]:
+def _build_materials(services: Services) -> dict[str, Any]:
     """What is compared."""
     catalogue, planner = services.catalogue, usual_planner()
-    title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
-    protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
-    speeches = services.file(
+    of: dict[str, Any] = {}
+    of["title"] = gr.Textbox("How people move when they talk", label="Title (participants see it)")
+    of["protocol"] = gr.Radio([*PROTOCOLS.items()], value="pairwise", label="Protocol")
+    of["speeches"] = services.file(
         "speech",
         "Speech, one file for each clip",
         ["audio"],
@@ -113,13 +110,13 @@ def _build_materials(services: Services) -> dict[str, Field]:
         height=150,
         file_count="multiple",
     )
-    systems = gr.CheckboxGroup(
+    of["systems"] = gr.CheckboxGroup(
         catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems",
         info=text.STUDY_SYSTEMS_HELP,
     )
-    changed = gr.CheckboxGroup(
+    of["changed"] = gr.CheckboxGroup(
         list(CHANGES),
         value=[],
         label=text.STUDY_CHANGED,
@@ -127,7 +124,7 @@ def _build_materials(services: Services) -> dict[str, Field]:
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
-    motions = services.file(
+    of["motions"] = services.file(
         "motion",
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
         [".npz", ".npy", ".bvh"],
@@ -135,27 +132,26 @@ def _build_materials(services: Services) -> dict[str, Field]:
         height=150,
         file_count="multiple",
     )
-    return {
-        "title": Field(title, str.strip),
-        "protocol": Field(protocol, lambda name: PROTOCOLS.get(name or "", name or "")),
-        "speeches": Field(speeches, some_files),
-        "systems": Field(systems),
-        "motions": Field(motions, some_files),
-        "changed": Field(changed),
-    }
+    of["changed"] = of.pop("changed")  # as programs give them
+    return of
 
 
-def _build_settings() -> dict[str, Field]:
+def _build_settings() -> dict[str, Any]:
     """How it is shown, and what participants read before they begin."""
+    of: dict[str, Any] = {}
     with gr.Row(elem_classes="pair"):
-        length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
-        people = gr.Number(28, label="Participants", minimum=1, min_width=100)
-        seed = gr.Number(0, label="Seed of the order", minimum=0, min_width=100)
-    views = gr.CheckboxGroup(
+        of["length_s"] = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
+        of["participants"] = gr.Number(
+            28, label="Participants", minimum=1, maximum=1000, min_width=100
+        )
+        of["seed"] = gr.Number(
+            0, label="Seed of the order", minimum=0, maximum=SEED_LIMIT, min_width=100
+        )
+    of["views"] = gr.CheckboxGroup(
         [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
     )
-    post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
-    return_to = gr.Textbox(
+    of["post_to"] = gr.Textbox("", label="Address that answers are posted to (optional)")
+    of["return_to"] = gr.Textbox(
         "",
         label="Completion link (optional)",
         info="Participants go there at the end, for example Prolific's or SONA's link with its "
@@ -163,21 +159,13 @@ def _build_settings() -> dict[str, Field]:
     )
     with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
         with gr.Row(elem_classes="pair"):
-            researchers = gr.Textbox("", label="Researchers", min_width=140)
-            contact = gr.Textbox("", label="Contact (files go there)", min_width=140)
-        ethics = gr.Textbox("", label="Ethics approval: board and number")
-        consent = gr.Textbox(
+            of["researchers"] = gr.Textbox("", label="Researchers", min_width=140)
+            of["contact"] = gr.Textbox("", label="Contact (files go there)", min_width=140)
+        of["ethics"] = gr.Textbox("", label="Ethics approval: board and number")
+        of["consent"] = gr.Textbox(
             "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
         )
-    texts = {"post_to": post_to, "return_to": return_to, "researchers": researchers}
-    texts |= {"contact": contact, "ethics": ethics, "consent": consent}
-    return {
-        "length_s": Field(length),
-        "participants": Field(people, whole("Participants", 1, 1000)),
-        "seed": Field(seed, whole("The seed of the order", 0, SEED_LIMIT, 0)),
-        "views": Field(views),
-        **{name: Field(part, str.strip) for name, part in texts.items()},
-    }
+    return of
 
 
 TITLE = "Analyse the answers"
@@ -217,27 +205,248 @@ def build_analysis(services: Services) -> None:
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
             report = told_part("analysis-report")
-    fields = {"answers": Field(answers, some_files), "key": Field(key, a_file)}
+    fields = {"answers": answers, "key": key}
     reveal_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)
     runner.begins_on(start.click, [answers, key], outputs=[status, report])
 
 
-class AnalysisRunner(TabRunner):
+SEPARATOR = "--"
+PROTOCOLS = {
+    "Pairs, which is more real? (silent)": "pairwise",
+    "Right or wrong speech? (one system at a time)": "matched",
+    "Rank all systems on three questions": "ranking",
+    "Rate all systems with sliders": "rating",
+}
+CHANGES = {
+    "on wrong words": "{ wrong_words = true }",
+    "half as many": "{ times = { gestures_per_min = 0.5 } }",
+    "smaller": "{ times = { size_m = 0.6 } }",
+    "larger": "{ times = { size_m = 1.5 } }",
+}
+"""What can be done to the gestures of the system that plans, as a style of `model.plan.style`."""
+QUESTIONS = {
+    "Do words matter?": ("ranking", ["on wrong words"]),
+    "How many gestures?": ("rating", ["half as many"]),
+    "How large?": ("rating", ["smaller", "larger"]),
+}
+"""Studies ready to be made: a protocol, and changes beside the gestures as planned."""
+MAX_UPLOADS = 60
+TOO_MANY_UPLOADS = "At most {limit} files can be uploaded; use the command line for more."
+MAX_VIDEO_S = 1800.0
+"""Of all videos of a study that the page makes."""
+
+
+def plan_text(told: Mapping[str, Any]) -> str:
+    """The plan as TOML; files are named relative to it. Raises `RunError` if something is missing
+    that only the page can say well."""
+    clips, length_s = told["speeches"], told["length_s"]
+    if not clips:
+        raise RunError("There is no speech yet: upload at least one file.")
+    if len(clips) + len(told["motions"]) > MAX_UPLOADS:
+        raise RunError(TOO_MANY_UPLOADS.format(limit=MAX_UPLOADS))
+    if not length_s:
+        raise RunError("The length of the videos is missing: give it in seconds.")
+    others, changed = _by_system(told["motions"]), told["changed"]
+    unknown = next((name for name in changed if name not in CHANGES), None)
+    if unknown is not None:
+        raise RunError(f"There is no change {unknown!r}; there are {', '.join(CHANGES)}.")
+    count = len(clips) * (len(told["systems"]) + len(others) + len(changed)) * len(told["views"])
+    if count * length_s > MAX_VIDEO_S:
+        raise RunError(
+            f"This study has {count * length_s / 60:.0f} minutes of video; the page makes at "
+            f"most {MAX_VIDEO_S / 60:.0f}, so use the command line or plan less."
+        )
+    lines = [
+        f"title = {_text(told['title'] or 'Co-speech motion')}",
+        f"protocol = {_text(told['protocol'] or '')}",
+        f"participants = {told['participants']}",
+        f"seed = {told['seed']}",
+        f"views = [{', '.join(_text(view) for view in told['views'])}]",
+        f"length_s = {length_s:g}",
+    ]
+    for name in ("post_to", "return_to", "researchers", "contact", "ethics", "consent"):
+        if told[name]:
+            lines.append(f"{name} = {_text(told[name])}")
+    for clip in clips:
+        lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
+    for system in told["systems"]:
+        lines += ["", "[[systems]]", f"name = {_text(system)}"]
+    for name in changed:
+        planner = usual_planner()
+        lines += ["", "[[systems]]", f"name = {_text(f'{planner} {name}')}"]
+        lines += [f"system = {_text(planner)}", f"style = {CHANGES[name]}"]
+    for system, motions in others.items():
+        lines += ["", "[[systems]]", f"name = {_text(system)}", "[systems.motion]"]
+        lines += [f"{_text(clip)} = {_text(path.name)}" for clip, path in motions.items()]
+    return "\n".join(lines) + "\n"
+
+
+def collect_files(uploads: Iterable[Path], folder: Path) -> None:
+    """Put uploads beside the plan, under the names that it gives them, without a copy of the bytes
+    where the disk is the same. Raises `RunError` if two uploads have the same name."""
+    for path in uploads:
+        target = folder / path.name
+        if target.exists():
+            raise RunError(f"Two uploads have the name {target.name}; rename one.")
+        try:
+            os.link(path, target)
+        except OSError:
+            shutil.copyfile(path, target)
+
+
+def _by_system(paths: Iterable[Path]) -> dict[str, dict[str, Path]]:
+    systems: dict[str, dict[str, Path]] = {}
+    for path in paths:
+        system, separator, clip = path.stem.partition(SEPARATOR)
+        if not (system and separator and clip):
+            raise RunError(
+                f"The motion file {path.name} must be named <system>{SEPARATOR}<clip>.npz, with "
+                "the name of a speech file as the clip."
+            )
+        systems.setdefault(system, {})[clip] = path
+    return systems
+
+
+def _text(value: str) -> str:
+    """A TOML string; JSON's escapes are among TOML's."""
+    return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")
+
+
+NO_COOKIE = (
+    "Your browser keeps no cookie of this page, without which the researcher's part cannot be "
+    "kept for you alone; allow cookies and reload the page."
+)
+MADE = "The study is made, and no leak was found. Fetch the key, look at the page, then host it."
+KEY_TITLE = "First: the key, for you alone"
+KEY_HELP = (
+    "Without it nobody can tell which video is which, you neither: answers could never be "
+    "analysed. It is deleted here as it is sent, and after {minutes} minutes in any case. Keep it "
+    "away from participants."
+)
+KEY_BUTTON = "Fetch key and records (zip, once)"
+KEY_FETCHED = "It went to this browser's downloads: see that researcher_only.zip is there."
+PREVIEW = "Preview as participant"
+PREVIEW_HELP = "In a new tab; nothing is sent."
+PARTICIPANTS = "For participants: the page and its videos (zip)"
+PLAN = "The plan (TOML)"
+
+
+class StudyRunner(TabRunner):
+    """Makes studies."""
+
+    tab = "study"
+
+    def __init__(self, services: Services, fields: Fields, status: gr.HTML, made: gr.HTML) -> None:
+        super().__init__(services.jobs, services.worker, status)
+        self._services = services
+        self._fields = fields
+        self._made_part = made
+
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        told = values_of(Plan, self._fields, values)
+        plan, size = _write_plan(told, job.folder)
+        yield {
+            self._status: markup.sentence_status(text.STARTING),
+            self._made_part: shown(""),
+        }
+        address = self._services.media.share(job.folder, job.cookie)
+        yield from self._made(job, told, plan, size, address)
+
+    def _made(
+        self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
+    ) -> Generator[Updates, None, None]:
+        """The participants' part lies with the job, the researcher's in a folder of its own, as all
+        does that it is made of."""
+        if not job.cookie:
+            raise RunError(NO_COOKIE)
+        services, config = self._services, self._services.config
+        work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
+        job.beside += [work, waiting]
+        try:
+            for folder in (work, waiting):
+                folder.mkdir(parents=True, mode=0o700)
+            plan = Path(shutil.copyfile(plan, work / plan.name))
+            collect_files((*told["speeches"], *told["motions"]), work)
+            bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
+            options = ExportOptions(config.weights, config.body)
+            asked = ExportRequest(plan, work / "study", options, (bundle, key))
+            line = "Making the videos: {share:.0%}"
+            study = yield from self.done(job, export_planned, asked, line)
+            pages = Path(shutil.move(study.bundle, job.folder / "bundle"))
+        except BaseException:
+            shutil.rmtree(waiting, ignore_errors=True)
+            raise
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+        token = services.private.keep(waiting, waiting, job.cookie)
+        look = services.media.share(pages, job.cookie, PAGE_TYPES)(pages / "index.html")
+        files = (
+            _link("study-participants", address(bundle), bundle.name, PARTICIPANTS),
+            _link("study-plan", address(job.folder / plan.name), plan.name, PLAN),
+        )
+        made = f"{_key(token, config.keep_results_s)}{_preview(f'{look}&preview')}{''.join(files)}"
+        yield {
+            self._status: markup.sentence_status(f"{MADE} {size}"),
+            self._made_part: shown(f'<div class="downloads">{made}</div>'),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {self._status: message or status}
+
+
+class PlanRunner(StudyRunner):
+    """Writes the plan alone, without making anything."""
+
+    def _made(
+        self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
+    ) -> Generator[Updates, None, None]:
+        link = _link("study-plan", address(plan), plan.name, PLAN)
+        yield {
+            self._status: markup.sentence_status(f"The plan is written. {size}"),
+            self._made_part: shown(f'<div class="downloads">{link}</div>'),
+        }
+
+
+def _write_plan(told: Mapping[str, Any], folder: Path) -> tuple[Path, str]:
+    """The plan, and what it asks of participants. Raises `RunError` if no study can be made from
+    it."""
+    path = folder / "plan.toml"
+    path.write_text(plan_text(told), "utf-8")
+    plan = read_plan(path)
+    return path, size_of(plan, make_design(plan)).sentence()
+
+
+def _link(elem_id: str, url: str, name: str, words: str) -> str:
+    link = saved_link(url, name, words)
+    return f'<p id="{elem_id}">{link}</p>'
+
+
+def _key(token: str, keep_s: float) -> str:
+    """What must not be overlooked, before anything that can be hosted."""
+    return (
+        f'<div class="key" role="note" id="study-researcher"><h3>{KEY_TITLE}</h3>'
+        f"<p>{KEY_HELP.format(minutes=round(keep_s / 60))}</p>"
+        f'<form method="post" action=".{RESEARCHER_ROUTE}/{token}">'
+        f'<button type="submit" class="lg primary">{KEY_BUTTON}</button></form>'
+        f'<p class="done">{KEY_FETCHED}</p></div>'
+    )
+
+
+def _preview(address: str) -> str:
+    return (
+        f'<p class="study-preview"><a href="{escape(address)}" target="_blank" rel="noopener">'
+        f"{PREVIEW}</a><span>{PREVIEW_HELP}</span></p>"
+    )
+
+
+class AnalysisRunner(StudyRunner):
     """Analyses answers for a researcher."""
 
     tab = "analysis"
 
-    def __init__(
-        self, services: Services, fields: Fields, status: gr.HTML, report: gr.HTML
-    ) -> None:
-        super().__init__(services.jobs, services.worker, status)
-        self._fields = fields
-        self._media = services.media
-        self._report = report
-
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        told = values_of(self._fields, values)
+        told = values_of(AnalysisRequest, self._fields, values)
         answers, key = told["answers"], told["key"]
         if not answers:
             raise RunError(NO_ANSWERS)
@@ -245,16 +454,12 @@ class AnalysisRunner(TabRunner):
             raise RunError(NO_KEY)
         if len(answers) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(answers)))
-        yield {self._status: markup.sentence_status(text.STARTING), self._report: shown("")}
-        asked = AnalysisRequest(list(answers), key, job.folder / "results")
+        yield {self._status: markup.sentence_status(text.STARTING), self._made_part: shown("")}
+        asked = AnalysisRequest(answers, key, job.folder / "results")
         files = yield from self.done(job, analyse, asked)
-        report, *_ = files
-        links = files_listed(files, self._media.share(job.folder, job.cookie))
-        html = f'{framed(report.read_text("utf-8"))}<div class="downloads">{links}</div>'
-        yield {self._status: markup.sentence_status(ANALYSED), self._report: shown(html)}
-
-    def stopped(self, status: str, message: str) -> Updates:
-        return {self._status: message or status, self._report: shown("")}
+        links = files_listed(files, self._services.media.share(job.folder, job.cookie))
+        html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
+        yield {self._status: markup.sentence_status(ANALYSED), self._made_part: shown(html)}
 
 
 def framed(report: str) -> str:

@@ -7,7 +7,7 @@ import gradio as gr
 
 from app.config import AppConfig
 from app.page.page import build_app
-from app.page.queue.jobs import Jobs
+from app.page.queue.runner import Jobs
 from tests.app import fakes
 from tests.app.page.made import browser
 
@@ -32,7 +32,7 @@ def test_a_tabs_cancel_stops_its_own_run_alone(speech, tmp_path):
     jobs = Jobs(tmp_path / "jobs")
     page = build_app(fakes.made_services(tmp_path, does, config=AppConfig(), jobs=jobs))
     systems = list(fakes.CATALOGUE.systems)
-    protocol = "Rank all systems on three questions"
+    protocol = "ranking"
     forms = (
         (str(speech), systems, "ann", 0, 1, "10", "euler", False, None, "right_middle", 0, None),
         (["/up/a.npz"], None, "right_middle", 0),

@@ -147,7 +147,7 @@ export class Editing {
     return [...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite)];
   }
 
-  /** What the server is asked for, as app/page/tabs/takes_run.py reads it. */
+  /** What the server is asked for, as app/page/tabs.stage.py reads it. */
   get asked() {
     return JSON.stringify(this.#asked);
   }

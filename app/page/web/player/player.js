@@ -140,7 +140,7 @@ class Player {
     return copyBy(button, url.href);
   }
 
-  /** What the stage shows, as app/page/tabs/videos_run.py reads it. */
+  /** What the stage shows, as app/page/tabs/stage.py reads it. */
   get #seen() {
     return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sounds.chosen?.audio ?? this.#value.audio ?? null };
   }

@@ -17,20 +17,16 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Field
-from app.page.queue.jobs import Job
-from app.page.queue.runner import Updates
+from app.page.queue.runner import Job, Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.media import Media
 from app.page.tabs.live import LiveRunner, offered
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
-from app.page.tabs.own_motion import build_own_form
-from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
-from app.page.tabs.study import build_study_tab
-from app.page.tabs.study_run import NO_COOKIE, PlanRunner, StudyParts, StudyRunner
-from app.page.tabs.videos_run import VideosBehind
+from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
+from app.page.tabs.stage import VideosBehind
+from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
 from app.run.many.motions import Sets
 from app.run.output.run_folder import zip_run
@@ -262,12 +258,12 @@ def study(tmp_path: Path) -> StudyRunner:
 def made_study(kind: Any, folder: Path) -> StudyRunner:
     services = made_services(folder)
     with gr.Blocks():
-        return kind(services, StudyParts(gr.HTML(), gr.HTML()), build_study_tab(services))
+        return kind(services, build_study_tab(services), gr.HTML(), gr.HTML())
 
 
 def form(speech: Path, length_s: float = 1, participants: float = 4) -> list[Any]:
     systems = ["globaldiff/local", "globaldiff/full"]
-    protocol = "Rank all systems on three questions"
+    protocol = "ranking"
     given = ["A study", protocol, [str(speech)], systems, None, []]
     return [*given, length_s, participants, 0, ["front"], ""]
 
@@ -275,7 +271,7 @@ def form(speech: Path, length_s: float = 1, participants: float = 4) -> list[Any
 def click(study: StudyRunner, speech: Path, cookie: str = "cookie") -> Iterator[str]:
     """What the tab says, update by update."""
     for updates in study.run(browser(cookie), *form(speech)):
-        (status,) = [value for part, value in updates.items() if part is study._parts.status]
+        (status,) = [value for part, value in updates.items() if part is study._status]
         yield status
 
 
@@ -303,7 +299,7 @@ def test_the_plan_alone_is_checked_and_copies_no_upload(speech, tmp_path):
             list(study.run(VISITOR, *form(speech, **changes)))
     shutil.rmtree(tmp_path / "jobs")
     *_, last = study.run(VISITOR, *form(speech, 2))
-    assert 'download="plan.toml"' in last[study._parts.made]["value"]
+    assert 'download="plan.toml"' in last[study._made_part]["value"]
     left = {path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
     assert left == {"plan.toml"}
 
@@ -320,7 +316,7 @@ class Page:
             self.first, self.own = build_results(), build_results("own-")
             self.seed, self.samples = gr.Number(0), gr.Number(1)
             places = {"generate": self.first, "own_motion": self.own}
-            fields = {"seed": Field(self.seed), "samples": Field(self.samples)}
+            fields = {"seed": self.seed, "samples": self.samples}
             services = fakes.made_services(folder, kept=self.runs)
             self.opening = Opening(services, gr.Tabs(), places, fields)
 
@@ -355,7 +351,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
     own = keep_own(page.runs, made.folder, tmp_path / "opened", Media())
-    page.opening._opened = (own,)
+    page.opening._services = replace(page.opening._services, opened=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
     assert "made elsewhere" not in updates[page.own.runs]["value"], "it is nobody's own"
@@ -432,14 +428,14 @@ class Tab:
             self.parts: ResultParts = build_results()
         services = fakes.made_services(folder, {"draw_behind": draw})
         self.jobs, self.kept = services.jobs, services.kept
-        self.videos = VideosBehind(services, self.parts, "generate videos")
+        self.videos = VideosBehind(services, self.parts, "generate")
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
         self.want()
 
     def want(self) -> None:
-        self.videos.want("visitor", self.run, Ask(out=Path("out")))
+        self.run.to_draw = Ask(out=Path("out"))
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)
@@ -460,31 +456,6 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     assert {shown, *names} <= {*opened.record.named}, "of which the zip is made"
     assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
     assert not tab.jobs.in_use()
-
-
-def test_videos_give_way_to_whoever_waits_for_a_run_and_begin_anew(tmp_path):
-    may_draw, drawn = threading.Event(), []
-
-    def held(number: int) -> threading.Event:
-        drawn.append(number)
-        return may_draw
-
-    tab = Tab(tmp_path, fakes.make_draw(held, seconds=0.2))
-    updates = tab.updates()
-    next(updates)
-    with tab.jobs.opened("another", "generate"):
-        line = next(
-            each[tab.parts.status] for each in updates if each[tab.parts.status] != gr.skip()
-        )
-        assert "Videos are drawn once" in line and set(drawn) == {0}
-    may_draw.set()
-    assert text.VIDEOS_DONE in list(updates)[-1][tab.parts.status] and drawn[-2:] == [0, 1]
-    tab.want()
-    with tab.jobs.opened("another", "generate"):
-        updates = tab.updates()
-        assert "Videos are drawn once" in next(updates)[tab.parts.status]
-        tab.videos.give_up("visitor")
-        assert list(updates) == [], "another run of the visitor has begun"
 
 
 def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_the_run_went(

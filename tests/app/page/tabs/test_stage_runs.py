@@ -9,16 +9,10 @@ import pytest
 
 from app import text
 from app.errors import RunError
-from app.page.queue.jobs import Job
+from app.page.queue.runner import Job
 from app.page.results.result_parts import build_results
-from app.page.tabs.takes_run import Asked, TakesRunner
-from app.page.tabs.videos_run import SeenRunner
-from app.run.ask import (
-    Grown,
-    OnEvent,
-    Progress,
-    ShouldCancel,
-)
+from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
+from app.run.ask import Grown, OnEvent, Progress, ShouldCancel
 from app.run.display import Display
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
@@ -203,7 +197,7 @@ class Editor:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         job = Job("me", "generate", folder / "run", COOKIE)
-        services.kept.keep_run(job, self.showing, is_edited=True)
+        services.kept.keep_run(job, self.showing)
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
@@ -248,7 +242,7 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     said = (editing["said"], editing["refused"], editing["state"])
     assert said == ("The hand has no time for 1.", True, "")
     wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
-    assert wrong["refused"] and "now is no number from 0 to 3600" in wrong["said"]
+    assert wrong["refused"] and "input should be a valid number" in wrong["said"]
     unknown = editor.ask(NOD, start="gan/20")["editing"]
     assert unknown["refused"] and unknown["said"] == text.EDITS_GONE
 

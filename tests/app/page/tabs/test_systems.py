@@ -7,10 +7,7 @@ from typing import Any
 import gradio as gr
 import pytest
 
-from app.page.tabs.systems.hearing import HearingRunner
-from app.page.tabs.systems.mechanism import MechanismRunner
-from app.page.tabs.systems.step_curve import StepCurveRunner
-from app.page.tabs.systems.systems import NOT_HERE, ladder
+from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
 from app.run.ask import Ask, Grown, OnEvent, Progress, ShouldCancel
 from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
@@ -72,7 +69,7 @@ def test_the_plot_of_what_steps_buy_is_shown(tmp_path):
 
 def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
     part = Measured(tmp_path, HearingRunner)
-    part.click(["gan/5"], None, None, -1.0, False)
+    part.click(["gan/5"], None, None, "", False)
     part.click(["gan/5"], None, "/up/a.wav", 1.0, True)
     first, second = part.asked
     assert first.speeches == EXAMPLES[:2] and first.seeds == 2
@@ -87,9 +84,9 @@ def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
         (StepCurveRunner, ([], "/up/s.wav"), "Tick at least one system to measure.", EXAMPLES),
         (StepCurveRunner, (["gan/5"], None), "no examples", ()),
         (StepCurveRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
-        (HearingRunner, ([], None, None, -1.0, False), "Tick at least one system", EXAMPLES),
-        (HearingRunner, (["gan/5"], None, None, -1.0, False), "fewer than two", ()),
-        (HearingRunner, (["gan/5"], "/up/a.wav", "/a.wav", -1.0, False), "one name", EXAMPLES),
+        (HearingRunner, ([], None, None, "", False), "Tick at least one system", EXAMPLES),
+        (HearingRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
+        (HearingRunner, (["gan/5"], "/up/a.wav", "/a.wav", "", False), "one name", EXAMPLES),
     ],
 )
 def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):

@@ -1,0 +1,299 @@
+"""Systems explained in one screen, as their families tell: ladders with what each rung adds, its
+equation and what to look for, then a sentence on each of the others."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Generator, Mapping, Sequence
+from html import escape
+from typing import Any, ClassVar
+
+import gradio as gr
+
+from app import text
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.parts.asked import Fields, values_of
+from app.page.parts.catalogue import Catalogue, strength_choices
+from app.page.parts.html_parts import player_part, reveal_on_click, shown, told_part
+from app.page.player.player import NOTHING, Showing
+from app.page.queue.runner import Job, TabRunner, Updates, last_share
+from app.page.results.result_parts import figures_html
+from app.page.tabs.services import Services, set_here
+from app.run.ask import Ask, Event, Grown
+from app.run.examples import CLEAN
+from app.run.experiments.hearing import HearingAsk, measure_hearing
+from app.run.experiments.mechanism import NOISE_RAD, MechanismAsk, show_mechanism
+from app.run.experiments.step_curve import StepsAsk, measure_step_curve
+from model.generation.family import Beside, ExplainedSystem, Ladder, Use
+from model.storage.cards import CALM_AND_LIVELY
+from model.systems.registry import families, family_of, usual_systems
+
+NOT_HERE = "no weights here"
+_DELIMITERS = {"left": "$$", "right": "$$", "display": True}
+
+
+def build_systems_tab(systems: Sequence[str]) -> None:
+    """Lay out the tab inside the current context, for systems of which there are weights."""
+    # Markdown, because Gradio sets formulas in it; the text is our own, so nothing is taken out.
+    gr.Markdown(
+        ladder(systems), sanitize_html=False, latex_delimiters=[_DELIMITERS], elem_id="ladder"
+    )
+
+
+def ladder(systems: Sequence[str]) -> str:
+    """The rungs as cards from left to right, with what cannot be run here marked as such."""
+    ladders = [family.ladder for family in families() if family.ladder is not None]
+    told = "".join(_ladder(each, systems) for each in ladders)
+    explained = [name for each in ladders for name in each.systems]
+    others = _others([name for name in systems if name not in explained])
+    return f'<section class="ladder">{told}{others}</section>'
+
+
+def _ladder(told: Ladder, systems: Sequence[str]) -> str:
+    cards = "".join(_card(number, rung, systems) for number, rung in enumerate(told.rungs, start=1))
+    beside = "".join(_beside(each, systems) for each in told.beside)
+    return (
+        f"<h2>{escape(told.title)}</h2><p>{escape(told.introduction)}</p><ol>{cards}</ol>{beside}"
+    )
+
+
+def _beside(told: Beside, systems: Sequence[str]) -> str:
+    missing = "" if told.system in systems else f"<em>{NOT_HERE}</em>"
+    return (
+        f'<div class="own"><h3>{escape(told.title)}</h3><code>{escape(told.system)}</code>{missing}'
+        f"<p>{escape(told.meaning)}</p></div>"
+    )
+
+
+def _others(others: Sequence[str]) -> str:
+    """Family by family, each with what its family says of it."""
+    cards = []
+    for title in dict.fromkeys(family_of(name).title for name in others):
+        rows = "".join(
+            f"<dt><code>{escape(name)}</code></dt>"
+            f"<dd>{escape(family_of(name).about.get(name, ''))}</dd>"
+            for name in others
+            if family_of(name).title == title
+        )
+        cards.append(f'<div class="own"><h3>{escape(title)}</h3><dl>{rows}</dl></div>')
+    return "".join(cards)
+
+
+def _card(number: int, rung: ExplainedSystem, systems: Sequence[str]) -> str:
+    is_here = rung.system in systems
+    missing = "" if is_here else f"<em>{NOT_HERE}</em>"
+    return (
+        f'<li{"" if is_here else " class=absent"}><h3><i aria-hidden="true">{number}</i>'
+        f"{escape(rung.adds)}</h3>"
+        f"<code>{escape(rung.system)}</code>{missing}<p>{escape(rung.meaning)}</p>"
+        f'<div class="equation">$${rung.equation}$$<small>{escape(rung.source)}</small></div>'
+        f"<p><b>Look for</b> {escape(rung.look_for)}</p></li>"
+    )
+
+
+MEASURING = "Measuring: {share:.0%}"
+MOTION_TYPES = [".npz", ".npy", ".bvh"]
+
+
+class FigureRunner(TabRunner):
+    """A part of the tab."""
+
+    title: ClassVar[str]
+    introduction: ClassVar[str]
+    verb: ClassVar[str]
+    """On the button that begins."""
+    asks: ClassVar[type[Ask]]
+    measure: ClassVar[Any]
+    """The worker's task."""
+
+    def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
+        """Lay out the part here and wire it; it begins on other events also."""
+        self._services = services
+        self.examples = tuple(example.path for example in services.catalogue.examples)
+        gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
+        with gr.Row(elem_classes="columns"):
+            with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+                self.fields = self.lay_out(services.catalogue)
+                with gr.Row(elem_classes="actions"):
+                    start = gr.Button(self.verb, variant="primary", elem_id=f"{self.tab}-start")
+                    cancel = gr.Button(text.CANCEL, elem_id=f"{self.tab}-cancel", min_width=110)
+            with gr.Column(scale=9, min_width=320, elem_classes="results"):
+                status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
+                self.player = player_part(f"{self.tab}-")
+                self.message = told_part(f"{self.tab}-says")
+                self.figure = told_part(f"{self.tab}-figures", "figures.js", "mountFigures")
+        super().__init__(services.jobs, services.worker, status)
+        reveal_on_click(start, status)
+        outputs = [status, self.player, self.message, self.figure]
+        runs = [self.begins_on(start.click, self.fields, outputs=outputs, api_name=self.tab)]
+        inputs = [*self.fields.values()]
+        runs += [self.begins_on(event, inputs, outputs=outputs) for event in also]
+        self.ends_on(cancel, runs, outputs)
+
+    def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
+        """A field of systems, of which those are ticked that are usual for this."""
+        ticked = [name for name in usual_systems(use) if name in catalogue.systems]
+        choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
+        return gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
+
+    @abstractmethod
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        """The fields."""
+
+    @abstractmethod
+    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        """What the fields ask for, by fields of the ask. Raises `RunError` with a sentence for the
+        visitor."""
+
+    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        asked = self.asks(
+            **self.given(values_of(self.asks, self.fields, values)),
+            **set_here(self._services.config, job.folder),
+            is_kept=True,
+        )
+        asked.check()
+        yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
+        address = self._services.media.share(job.folder, job.cookie)
+        showing = Showing(asked.out, address, job.folder.name)
+
+        def told(events: list[Event]) -> Updates:
+            updates: Updates = {}
+            has_grown = any(isinstance(event, Grown) for event in events)
+            if has_grown and showing.has_begun and showing.record.is_moving:
+                updates[self.player] = showing.value() | {"plays": True}
+            share = last_share(events)
+            if share is not None:
+                updates[self._status] = markup.sentence_status(MEASURING.format(share=share))
+            return updates
+
+        yield from self.done(job, type(self).measure, asked, told)
+        record = showing.record
+        lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
+        files = (asked.out / name for name in record.results)
+        yield {
+            self._status: markup.sentence_status(record.sentence),
+            self.player: showing.value() | {"plays": True},
+            self.message: shown(f'<ul class="hint">{lines}</ul>'),
+            self.figure: shown(figures_html(files, address)),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self._status: status,
+            self.player: NOTHING,
+            self.message: shown(message),
+            self.figure: shown(""),
+        }
+
+
+def _file(label: str, file_types: list[str], min_width: int = 160) -> gr.File:
+    return gr.File(
+        label=label, file_types=file_types, type="filepath", height=110, min_width=min_width
+    )
+
+
+class MechanismRunner(FigureRunner):
+    """Opens the tab: the paper's argument on two bodies, without a network."""
+
+    tab, verb = "mechanism", "Show both bodies"
+    title = "The argument in ten seconds: equal noise on local and on global rotations"
+    introduction = (
+        "One motion, two bodies. Every joint is turned at random by the same amount, once against "
+        "its parent and once in the world. No network takes part. Look at the fingertips, then "
+        "move the slider."
+    )
+    asks, measure = MechanismAsk, staticmethod(show_mechanism)
+
+    def __init__(self, tab: gr.Tab, services: Services) -> None:
+        """
+        Args:
+            tab: that it opens; both bodies move as soon as that is looked at.
+        """
+        first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
+        super().__init__(services, [first.click])
+        press = 'import(new URL("web/once.js", document.baseURI))'
+        press += '.then(({ pressOnce }) => pressOnce("mechanism-first"));'
+        tab.select(None, js=f"() => {{ {press} }}", api_visibility="private")
+
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        noise = gr.Slider(
+            *NOISE_RAD, value=MechanismAsk.noise_rad, step=0.005, buttons=[],
+            label="Noise on every joint, radians about each axis", elem_id="mechanism-noise",
+        )  # fmt: skip
+        return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}
+
+    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        motions = (told["motion"] or CLEAN,)
+        return {"motions": motions, "noise_rad": told["noise_rad"], "has_video": False}
+
+
+class HearingRunner(FigureRunner):
+    """Compares two speeches by two seeds: what speech decides of a motion, and what chance."""
+
+    tab, verb, title = "hearing", "Compare", "Does it hear?"
+    introduction = (
+        "Two speeches by two noise seeds, four motions of each system: where it hears, motions of "
+        "one speech rise and fall together; where it is deaf, those of one seed. The same as "
+        "<code>python -m app hearing</code>, which takes anyone's motion too."
+    )
+    asks, measure = HearingAsk, staticmethod(measure_hearing)
+
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        systems = self.systems(catalogue, "hearing-tab")
+        with gr.Row(elem_classes="pair"):
+            speeches = {
+                name: _file(f"Speech {letter} (optional: an example otherwise)", ["audio"], 140)
+                for name, letter in (("first", "A"), ("second", "B"))
+            }
+        strength = gr.Radio(
+            strength_choices(1.0, 2.0, 3.0),
+            value="",
+            label=text.GUIDANCE_LABEL,
+            elem_id="hearing-strength",
+        )
+        calm, lively = CALM_AND_LIVELY
+        speakers = gr.Checkbox(
+            label=f"Compare {calm} and {lively}, too",
+            info="A calm speaker and a lively one, with the first speech and the same seeds.",
+            elem_id="hearing-speakers",
+        )
+        return {"systems": systems, **speeches, "guidance": strength, "speakers": speakers}
+
+    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        asked = dict(told)
+        if not asked["systems"]:
+            raise RunError("Tick at least one system to compare.")
+        given = [path for path in (asked.pop("first"), asked.pop("second")) if path is not None]
+        missing = 2 - len(given)
+        spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
+        if len(spare) < missing:
+            raise RunError(
+                "Upload two speeches to compare; this installation has fewer than two examples."
+            )
+        speakers = CALM_AND_LIVELY if asked["speakers"] else None
+        return {**asked, "speeches": (*given, *spare[:missing]), "speakers": speakers}
+
+
+class StepCurveRunner(FigureRunner):
+    """Measures quality against time on this machine."""
+
+    tab, verb, title = "steps", "Measure", "What steps buy, measured here"
+    introduction = (
+        "The same speech with 1, 2, 4, 8 and 25 steps: how the fingertip jerks, how far the motion "
+        "is from that of 25 steps, and what a frame costs on the machine that serves this page. "
+        "The same as <code>python -m app steps</code>."
+    )
+    asks, measure = StepsAsk, staticmethod(measure_step_curve)
+
+    def lay_out(self, catalogue: Catalogue) -> Fields:
+        label = "Speech (optional: an example otherwise; ten seconds are used)"
+        return {"systems": self.systems(catalogue, "steps"), "speech": _file(label, ["audio"])}
+
+    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        speech = told["speech"] or next(iter(self.examples), None)
+        if not told["systems"]:
+            raise RunError("Tick at least one system to measure.")
+        if speech is None:
+            raise RunError("Upload speech to measure with; this installation has no examples.")
+        return {**told, "speech": speech}

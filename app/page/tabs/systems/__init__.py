@@ -1,3 +1,0 @@
-"""The tab of the systems: how constraints work, steps, whether they hear; may import what tabs
-may.
-"""
