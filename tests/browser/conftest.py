@@ -370,11 +370,18 @@ def press(place: Page | Locator, name: str | re.Pattern[str]) -> None:
     place.get_by_role("button", name=name, exact=True).click()
 
 
-def show_videos(page: Page, player: str = "#player") -> None:
-    """Videos in place of the bodies that the browser draws."""
-    page.locator(f"{player} .controls .more").click()
-    page.locator(f"{player} .more-box").get_by_role("button", name="Videos").click()
-    page.locator(f"{player} .tile").first.wait_for()
+def tabbed(page: Page) -> str:
+    """The name of what Tab leads to, where a keyboard's user sees that it is."""
+    page.keyboard.press("Tab")
+    name, outline = page.evaluate(
+        """() => {
+            const at = document.activeElement;
+            const name = at.getAttribute('aria-label') ?? at.textContent.trim();
+            return [name, getComputedStyle(at).outlineStyle];
+        }"""
+    )
+    assert outline != "none", name
+    return name
 
 
 def put_clock(page: Page, seconds: float) -> None:

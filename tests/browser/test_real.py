@@ -71,7 +71,7 @@ def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> It
     context = browser.new_context(
         viewport={"width": 1280, "height": 900},
         reduced_motion="reduce",
-        permissions=["clipboard-read", "clipboard-write", "microphone"],
+        permissions=["microphone"],
     )
     page = opened(context, real_address)
     give_speech(page, files[".wav"])

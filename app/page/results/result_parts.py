@@ -74,7 +74,7 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
         take_start=gr.Button(elem_classes="take-start told-elsewhere"),
         verdict=told_part(prefix + "verdict"),
         runs=told_part(prefix + "runs", "runs.js", "mountRuns"),
-        figures=told_part(prefix + "figures", "figures.js", "mountFigures"),
+        figures=told_part(prefix + "figures"),
         numbers=told_part(prefix + "numbers", "measures.js", "mountMeasures"),
         downloads=told_part(prefix + "downloads"),
     )
@@ -116,9 +116,9 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], ca
     )
     return (
         f"{markup.heading(about.title, about.help)}"
-        f'<figure class="plot"><button type="button" class="zoom" '
+        f'<figure class="plot"><a class="zoom" href="{escape(urls["png"])}" target="_blank" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
-        f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></button>'
+        f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></a>'
         f'<figcaption>{said}{beside}<p class="links">{links}</p></figcaption></figure>'
     )
 

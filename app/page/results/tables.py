@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from itertools import groupby
 from typing import Any, Literal
+from urllib.parse import quote
 
 from app import text
 from app.errors import page_sentence, without_folders
@@ -19,6 +20,7 @@ from app.run.many.distances import TITLE as DISTANCE
 from app.run.many.table import cells_of, interval
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
+from model.storage.harmless import csv_text
 
 
 @dataclass(frozen=True)
@@ -80,20 +82,34 @@ def table_of(
     )
     return (
         '<div class="measures" data-filter="raw">'
-        f"{markup.heading(text.NUMBERS_HEADING, about)}{above}{_bar(legend, has_reference)}"
+        f"{markup.heading(text.NUMBERS_HEADING, about)}{above}"
+        f"{_bar(legend, has_reference, _csv(shown, columns))}"
         f"{markup.table(text.NUMBERS_HEADING, 'Measure', head, body)}{_more(shown)}</div>"
     )
 
 
-def _bar(legend: str, has_reference: bool) -> str:
+def _bar(legend: str, has_reference: bool, csv: str) -> str:
     mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
     return (
         f'<div class="bar"><div class="switch" role="group" aria-label="{text.FILTER_SWITCH}">'
         f'<button type="button" data-filter="raw" aria-pressed="true">{text.AS_GENERATED}</button>'
         f'<button type="button" data-filter="savgol" aria-pressed="false">{text.FILTERED}</button>'
         f'</div><span class="legend">{mark}{escape(legend)}</span>'
-        f'<button type="button" class="csv">{text.CSV_LABEL}</button></div>'
+        f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
+        f"{text.CSV_LABEL}</a></div>"
     )
+
+
+def _csv(shown: Sequence[Measure], columns: Sequence[Column]) -> str:
+    """What the table holds, raw and filtered, one number in a line."""
+    numbers = (
+        (each.title, each.unit, column.name, version, column.read(each, version))
+        for each in shown
+        for column in columns
+        for version in VERSIONS
+    )
+    lines = (line for line in numbers if line[-1] is not None)
+    return csv_text([("measure", "unit", "name", "filter", "value"), *lines])
 
 
 def _more(shown: Sequence[Measure]) -> str:
@@ -132,23 +148,20 @@ def _row(measure: Measure, columns: Sequence[Column]) -> str:
     later = "" if measure.is_first else ' class="later"'
     name = f'<span title="{escape(measure.about)}">{escape(measure.title)}</span>{unit}'
     return (
-        f'<tr data-measure="{escape(measure.title)}" data-unit="{escape(measure.unit)}"{later}>'
+        f'<tr data-measure="{escape(measure.title)}"{later}>'
         f'<th scope="row"><div>{name}</div></th>{cells}</tr>'
     )
 
 
 def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -> str:
     values = {kind: column.read(measure, kind) for kind in VERSIONS}
-    data = "".join(
-        f' data-{kind}="{value!r}"' for kind, value in values.items() if value is not None
-    )
     write = signed if column.kind == "difference" else written
     spans = "".join(
         f'<span class="{kind}{" near" if column.name in near[kind] else ""}">{write(value)}'
         f"{_NEAR_WORDS if column.name in near[kind] else ''}</span>"
         for kind, value in values.items()
     )
-    return f"<td{_column_class(column)}{data}>{spans}</td>"
+    return f"<td{_column_class(column)}>{spans}</td>"
 
 
 _NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'

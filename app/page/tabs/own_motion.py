@@ -80,7 +80,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
             form = build_own_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = (
-                told_part("own-sets", "figures.js", "mountFigures"),
+                told_part("own-sets"),
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
             parts = build_results("own-")

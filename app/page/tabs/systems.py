@@ -122,7 +122,7 @@ class FigureRunner(TabRunner):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
                 self.player = player_part(f"{self.tab}-")
                 self.message = told_part(f"{self.tab}-says")
-                self.figure = told_part(f"{self.tab}-figures", "figures.js", "mountFigures")
+                self.figure = told_part(f"{self.tab}-figures")
         super().__init__(services.jobs, services.worker, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]

@@ -46,6 +46,13 @@ export function relabel(button, iconName, label) {
   button.title = label;
 }
 
+/** A button with a picture. */
+export function iconButton(name, label, onclick, attributes = {}) {
+  const button = make("button", { type: "button", onclick, ...attributes });
+  relabel(button, name, label);
+  return button;
+}
+
 /** Seconds as m:ss.cc */
 export function clockText(seconds) {
   const whole = Math.max(0, Math.floor(seconds * 100 + 1e-6));
@@ -63,6 +70,18 @@ export const WHOLE = "\u200b";
  */
 export function nameOf({ name, label }) {
   return make("b", { title: name }, label ?? name);
+}
+
+/** Follow a pointer that is down on an element until it is let go; `end` gets null where it was taken away. */
+export function drag(element, pointerId, move, end = (_event) => {}) {
+  element.setPointerCapture(pointerId);
+  const stop = new AbortController();
+  const over = (event) => {
+    stop.abort();
+    end(event.type === "pointerup" ? event : null);
+  };
+  element.addEventListener("pointermove", move, { signal: stop.signal });
+  for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, over, { signal: stop.signal });
 }
 
 /** What `summary` opens, until it is left or Escape is pressed. */

@@ -14,18 +14,18 @@ export function setFilter(name) {
   for (const listener of listeners) listener(name);
 }
 
-/** Call `listener(name)` now and at each change; returns a function that ends that. */
+/** Call `listener(name)` now and at each change. */
 export function followFilter(listener) {
   listeners.add(listener);
   listener(current);
-  return () => listeners.delete(listener);
 }
 
-/** Make the buttons inside `group`, which have a data-filter each, a switch. */
-export function wireSwitch(group) {
-  const buttons = [...group.querySelectorAll("button[data-filter]")];
-  for (const button of buttons) button.addEventListener("click", () => setFilter(button.dataset.filter));
-  return followFilter((name) => {
-    for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.filter === name));
-  });
+/** Make all buttons inside of an element that have a data-filter a switch; returns what marks those that come later. */
+export function wireSwitch(root) {
+  const mark = () => {
+    for (const button of root.querySelectorAll("button[data-filter]")) button.setAttribute("aria-pressed", String(button.dataset.filter === current));
+  };
+  root.addEventListener("click", ({ target }) => setFilter(target.closest("button[data-filter]")?.dataset.filter));
+  followFilter(mark);
+  return mark;
 }

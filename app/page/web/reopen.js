@@ -6,10 +6,8 @@ const PATIENCE_MS = 60_000;
 
 /** Called by Gradio's component, whose value is the name of the tab. */
 export function mountReopen(element, props) {
-  const ending = new AbortController();
-  const on = (name, listener) => document.addEventListener(name, (event) => element.isConnected ? listener(event) : ending.abort(), { signal: ending.signal });
-  on("dragover", (event) => isOurs(event) && event.preventDefault());
-  on("drop", (event) => {
+  document.addEventListener("dragover", (event) => isOurs(event) && event.preventDefault());
+  document.addEventListener("drop", (event) => {
     if (!isOurs(event)) return;
     event.preventDefault(); // or the browser would leave the page for the file
     const file = [...event.dataTransfer.files].find(({ name }) => /\.zip$/i.test(name));

@@ -3,9 +3,20 @@
  * of them that are ticked, which the form opens beside each other.
  */
 
-import { copyBy } from "./clipboard.js";
-
 const RUN = "run";
+const COPIED_MS = 2000;
+
+/** Copy an address by a button, which says so for a moment. */
+async function copyBy(button, href) {
+  const words = button.textContent;
+  try {
+    await navigator.clipboard.writeText(href);
+    button.textContent = "Copied";
+    setTimeout(() => (button.textContent = words), COPIED_MS);
+  } catch {
+    prompt(words, href); // a page without https may not write there
+  }
+}
 
 /** Have the page's address lead to these runs. */
 function keep(runs) {

@@ -55,14 +55,11 @@ export interface Editing {
 
 /** Of one plan: app/run/takes/take.py. */
 export interface EditorTold {
-  duration: number;
-  gestures: { side: "left" | "right"; start: number; end: number; strikes: number; lands: number; hold: number; kind: string; word: string; partner: number | null }[];
-  nods: number[];
-  looks: [number, number, number, number][];
-  blinks: number[];
+  gestures: { side: "left" | "right"; start: number; end: number; lands: number; hold: number; kind: string; partner: number | null }[];
   style: Record<string, number>;
-  /** Each with the hands that usually make it; and how long before and after it lands it begins and ends. */
+  /** Each with the hands that usually make it, and where from the chest it ends; and how long before and after it lands it begins and ends. */
   kinds: Record<string, "right" | "both">;
+  places: Record<string, Vector>;
   around: [number, number];
   words: Interval[];
 }
@@ -71,8 +68,6 @@ export interface HandPhase {
   start_s: number;
   end_s: number;
   phase: "rest" | "preparation" | "stroke" | "hold" | "beat" | "retraction";
-  /** Metres from the chest joint: out, up, forward. */
-  goal: [number, number, number];
   /** Of the gesture; empty where none is known. */
   kind: string;
   /** That a stroke lands on; empty where none is known. */
@@ -82,7 +77,6 @@ export interface HandPhase {
 /** app/run/run_writer.py: what model/plan/plan.py writes, and where it comes from. */
 export interface Plan {
   origin: "planned" | "found";
-  format: number;
   duration_s: number;
   left: HandPhase[];
   right: HandPhase[];
@@ -92,7 +86,6 @@ export interface Plan {
   smiles: { start_s: number; end_s: number; size: number }[];
   blinks: { time_s: number }[];
   stands: { start_s: number; end_s: number; leg: "left" | "right" | "both" }[];
-  planted: { start_s: number; end_s: number; foot: "left" | "right" }[];
 }
 
 /** Part of a plan: one of its lists, and which of that. */
@@ -215,7 +208,6 @@ export interface Facts {
     heat: Vector[];
     speed: Vector[];
     spike: Vector;
-    trail_frames: number;
     tips: Record<string, { joint: number; vertex: number }>;
   };
   faces: string[];
@@ -228,5 +220,4 @@ export interface Facts {
   exaggeration: { cutoff: number; max_turn: number };
   scales: { speed: number };
   points: Record<string, string>;
-  usual_point: string;
 }

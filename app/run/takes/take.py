@@ -200,8 +200,8 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 
 
 def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
-    """What an editor shows of a plan: its gestures with what each is like, the head's and the
-    eyes' events, the style of the whole, and what can be added."""
+    """What an editor shows of a plan: its gestures with what each is like, the style of the whole,
+    and what can be added."""
     from model.plan.editing import Gesture as Which
     from model.plan.editing import partner_of
     from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
@@ -216,18 +216,14 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
         partner = partner_of(plan, Which(stroke.side, lands.end_s))
         gestures.append({
             "side": stroke.side, "start": phases[0].start_s, "end": phases[-1].end_s,
-            "strikes": lands.start_s, "lands": lands.end_s, "hold": round(hold_s, 4),
-            "kind": lands.kind, "word": lands.word,
+            "lands": lands.end_s, "hold": round(hold_s, 4), "kind": lands.kind,
             "partner": None if partner is None else partner.lands_s,
         })  # fmt: skip
     return {
-        "duration": plan.duration_s,
         "gestures": sorted(gestures, key=lambda each: (each["lands"], each["side"])),
-        "nods": [each.time_s for each in plan.nods],
-        "looks": [[each.start_s, each.end_s, each.yaw_deg, each.pitch_deg] for each in plan.looks],
-        "blinks": [each.time_s for each in plan.blinks],
         "style": {name: round(value, 4) for name, value in asdict(style_of(plan)).items()},
         "kinds": {kind: "both" if kind in BY_BOTH else "right" for kind in sorted(PLACES)},
+        "places": dict(PLACES),
         "around": [-STROKE_S - PREPARATION_S, HOLD_S],
         "words": [[word.start_s, word.end_s, word.text] for word in words],
     }

@@ -3,7 +3,7 @@
  *
  *     const orbit = new Orbit();
  *     orbit.addEventListener("change", () => draw());
- *     const letGo = orbit.hold(canvas);   // dragging, wheel, fingers and keys there
+ *     orbit.hold(canvas);                 // dragging, wheel, fingers and keys there
  *     const eye = orbit.from(camera, 4);  // in place of the camera 4 m in front of the body
  */
 
@@ -38,8 +38,7 @@ export class Orbit extends EventTarget {
   }
 
   reset() {
-    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [0, 0, 1, [0, 0]];
-    this.#tell();
+    this.place([]);
   }
 
   /** Around the body, and above it; radians. */
@@ -90,15 +89,14 @@ export class Orbit extends EventTarget {
   }
 
   /**
-   * Let a person move it on an element; returns what ends that. `isLeft(event)` says of a finger
+   * Let a person move it on an element. `isLeft(event)` says of a finger
    * that moves alone whether something else wants it.
    *
    * @param {HTMLElement} element
    * @param {(event: PointerEvent) => boolean} isLeft
    */
   hold(element, isLeft = (_event) => false) {
-    const ending = new AbortController();
-    const on = (name, listener) => element.addEventListener(name, listener, { signal: ending.signal, passive: false });
+    const on = (name, listener) => element.addEventListener(name, listener, { passive: false });
     const fingers = new Map(); // pointer -> [x, y]
     const size = () => element.clientHeight || 1;
     on("pointerdown", (event) => {
@@ -144,7 +142,6 @@ export class Orbit extends EventTarget {
       event.preventDefault();
       does();
     });
-    return () => ending.abort();
   }
 }
 

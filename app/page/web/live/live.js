@@ -35,7 +35,6 @@ class Live {
   #look = new Look();
   #stage = null; // null where the browser draws no 3D graphics
   #refusal = null; // why
-  #more = null;
   #bar = null;
   #clock = null;
   #rolling = null; // null until the body has come
@@ -50,7 +49,6 @@ class Live {
   #pace = null;
   #run = null; // what Start began; null while nothing goes on
   #doing = "";
-  #unfollow = () => {};
   #feed = () => {}; // the stage, with what has come
 
   constructor(root, told) {
@@ -122,14 +120,14 @@ class Live {
       this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
       return;
     }
-    this.#more = new More(this.#look, this.#stage.orbit, {}, ["isAligned", "hasWords"]);
-    this.#bar = new DisplayBar(this.#look, () => this.#stage, this.#more.element);
+    const more = new More(this.#look, this.#stage.orbit, {}, ["isAligned", "hasWords"]);
+    this.#bar = new DisplayBar(this.#look, () => this.#stage, more.element);
     const others = make("div", { class: "group compare" }, this.#bar.closeUp, this.#bar.more);
-    this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), this.#more.element);
+    this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), more.element);
     this.#bar.update();
     this.#stage.element.addEventListener("drawn", ({ detail }) => this.#isDrawn(detail));
     this.#look.addEventListener("change", () => this.#lookAhead());
-    this.#unfollow = followFilter(() => this.#lookAhead());
+    followFilter(() => this.#lookAhead());
     this.picture.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest(KEEPS_ITS_KEYS)) return;
       if (this.#bar.press(event.key.toLowerCase())) event.preventDefault();
@@ -313,23 +311,9 @@ class Live {
       this.#say(this.#doing);
     }
   }
-
-  dispose() {
-    this.stop();
-    this.#unfollow();
-    this.#more?.end();
-    this.#stage?.dispose();
-  }
 }
 
 /** Called by Gradio's component. */
 export function mountLive(element, props) {
-  const root = element.querySelector(".live");
-  const live = new Live(root, JSON.parse(JSON.stringify(props.value ?? {})));
-  const gone = new MutationObserver(() => {
-    if (root.isConnected) return;
-    gone.disconnect();
-    live.dispose();
-  });
-  gone.observe(document.body, { childList: true, subtree: true });
+  return new Live(element.querySelector(".live"), JSON.parse(JSON.stringify(props.value ?? {})));
 }

@@ -6,6 +6,7 @@
 import { make } from "../dom.js";
 import { kindName } from "../player/plan.js";
 
+const COLORS = { rest: "#d5dbe1", preparation: "#9cc3d5", stroke: "#0f6d8c", hold: "#7ba37b", beat: "#c98b2b", retraction: "#b9a6c9" };
 const BEFORE_S = 2;
 const AFTER_S = 2;
 /** @type {Record<string, [string, number, number, number, number]>} */
@@ -81,8 +82,6 @@ export class Planned {
     if (this.element.hidden || !Number.isFinite(seconds)) return;
     const { canvas } = this;
     const context = canvas.getContext("2d");
-    const style = getComputedStyle(canvas);
-    const colour = (name) => style.getPropertyValue(`--phase-${name}`).trim() || FALLBACK[name];
     const x = (at) => ((at - seconds + BEFORE_S) / (BEFORE_S + AFTER_S)) * canvas.width;
     context.clearRect(0, 0, canvas.width, canvas.height);
     const said = [];
@@ -91,17 +90,15 @@ export class Planned {
         const [from, to] = [x(start), x(end)];
         if (to < 0 || from > canvas.width) continue;
         context.globalAlpha = start > seconds ? 0.55 : 1; // it may still change
-        context.fillStyle = colour(phase);
+        context.fillStyle = COLORS[phase];
         context.fillRect(from, 4 + 30 * row, Math.max(1, to - from - 1), 26);
         if (start <= seconds && end > seconds) said.push(`${side} hand: ${phase}${kind && phase !== "rest" ? ` (${kindName(kind)})` : ""}`);
       }
     }
     context.globalAlpha = 1;
-    context.fillStyle = style.color;
+    context.fillStyle = getComputedStyle(canvas).color;
     context.fillRect(x(seconds) - 1, 0, 2, canvas.height);
     const words = said.join(" · ") || "Hands rest.";
     if (this.now.textContent !== words) this.now.textContent = words;
   }
 }
-
-const FALLBACK = { rest: "#d5dbe1", preparation: "#9cc3d5", stroke: "#0f6d8c", hold: "#7ba37b", beat: "#c98b2b", retraction: "#b9a6c9" };

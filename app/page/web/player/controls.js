@@ -1,6 +1,6 @@
 /** The bar under the stage: time, what is shown, and how bodies are compared. */
 
-import { clockText, make, relabel } from "../dom.js";
+import { clockText, iconButton, make, relabel } from "../dom.js";
 import { DisplayBar } from "./displays.js";
 import { WorstSeconds } from "./worst.js";
 
@@ -30,21 +30,14 @@ export class Controls {
   }
 
   #build(more) {
-    const button = (name, label, onclick) => {
-      const made = make("button", { type: "button", onclick });
-      relabel(made, name, label);
-      return made;
-    };
-    this.play = button("play", "Play", () => this.#player.toggle());
-    this.play.classList.add("play");
-    const back = button("back", "One frame back", () => this.#player.step(-1));
-    const forward = button("forward", "One frame on", () => this.#player.step(1));
+    this.play = iconButton("play", "Play", () => this.#player.toggle(), { class: "play" });
+    const back = iconButton("back", "One frame back", () => this.#player.step(-1));
+    const forward = iconButton("forward", "One frame on", () => this.#player.step(1));
     this.time = make("output", { class: "time", "aria-live": "off" });
     this.speed = make("select", { "aria-label": "Speed", onchange: () => this.#player.setRate(Number(this.speed.value)) });
     this.speed.append(...RATES.map((rate) => make("option", { value: rate, selected: rate === 1 }, `${rate}×`)));
-    this.loop = button("loop", "Loop", () => this.toggleLoop());
-    this.sound = button("sound", "Sound off", () => this.#toggleSound());
-    this.sound.classList.add("sound");
+    this.loop = iconButton("loop", "Loop", () => this.toggleLoop());
+    this.sound = iconButton("sound", "Sound off", () => this.#toggleSound(), { class: "sound" });
     this.worst = new WorstSeconds(this.#player);
     const modes = Object.entries(MODES).map(([mode, label]) =>
       make("button", { type: "button", "data-mode": mode, onclick: () => this.#view.setMode(this.#view.mode === mode ? "grid" : mode) }, label),

@@ -1,6 +1,6 @@
 /** What switches displays of bodies: in the bar of a run, and under the body that follows somebody who speaks. */
 
-import { icon, make } from "../dom.js";
+import { iconButton, make } from "../dom.js";
 
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const STRONG = 20; // what the key makes of tremble
@@ -30,7 +30,7 @@ export class DisplayBar {
       make("button", { type: "button", class: "worded", "data-look": name, title, onclick: () => this.#flip(name) }, label);
     this.#toggles = [toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk")];
     this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.#factor), this.#factorText, ...this.#toggles);
-    this.more = make("button", { type: "button", class: "more", "aria-expanded": "false", title: "More", "aria-label": "More displays and views", onclick: () => this.#fold() }, icon("more"));
+    this.more = iconButton("more", "More displays and views", () => this.#fold(), { class: "more", "aria-expanded": "false" });
     look.addEventListener("change", () => this.update());
     folded.addEventListener("keydown", ({ key }) => this.#leave(key));
   }

@@ -4,7 +4,7 @@
  * take, that stands beside the one it was made from. Takes are kept, so that undo is the take before.
  */
 
-import { make, popUp } from "../dom.js";
+import { drag, make, popUp } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
 import { capital, foundAgain, kindName, SIDES } from "./plan.js";
 
@@ -36,6 +36,7 @@ export class Editing {
   #timeline;
   #send;
   #onShown;
+  #onExpected;
   #run = null;
   /** @type {import("../told").Editing} */
   #value = NOTHING;
@@ -56,12 +57,16 @@ export class Editing {
   #coming = null; // the take that is being made
   #isOpen = false;
 
-  /** `send` has the server take up `asked`; `onShown` is called when other rows are to be seen. */
-  constructor(player, timeline, { send, onShown }) {
+  /**
+   * `send` has the server take up `asked`; `onShown` is called when other rows are to be seen, `onExpected` with where
+   * hands are to be, [side, place] each.
+   */
+  constructor(player, timeline, { send, onShown, onExpected }) {
     this.#player = player;
     this.#timeline = timeline;
     this.#send = send;
     this.#onShown = onShown;
+    this.#onExpected = onExpected;
     this.end = new PhaseEnd(timeline.tiers, {
       secondsAt: (clientX) => timeline.secondsAt(clientX),
       isBusy: () => this.#isBusy || this.#isShowing,
@@ -327,7 +332,6 @@ export class Editing {
     this.#asked = { run: this.#run, start: this.#start, edits: this.#queue, locked: [...this.#locked.values()] };
     this.#queue = [];
     this.#isBusy = true;
-    performance.mark("take-asked");
     this.#send();
   }
 
@@ -439,13 +443,15 @@ export class Editing {
 
   /** Where the gesture would be that is to be added, before anything is performed. */
   #foresee() {
-    const { kinds = {}, around: [before, after] = [0, 0], words = [] } = this.#told ?? {};
+    const { kinds = {}, places = {}, around: [before, after] = [0, 0], words = [] } = this.#told ?? {};
     const isShown = this.#isOpen && this.adding.open && !!this.#told;
     const hands = this.hands.value || kinds[this.kinds.value];
     const lands = this.places.value === "" ? this.#player.time : landsOn(words[Number(this.places.value)]);
+    const made = SIDES.filter((side) => isShown && [side, "both"].includes(hands));
+    this.#onExpected(made.map((side) => [side, places[this.kinds.value]]));
     for (const [i, side] of SIDES.entries()) {
       const element = this.expected[i];
-      const isMade = isShown && [side, "both"].includes(hands);
+      const isMade = made.includes(side);
       element.textContent = kindName(this.kinds.value);
       this.#timeline.tiers.hang(element, isMade ? side : null, () => this.#timeline.tiers.lay(element, { start_s: lands + before, end_s: lands + after }));
     }
@@ -529,23 +535,17 @@ export class Editing {
     }
     if (!button.classList.contains("stroke")) return;
     const from = event.clientX;
-    button.setPointerCapture(event.pointerId); // it is narrow: a pointer leaves it at once
     const move = ({ clientX }) => {
       if (Math.abs(clientX - from) >= DRAG_PX) button.style.transform = `translateX(${clientX - from}px)`;
     };
-    const stop = new AbortController();
-    const { signal } = stop;
-    button.addEventListener("pointermove", move, { signal });
-    button.addEventListener("pointercancel", () => (stop.abort(), (button.style.transform = "")), { signal });
-    button.addEventListener("pointerup", ({ clientX }) => {
-      stop.abort();
+    drag(button, event.pointerId, move, (up) => {
       button.style.transform = "";
-      if (Math.abs(clientX - from) < DRAG_PX) return; // a click chooses it
+      if (!up || Math.abs(up.clientX - from) < DRAG_PX) return; // a click chooses it
       button.click();
       this.#isDropping = true;
       setTimeout(() => (this.#isDropping = false));
-      if (this.#chosen?.side) this.#moveTo(this.#chosen.lands + this.#timeline.secondsAt(clientX) - this.#timeline.secondsAt(from));
-    }, { signal });
+      if (this.#chosen?.side) this.#moveTo(this.#chosen.lands + this.#timeline.secondsAt(up.clientX) - this.#timeline.secondsAt(from));
+    });
   }
 
   #key(event) {

@@ -1,14 +1,13 @@
 /**
  * The end of the phase that is chosen: a handle in its tier that is dragged, or
- * moved by keys. It shows what will be, and tells where it was let go.
+ * moved by keys until Enter, or until the focus leaves. It shows what will be, and tells where it was let go.
  */
 
-import { make } from "../dom.js";
+import { drag, make } from "../dom.js";
 import { FPS } from "../rates.js";
 import { hasEnd, stretched } from "./plan.js";
 
 const STEPS_S = { ArrowLeft: -0.1, ArrowRight: 0.1, ",": -1 / FPS, ".": 1 / FPS };
-const PAUSE_MS = 500; // after the last key, until its end is asked for
 const LEAST_MOVE_S = 0.005; // less asks for nothing
 
 export class PhaseEnd {
@@ -21,7 +20,6 @@ export class PhaseEnd {
   #chosen = null;
   #by = 0; // seconds by which it stands elsewhere than in the plan
   #asked = 0; // of these, what has been asked for
-  #timer = 0;
 
   /**
    * @param {import("./tiers.js").Tiers} tiers
@@ -76,7 +74,7 @@ export class PhaseEnd {
     this.#asked = 0;
     if (!this.#chosen) return;
     this.#place();
-    if (!this.#timer) this.#tell();
+    this.#tell();
   }
 
   /** A pointer that is down on it, or on the phase's edge, moves it until it is let go. */
@@ -87,14 +85,10 @@ export class PhaseEnd {
     const { list, index } = this.#chosen;
     const before = this.#by;
     const from = this.#secondsAt(event.clientX);
-    element.setPointerCapture(event.pointerId);
     element.focus({ preventScroll: true });
-    const stop = new AbortController();
-    const { signal } = stop;
     const isSame = () => this.#chosen?.list === list && this.#chosen.index === index;
-    element.addEventListener("pointermove", ({ clientX }) => isSame() && this.#move(before + this.#secondsAt(clientX) - from), { signal });
-    element.addEventListener("pointercancel", () => (stop.abort(), isSame() && this.#move(before)), { signal });
-    element.addEventListener("pointerup", () => (stop.abort(), this.#tell()), { signal });
+    const move = ({ clientX }) => isSame() && this.#move(before + this.#secondsAt(clientX) - from);
+    drag(element, event.pointerId, move, (up) => (up ? this.#tell() : isSame() && this.#move(before)));
   }
 
   get #phase() {
@@ -118,15 +112,7 @@ export class PhaseEnd {
     event.preventDefault();
     event.stopPropagation();
     if (isTold) this.#tell();
-    else if (step) {
-      this.#move(this.#by + step);
-      clearTimeout(this.#timer);
-      this.#timer = setTimeout(() => this.#tell(), PAUSE_MS);
-    } else {
-      clearTimeout(this.#timer);
-      this.#timer = 0;
-      this.#move(this.#asked);
-    }
+    else this.#move(step ? this.#by + step : this.#asked);
   }
 
   #move(by) {
@@ -148,16 +134,13 @@ export class PhaseEnd {
   }
 
   #tell() {
-    clearTimeout(this.#timer);
-    this.#timer = 0;
     if (!this.#chosen || this.#isBusy() || Math.abs(this.#by) < LEAST_MOVE_S) return;
     this.#asked = this.#by;
     this.#onMoved(this.#chosen, this.#phase.end_s, this.#now);
   }
 
   #forget() {
-    clearTimeout(this.#timer);
-    this.#by = this.#asked = this.#timer = 0;
+    this.#by = this.#asked = 0;
     if (this.#chosen && this.#tiers.plan) this.#tiers.preview(this.#chosen.list, null);
     this.#chosen = null;
   }

@@ -12,11 +12,11 @@ const FOLLOWING = "follow"; // small beats of the hand that takes no part
 
 /** The tiers in the order in which they are drawn, each with the plan's lists that it shows. */
 export const TIERS = /** @type {const} */ ([
-  { name: "Left hand", short: "Left", lists: ["left"], isHand: true },
-  { name: "Right hand", short: "Right", lists: ["right"], isHand: true },
-  { name: "Head and gaze", short: "Head", lists: ["looks", "nods"], isHand: false },
-  { name: "Face", short: "Face", lists: ["smiles", "brows", "blinks"], isHand: false },
-  { name: "Weight", short: "Weight", lists: ["stands"], isHand: false },
+  { name: "Left hand", lists: ["left"], isHand: true },
+  { name: "Right hand", lists: ["right"], isHand: true },
+  { name: "Head and gaze", lists: ["looks", "nods"], isHand: false },
+  { name: "Face", lists: ["smiles", "brows", "blinks"], isHand: false },
+  { name: "Weight", lists: ["stands"], isHand: false },
 ]);
 
 export const ORIGINS = { planned: "planned", found: "found in the motion" };

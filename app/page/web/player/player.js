@@ -1,22 +1,21 @@
 /**
  * The lock-step player of the page. The server sends everything that is known of a run, again and
  * again as it grows; this makes what is missing and leaves alone what is there. Bodies move on the
- * stage; where a browser draws none, or somebody wants them, videos stand in its place.
+ * stage; where a browser draws none, videos stand in its place.
  */
 
 import { make } from "../dom.js";
-import { Address } from "../stage/address.js";
+import { FPS } from "../rates.js";
+import { readHash, writeHash } from "../stage/address.js";
 import { Look } from "../stage/look.js";
 import { More } from "../stage/more.js";
 import { saidOtherwise } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
-import { copyBy } from "../clipboard.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
 import { Controls } from "./controls.js";
 import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
-import { Sounds } from "./sounds.js";
 import { LOW, Timeline } from "./timeline.js";
 import { Videos } from "./videos.js";
 
@@ -25,6 +24,7 @@ const PRESSES = "button, a, summary"; // what the space bar presses
 const NO_STAGE = "This browser draws no 3D graphics (WebGL 2): videos are shown instead, each as soon as it is drawn.";
 
 const CROWD = 4; // bodies that need the width of the form
+const NOTE_MS = 400; // browsers allow few changes of an address in a while
 
 class Player {
   #root;
@@ -37,15 +37,11 @@ class Player {
   #hasBegun = false; // what the address says has been shown
   /** @type {import("../told").Value} */
   #value = {};
-  #gone = null; // the run that was last taken away
   #stage = null;
-  #observer = new ResizeObserver(() => this.#stage?.fit());
   #videos = new Videos(this.#lockstep);
-  #address = null;
-  #unfollow = () => {};
-  #more = null;
-  #isVideo = false; // videos in place of the stage
-  #sounds = new Sounds(() => this.#playOther());
+  #noting = 0;
+  #more = make("div", { hidden: true });
+  sounds = make("select", { class: "sounds", "aria-label": "Whose sound plays", hidden: true, onchange: () => this.#playOther() });
   #why = make("p", { class: "no-stage", role: "note", hidden: true }, NO_STAGE);
 
   constructor(root) {
@@ -56,27 +52,26 @@ class Player {
       this.#why.hidden = false; // no WebGL here
     }
     const orbit = this.#stage?.orbit;
-    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true), "Make a video of this": () => this.#makeVideo(), "Copy link to this picture": ({ currentTarget }) => this.#copyLink(currentTarget) });
-    const more = this.#more?.element ?? make("div", { hidden: true });
-    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, more);
+    if (orbit) this.#more = new More(this.#look, orbit, { "Make a video of this": () => this.#makeVideo() }).element;
+    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, this.#more);
     this.timeline = new Timeline(this.#lockstep);
-    this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage() });
+    this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage(), onExpected: (places) => this.#stage?.expect(places) });
     this.editing.toggle.addEventListener("click", () => this.editing.isOpen && this.#foldForm(true));
     this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.bodies.value && this.timeline.showBody(detail));
-    this.timeline.bar.append(this.#sounds.element, this.controls.worst.line);
-    this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");
+    this.timeline.bar.append(this.sounds, this.controls.worst.line);
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, seen, this.toStage, this.#videos.element, this.controls.element, more, this.editing.element, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.#why, seen, this.#videos.element, this.controls.element, this.#more, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
-    this.#observer.observe(this.timeline.element);
+    new ResizeObserver(() => this.#stage?.fit()).observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
     root.addEventListener("click", ({ detail, target }) => {
       const isEdited = target.closest(".editing.open ~ .timeline .event"); // and keys go on with it
       if (detail > 0 && !isEdited) target.closest("button")?.blur(); // after a mouse, the space bar plays again
     });
-    document.addEventListener("toggle", this.#onGuessed, true);
+    const answered = ({ target }) => this.#value.guess && target.closest(".first-look") && this.#showAnswer(target.open);
+    document.addEventListener("toggle", answered, true);
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "Bodies in lock-step");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
@@ -88,67 +83,57 @@ class Player {
       this.#press(".otherwise-start");
     });
     root.look = this.#look;
-    if (orbit) this.#keepAddress(orbit);
-  }
-
-  #keepAddress(orbit) {
-    const rounded = (value) => String(Math.round(1000 * value) / 1000);
-    const player = this.#lockstep;
-    const camera = {
-      write: (address) => orbit.isMoved && address.set("camera", orbit.state.map(rounded).join(" ")),
-      read: (address) => address.has("camera") && orbit.place(address.get("camera").split(" ").map(Number)),
-    };
-    const time = {
-      write: (address) => player.frame > 0 && !player.isPlaying && address.set("t", rounded(player.frame / 30)),
-      read: () => {}, // once there is a sound
-    };
-    const comparison = {
-      write: (address) => {
-        const { mode, pair, closeUp } = this.#stage;
-        if (closeUp !== "hands") address.set("close", closeUp);
-        if (mode !== "grid") for (const [name, value] of [["mode", mode], ["a", pair[0]], ["b", pair[1]]]) address.set(name, value);
-      },
-      read: (address) => {
-        if (address.has("close")) this.#stage.setCloseUp(address.get("close"));
-        if (!address.has("mode")) return;
-        for (const [index, name] of ["a", "b"].entries()) if (this.#stage.names.includes(address.get(name))) this.#stage.setPair(index, address.get(name));
-        this.#stage.setMode(address.get("mode"));
-      },
-    };
-    const sound = {
-      write: (address) => this.#sounds.index && address.set("sound", this.#sounds.index),
-      read: (address) => address.has("sound") && this.#sounds.choose(Number(address.get("sound"))),
-    };
-    const filter = {
-      write: (address) => currentFilter() !== "raw" && address.set("filter", currentFilter()),
-      read: (address) => setFilter(address.get("filter") ?? "raw"),
-    };
-    this.#address = new Address([this.#look, camera, time, comparison, sound, filter]);
     const note = () => this.#noteAddress();
-    this.#unfollow = followFilter(note);
+    followFilter(note);
     this.#look.addEventListener("change", note);
-    orbit.addEventListener("change", note);
-    player.addEventListener("time", () => player.isPlaying || note());
-    player.addEventListener("state", note);
+    orbit?.addEventListener("change", note);
+    this.#lockstep.addEventListener("time", () => this.#lockstep.isPlaying || note());
+    this.#lockstep.addEventListener("state", note);
   }
 
-  /** The address of the run itself, with what is seen of it now. */
-  #copyLink(button) {
-    const run = this.#root.closest("[role=tabpanel]")?.querySelector(".runs .link a");
-    const url = new URL(run?.href ?? location.href);
-    url.hash = this.#address.text;
-    return copyBy(button, url.href);
+  /** What is seen, for an address that shows the same again. */
+  get #picture() {
+    const { mode, pair, closeUp, orbit } = this.#stage;
+    const { frame, isPlaying } = this.#lockstep;
+    const rounded = (value) => String(Math.round(1000 * value) / 1000);
+    const told = {
+      camera: orbit.isMoved && orbit.state.map(rounded).join(" "),
+      t: frame > 0 && !isPlaying && rounded(frame / FPS),
+      close: closeUp !== "hands" && closeUp,
+      ...(mode !== "grid" && { mode, a: pair[0], b: pair[1] }),
+      sound: this.sounds.selectedIndex > 0 && this.sounds.selectedIndex,
+      filter: currentFilter() !== "raw" && currentFilter(),
+    };
+    const address = new URLSearchParams();
+    this.#look.write(address);
+    for (const [name, value] of Object.entries(told)) if (value) address.set(name, value);
+    return address;
+  }
+
+  /** Show what an address says, but for the time: once there is a sound. */
+  #showPicture(address) {
+    const { camera, close, mode, sound, filter = "raw", ...pair } = Object.fromEntries(address);
+    this.#look.read(address);
+    if (camera) this.#stage.orbit.place(camera.split(" ").map(Number));
+    if (close) this.#stage.setCloseUp(close);
+    for (const [index, name] of ["a", "b"].entries()) if (this.#stage.names.includes(pair[name])) this.#stage.setPair(index, pair[name]);
+    if (mode) this.#stage.setMode(mode);
+    if (sound && this.#value.sounds?.[sound]) {
+      this.sounds.selectedIndex = sound;
+      this.#playOther();
+    }
+    setFilter(filter);
   }
 
   /** What the stage shows, as app/page/tabs/stage.py reads it. */
   get #seen() {
-    return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sounds.chosen?.audio ?? this.#value.audio ?? null };
+    return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sound?.audio ?? this.#value.audio ?? null };
   }
 
   /** The server draws what is seen now, and tells of it under the stage. */
   #makeVideo() {
     this.#press(".seen-start");
-    if (this.#more) this.#more.element.hidden = true;
+    this.#more.hidden = true;
     this.controls.update();
   }
 
@@ -171,7 +156,8 @@ class Player {
   }
 
   #noteAddress() {
-    if (this.#hasBegun && !this.#isExample) this.#address?.note();
+    clearTimeout(this.#noting);
+    if (this.#stage && this.#hasBegun && !this.#isExample) this.#noting = setTimeout(() => writeHash(this.#picture), NOTE_MS);
   }
 
   /**
@@ -181,9 +167,7 @@ class Player {
    */
   show(value) {
     const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, findings = [] } = value;
-    if (value.running && run === this.#gone) return; // news that were on their way as it was cancelled
     if (run !== this.#run) {
-      if (run === null) this.#gone = this.#run;
       this.#clear(run);
       if (value.guess) this.#showAnswer(false);
     }
@@ -199,8 +183,9 @@ class Player {
       this.#audio.src = audio;
       this.#lockstep.setSound(this.#audio);
     }
-    this.#sounds.show(sounds);
-    const timeline = this.#sounds.chosen?.timeline ?? value.timeline;
+    if (this.sounds.options.length !== sounds.length) this.sounds.replaceChildren(...sounds.map(({ label }) => make("option", {}, label)));
+    this.sounds.hidden = sounds.length < 2;
+    const timeline = this.#sound?.timeline ?? value.timeline;
     const isFirst = this.fold.hidden;
     this.fold.hidden = plays || !this.#stage;
     if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD || matchMedia(LOW).matches);
@@ -215,9 +200,14 @@ class Player {
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
   }
 
+  /** Whose plays, where motions of other speech stand beside each other. */
+  get #sound() {
+    return this.#value.sounds?.[this.sounds.selectedIndex] ?? null;
+  }
+
   /** Another sound under the same bodies, from the same moment on. */
   #playOther() {
-    const { audio, timeline } = this.#sounds.chosen;
+    const { audio, timeline } = this.#sound;
     const { time, isPlaying } = this.#lockstep;
     if (isPlaying) this.#lockstep.pause();
     this.#lockstep.setLoop(null);
@@ -258,23 +248,13 @@ class Player {
   /** Videos where they are what is shown. */
   #showRows() {
     const { rows = [] } = this.#value;
-    const isVideo = this.#isVideo || !this.#stage || !rows.some(({ frames }) => frames);
+    const isVideo = !this.#stage || !rows.some(({ frames }) => frames);
     if (this.#stage) this.#stage.element.hidden = isVideo;
     this.#videos.element.hidden = !isVideo;
-    this.toStage.hidden = !this.#isVideo;
     this.#root.classList.toggle("staged", !isVideo);
     this.#makeRoom();
     this.controls.element.hidden = isVideo; // each video has the browser's own
     if (isVideo) this.#videos.show(rows);
-  }
-
-  #showVideos(isVideo) {
-    this.#isVideo = isVideo;
-    if (this.#more) this.#more.element.hidden = true;
-    if (isVideo) this.#lockstep.pause();
-    this.#showRows();
-    if (!isVideo) this.#showStage();
-    else this.#lockstep.setLimit(null);
   }
 
   /**
@@ -287,11 +267,11 @@ class Player {
     if (plays) this.#audio.muted = true;
     const begin = () => {
       this.#hasBegun = true;
-      const isAddressed = !plays && this.#address?.read();
-      if (isAddressed && !begins) {
-        const time = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
-        const seek = () => this.#lockstep.seekFrame(Math.round(30 * (time || 0)));
-        if (this.#sounds.index) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
+      const address = plays || !this.#stage ? null : readHash();
+      if (address) this.#showPicture(address);
+      if (address && !begins) {
+        const seek = () => this.#lockstep.seekFrame(Math.round(FPS * (Number(address.get("t")) || 0)));
+        if (this.sounds.selectedIndex > 0) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
         return seek();
       }
       if (matchMedia("(prefers-reduced-motion: reduce)").matches) return undefined;
@@ -325,10 +305,6 @@ class Player {
     this.#look.set("hasTrail", isShown);
   }
 
-  #onGuessed = ({ target }) => {
-    if (this.#value.guess && target.closest(".first-look")) this.#showAnswer(target.open);
-  };
-
   #clear(run) {
     if (this.#value.guess) this.#showAnswer(true);
     this.#run = run;
@@ -337,9 +313,8 @@ class Player {
     this.fold.hidden = true;
     this.#foldForm(false);
     this.#timelineUrl = null;
-    this.#sounds.clear();
-    this.#isVideo = false;
-    this.#address?.end();
+    this.sounds.replaceChildren();
+    clearTimeout(this.#noting);
     this.#videos.clear();
     this.#stage?.clear();
     this.#lockstep.clear();
@@ -347,16 +322,6 @@ class Player {
     this.editing.show(run, null, []);
     this.findings.clear();
     this.controls.worst.set([]);
-  }
-
-  dispose() {
-    this.#clear(null);
-    this.#observer.disconnect();
-    this.#unfollow();
-    document.removeEventListener("toggle", this.#onGuessed, true);
-    this.#stage?.dispose();
-    this.#more?.end();
-    this.timeline.dispose();
   }
 
   /** Keys work anywhere on the page where nothing else wants them, while the player is seen. */
@@ -373,12 +338,7 @@ class Player {
 /** Called by Gradio's component; `watch` tells of new values. */
 export function mountPlayer(element, props, watch) {
   const player = new Player(element.querySelector(".lockstep"));
-  const onKey = (event) => {
-    if (element.isConnected) return player.onKey(event);
-    document.removeEventListener("keydown", onKey); // Gradio has put another in its place
-    return player.dispose();
-  };
-  document.addEventListener("keydown", onKey);
+  document.addEventListener("keydown", (event) => player.onKey(event));
   const show = () => player.show(JSON.parse(JSON.stringify(props.value ?? {})));
   watch("value", show);
   show();

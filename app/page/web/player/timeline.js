@@ -1,6 +1,6 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { clockText, make, nameOf, WHOLE } from "../dom.js";
+import { clockText, drag, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../rates.js";
@@ -52,7 +52,6 @@ export class Timeline {
   onplan = () => null;
   /** Called when they are. */
   onplanned = () => {};
-  #unfollow;
   #view = [0, 0]; // the seconds that are shown
   #observer = new ResizeObserver(() => this.#draw());
 
@@ -61,7 +60,7 @@ export class Timeline {
     this.#build();
     player.addEventListener("time", () => this.#follow());
     player.addEventListener("state", () => this.#showLoop());
-    this.#unfollow = followFilter(() => this.#draw());
+    followFilter(() => this.#draw());
   }
 
   #build() {
@@ -244,12 +243,6 @@ export class Timeline {
     this.#lanes.clear();
     this.lanes.replaceChildren();
     this.element.hidden = true;
-  }
-
-  /** For good: nothing is listened to any more. */
-  dispose() {
-    this.#unfollow();
-    this.clear();
   }
 
   #lane(row, value, plot) {
@@ -460,11 +453,7 @@ export class Timeline {
   #drag(event, move) {
     event.preventDefault();
     event.stopPropagation();
-    const { currentTarget: target } = event;
-    target.setPointerCapture(event.pointerId);
-    target.addEventListener("pointermove", move);
-    const end = () => target.removeEventListener("pointermove", move);
-    target.addEventListener("lostpointercapture", end, { once: true });
+    drag(event.currentTarget, event.pointerId, move);
   }
 }
 

@@ -1,4 +1,4 @@
-/** Videos in place of the stage, where the browser draws no bodies or somebody wants them. */
+/** Videos in place of the stage, where the browser draws no bodies. */
 
 import { make, nameOf } from "../dom.js";
 import { filesOf } from "../stage/files.js";

@@ -1,6 +1,6 @@
 /** Leads to the seconds in which the followed point jerks most, and plays each slowly again and again. */
 
-import { make, relabel } from "../dom.js";
+import { iconButton, make } from "../dom.js";
 
 const SLOWLY = 0.25;
 
@@ -12,12 +12,7 @@ export class WorstSeconds {
   constructor(player) {
     this.#player = player;
     this.start = make("button", { type: "button", class: "worded", onclick: () => this.toggle() }, "Worst second");
-    const button = (name, label, step) => {
-      const made = make("button", { type: "button", onclick: () => this.step(step) });
-      relabel(made, name, label);
-      return made;
-    };
-    this.steps = [button("left", "Next worse second", -1), button("right", "Next second, less bad", 1)];
+    this.steps = [iconButton("left", "Next worse second", () => this.step(-1)), iconButton("right", "Next second, less bad", () => this.step(1))];
     this.told = make("output", {});
     this.line = make("div", { class: "worst-line", hidden: true }, this.steps[0], this.told, this.steps[1]); // stands where it moves nothing
     this.element = make("div", { class: "group worst", hidden: true }, this.start);

@@ -49,7 +49,7 @@ export function axisCorners(world, isFine, matrix, [width, height], shift, drawn
 }
 
 /** Pixels of a point that is rigid with a joint; null behind the camera. */
-function inPanel(world, joint, offset, matrix, [width, height], shift) {
+export function inPanel(world, joint, offset, matrix, [width, height], shift) {
   /** @type {any} */
   const place = [0, 1, 2].map((row) => {
     const at = 12 * joint + 4 * row;

@@ -34,8 +34,12 @@ export function framePoints(points, radii, axes, aspect, { yfov, near, margin })
   return [0, 1, 2].map((k) => x * right[k] + y * up[k] + z * back[k]);
 }
 
+export const GLIDE_MS = 700;
+
 /** The stage of some motions: floor, cameras, and what these follow. */
 export class Framing {
+  #before = null; // while cameras go over to these from those of motions that have grown since
+  #begun = performance.now();
   #mesh;
   #facts;
   #all;
@@ -50,8 +54,9 @@ export class Framing {
    * @param {import("./mesh.js").Mesh} mesh
    * @param {import("../told").Facts} facts
    * @param {Float32Array[]} all Where joints are, of each body (T, J, 3).
+   * @param {Framing | null} before From whose cameras these go over, so that none jumps.
    */
-  constructor(mesh, facts, all) {
+  constructor(mesh, facts, all, before = null) {
     this.#mesh = mesh;
     this.#facts = facts;
     this.#all = all;
@@ -69,6 +74,17 @@ export class Framing {
     this.halfSize = facts.ground.half_size + extent / 2;
     const wandered = Math.max(...[0, 1].map((k) => pelvis.high[k] - pelvis.low[k]));
     this.isFollowing = wandered > facts.framing.follow_beyond;
+    if (before?.isFollowing === this.isFollowing) this.#before = before;
+  }
+
+  /** A camera of these, or on its way from where it stood before. */
+  #eased(after, of) {
+    const left = 1 - Math.min(1, (performance.now() - this.#begun) / GLIDE_MS);
+    if (!left) this.#before = null;
+    if (!this.#before) return after;
+    const { eye } = of(this.#before);
+    const share = left * left * (3 - 2 * left);
+    return { axes: after.axes, eye: after.eye.map((part, k) => part + share * (eye[k] - part)) };
   }
 
   /** Height of the soles in the median frame. */
@@ -93,7 +109,7 @@ export class Framing {
       });
       this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => (this.isFollowing ? this.track(k) : null)));
     }
-    return this.#cameras.get(key);
+    return this.#eased(this.#cameras.get(key), (before) => before.body(view, aspect, isWhole));
   }
 
   /** That of a close-up, relative to its `track`; of a hand, no more of the arm than there is room for. */
@@ -104,7 +120,7 @@ export class Framing {
       const reach = joints.map((joint) => (view === "face" ? this.#mesh.reach[joint] : Math.min(this.#mesh.reach[joint], fingertip)));
       this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => this.track(k, { view, joints })));
     }
-    return this.#cameras.get(key);
+    return this.#eased(this.#cameras.get(key), (before) => before.closeUp({ view, joints }, aspect));
   }
 
   #camera(view, aspect, joints, reach, trackOf) {
@@ -142,73 +158,6 @@ export class Framing {
       this.#tracks.set(key, gaussian(middle, 3, sigma));
     }
     return this.#tracks.get(key);
-  }
-}
-
-export const GLIDE_MS = 700;
-
-/** Goes over from one framing of growing motions to the next, so that no camera jumps. */
-export class Reframing {
-  #before;
-  #after;
-  #begun = performance.now();
-
-  /**
-   * @param {Framing | Reframing} before
-   * @param {Framing} after
-   */
-  constructor(before, after) {
-    this.#before = before.isFollowing === after.isFollowing ? before : null;
-    this.#after = after;
-  }
-
-  get isFollowing() {
-    return this.#after.isFollowing;
-  }
-
-  get floor() {
-    return this.#mix(({ floor }) => floor);
-  }
-
-  get centre() {
-    return [0, 1].map((k) => this.#mix(({ centre }) => centre[k]));
-  }
-
-  get halfSize() {
-    return this.#mix(({ halfSize }) => halfSize);
-  }
-
-  track(body, closeUp = null) {
-    return this.#after.track(body, closeUp);
-  }
-
-  body(...asked) {
-    return this.#between((framing) => framing.body(...asked));
-  }
-
-  closeUp(...asked) {
-    return this.#between((framing) => framing.closeUp(...asked));
-  }
-
-  #between(of) {
-    const after = of(this.#after);
-    const left = this.#left;
-    if (!left) return after;
-    const before = of(this.#before).eye;
-    return { axes: after.axes, eye: after.eye.map((part, k) => part + left * (before[k] - part)) };
-  }
-
-  #mix(of) {
-    const after = of(this.#after);
-    const left = this.#left;
-    return left ? after + left * (of(this.#before) - after) : after;
-  }
-
-  /** Of the way from before, 1 to 0. */
-  get #left() {
-    const left = 1 - Math.min(1, (performance.now() - this.#begun) / GLIDE_MS);
-    if (!left) this.#before = null;
-    return this.#before ? left * left * (3 - 2 * left) : 0;
   }
 }
 

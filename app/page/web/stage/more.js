@@ -69,7 +69,7 @@ export class More {
   /** Of all plots and bodies of the page. */
   #smoothed() {
     const input = make("input", { type: "checkbox", onchange: () => setFilter(input.checked ? "savgol" : "raw") });
-    this.end = followFilter((name) => (input.checked = name === "savgol"));
+    followFilter((name) => (input.checked = name === "savgol"));
     this.#inputs.set("smoothed", () => (input.checked = currentFilter() === "savgol"));
     return make("label", { title: "Behind the filter that papers smooth their motion with (Savitzky and Golay, 7 frames)" }, input, make("span", {}, "Smoothed"));
   }

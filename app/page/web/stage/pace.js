@@ -17,12 +17,18 @@ const SLOW_FULL = { mesh: 0, close: 0, shadow: 2, pixels: 1.5, isDense: false };
 const GPU_MS = [8, 22]; // finer below, coarser above
 const SLOW_MS = [28, 60];
 const PATIENCE = 6; // pictures in a row
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of drivers
+
+/** Whether the processor has to draw, as there is no GPU. */
+export function isSoftware(gl) {
+  const { UNMASKED_RENDERER_WEBGL } = gl.getExtension("WEBGL_debug_renderer_info") ?? {};
+  return SOFTWARE.test(gl.getParameter(UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
+}
 
 export class Pace {
   #at;
   #isSlow;
   #run = 0; // pictures in a row that were too slow (above 0) or fast enough for more
-  #times = [];
 
   constructor(isSlow) {
     this.#isSlow = isSlow;
@@ -42,16 +48,8 @@ export class Pace {
     return this.#isSlow;
   }
 
-  /** Pictures a second, lately. */
-  get rate() {
-    const times = this.#times;
-    return times.length < 2 ? 0 : (1000 * (times.length - 1)) / (times.at(-1) - times[0]);
-  }
-
-  /** Note that a picture took so long, and when it was there. */
-  took(milliseconds, now) {
-    if (this.#times.length && now - this.#times.at(-1) > 1000) this.#times = [];
-    this.#times = [...this.#times.slice(-29), now];
+  /** Note that a picture took so long. */
+  took(milliseconds) {
     const [fine, coarse] = this.#isSlow ? SLOW_MS : GPU_MS;
     const way = milliseconds > coarse ? 1 : milliseconds < fine ? -1 : 0;
     this.#run = way && Math.sign(this.#run) === way ? this.#run + way : way;

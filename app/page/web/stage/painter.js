@@ -1,6 +1,5 @@
 /** Draws bodies into rectangles of one WebGL 2 canvas, lit as in the videos. */
 
-import { linked } from "../body/gl.js";
 import { NUM_JOINTS } from "./motion.js";
 
 const LIGHTS = ["key", "fill", "rim"];
@@ -618,9 +617,20 @@ class Program {
   #gl;
   #places = new Map();
 
+  /** Of a vertex and a fragment shader. */
   constructor(gl, ...sources) {
     this.#gl = gl;
-    this.handle = linked(gl, ...sources);
+    this.handle = gl.createProgram();
+    for (const [i, kind] of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].entries()) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, sources[i]);
+      gl.compileShader(shader);
+      gl.attachShader(this.handle, shader);
+      gl.deleteShader(shader); // goes with the program
+    }
+    gl.linkProgram(this.handle);
+    if (gl.getProgramParameter(this.handle, gl.LINK_STATUS)) return;
+    throw new Error(`This browser's 3D graphics do not work (${gl.getProgramInfoLog(this.handle)}).`);
   }
 
   at(name) {

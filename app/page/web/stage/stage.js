@@ -5,9 +5,8 @@
  * to keep up.
  */
 
-import { isSoftware } from "../body/gl.js";
 import { ORBIT_HELP, Orbit } from "../body/orbit.js";
-import { icon, make, nameOf } from "../dom.js";
+import { drag, iconButton, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
 import { FPS } from "../rates.js";
 import { Arrival } from "./arrival.js";
@@ -16,14 +15,14 @@ import { Difference } from "./difference.js";
 import { theFacts } from "./facts.js";
 import { filesOf } from "./files.js";
 import { derivative } from "./filters.js";
-import { Framing, GLIDE_MS, lens, projected, Reframing } from "./framing.js";
+import { Framing, GLIDE_MS, lens, projected } from "./framing.js";
 import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
-import { axisCorners, boneCorners } from "./bones.js";
+import { axisCorners, boneCorners, inPanel, line } from "./bones.js";
 import { cells, grid, isPairWide, isWide, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
-import { Pace } from "./pace.js";
+import { isSoftware, Pace } from "./pace.js";
 import { readingOf } from "./reading.js";
 import { trailCorners } from "./trail.js";
 
@@ -43,6 +42,8 @@ const SWIPE_PX = 40;
 const TAG_PX = 34; // of a body's name, above its picture
 const NAME_PX = 15; // of the same, under close-ups
 const FINGERTIP_M = 0.008; // its radius
+/** @type {[number, number[]][]} */
+const EXPECTED = [[7, [1, 1, 1]], [5, [0.96, 0.62, 0.04]]]; // half of a mark of where a hand is to be, pixels, and its colour
 const SOON_FRAMES = 60; // that are shown next
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
@@ -77,16 +78,13 @@ export class Stage {
   #fence = null;
   #begun = 0;
   #drawn = 0; // pictures
-  #observer = new ResizeObserver(() => this.fit());
-  #unfollow;
-  #letGo;
   #flicker = null;
   #isSecond = false;
   #wipe = 0.5;
   #large = null;
   #at = 0; // the body that a narrow screen shows
   #words = [];
-  #isDisposed = false;
+  #expected = []; // where hands are to be, [side, place from the chest]
   #isRunning = false;
   #glidesUntil = 0; // cameras and bodies, to where they belong now
   orbit = new Orbit();
@@ -119,7 +117,7 @@ export class Stage {
     this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption);
     this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
     this.element = make("div", { class: "stage" }, this.view, this.under, this.#apart);
-    this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
+    this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
       this.back.hidden = !this.orbit.isMoved;
       this.#ask();
@@ -127,14 +125,11 @@ export class Stage {
     look.addEventListener("change", () => this.fit());
     player.addEventListener("time", () => this.#ask());
     player.addEventListener("state", () => this.#showWaiting());
-    this.#unfollow = followFilter(() => this.#ask());
+    followFilter(() => this.#ask());
     this.#canvas.addEventListener("pointerdown", (event) => this.#beginSwipe(event));
-    this.#canvas.addEventListener("dblclick", (event) => this.#enlargeAt(event));
-    this.#observer.observe(this.view);
-    window.addEventListener("resize", this.#onResize);
+    new ResizeObserver(() => this.fit()).observe(this.view);
+    window.addEventListener("resize", () => this.fit());
   }
-
-  #onResize = () => this.fit();
 
   // -------------------------------------------------------------- what there is
 
@@ -150,12 +145,6 @@ export class Stage {
     return this.#rows.get(name)?.row.color ?? "";
   }
 
-  /** Whether all of a body's motion has come. */
-  isWhole(name) {
-    const { shown, row } = this.#rows.get(name) ?? {};
-    return !!shown && shown.length === row.there?.num_frames;
-  }
-
   /** Drawn so far. */
   get pictures() {
     return this.#drawn;
@@ -166,7 +155,7 @@ export class Stage {
     return this.#begun === null && !this.#asked;
   }
 
-  /** Pictures a second while it plays, and how coarse they are. */
+  /** How coarse pictures are while it plays. */
   get pace() {
     return this.#pace;
   }
@@ -214,8 +203,8 @@ export class Stage {
 
   /** Cameras for the bodies there are. */
   #frame(isGliding) {
-    const framing = new Framing(this.#mesh, this.#facts, this.#present.map(({ shown }) => shown.version(false).places));
-    this.#framing = this.#framing && isGliding ? new Reframing(this.#framing, framing) : framing;
+    const places = this.#present.map(({ shown }) => shown.version(false).places);
+    this.#framing = new Framing(this.#mesh, this.#facts, places, isGliding ? this.#framing : null);
     if (isGliding) this.#glidesUntil = performance.now() + GLIDE_MS;
     this.#painter.setBodies(this.#present.length);
     this.element.dataset.bodies = String(this.#present.length);
@@ -224,6 +213,13 @@ export class Stage {
   /** Words of the speech, [start, end, text] in seconds, as captions. */
   setWords(words) {
     this.#words = words;
+    this.#ask();
+  }
+
+  /** Mark where hands are to be, [side, place] each: metres out, up and forward of the chest. */
+  expect(places) {
+    if (String(places) === String(this.#expected)) return;
+    this.#expected = places;
     this.#ask();
   }
 
@@ -261,7 +257,7 @@ export class Stage {
       for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.there; ) {
         ({ there } = entry.row);
         const motion = await entry.arrival.next(there, this.#player.frame + SOON_FRAMES);
-        if (this.#isDisposed || this.#rows.get(entry.row.name) !== entry) return; // another run is shown
+        if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
         if (motion) this.#take(entry, motion, there, mesh, told);
       }
       this.#say("");
@@ -283,7 +279,6 @@ export class Stage {
     entry.tips.clear();
     this.#frame(!isFirst || this.#coming.length > 0);
     this.fit();
-    if (isFirst) performance.mark("stage-body");
     this.#tellLimit();
   }
 
@@ -365,18 +360,6 @@ export class Stage {
     delete this.element.dataset.bodies;
   }
 
-  dispose() {
-    this.#isDisposed = true;
-    cancelAnimationFrame(this.#asked);
-    clearTimeout(this.#rest);
-    clearInterval(this.#flicker);
-    this.#observer.disconnect();
-    this.#unfollow();
-    this.#letGo();
-    window.removeEventListener("resize", this.#onResize);
-    this.#gl.getExtension("WEBGL_lose_context")?.loseContext(); // frees what it holds
-  }
-
   #say(sentence) {
     this.#said.textContent = sentence;
     this.#said.hidden = !sentence;
@@ -443,24 +426,6 @@ export class Stage {
   enlargeNumber(number) {
     const name = this.names[number - 1];
     if (name) this.enlarge(name);
-  }
-
-  #enlargeAt(event) {
-    const name = this.#nameAt(event);
-    if (name && this.mode === "grid" && this.#rows.size > 1) this.enlarge(name);
-  }
-
-  /** Whose picture is there. */
-  #nameAt({ offsetX, offsetY }) {
-    const [x, y] = [offsetX / this.view.clientWidth, offsetY / this.view.clientHeight];
-    const [width, height] = this.#size;
-    const found = this.#cells.find(({ cell: [left, top, w, h] }) => x * width >= left && x * width < left + w && y * height >= top && y * height < top + h);
-    return found?.entry.row.name ?? null;
-  }
-
-  /** Which body somebody is looking at, as an event `body` of the element. */
-  #tellBody(name) {
-    this.element.dispatchEvent(new CustomEvent("body", { detail: name }));
   }
 
   // -------------------------------------------------------------- room
@@ -568,7 +533,7 @@ export class Stage {
     if (this.#rows.size > 1) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
-      tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
+      tools.append(iconButton("large", label, () => this.enlarge(row.name), { class: "enlarge", "aria-pressed": String(isLarge) }));
     }
     const tag = make("div", { class: "stage-tag", "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
@@ -638,7 +603,7 @@ export class Stage {
     gl.deleteSync(this.#fence);
     this.#fence = null;
     if (this.#begun === null || !this.#player.isPlaying) return false;
-    this.#pace.took(now - this.#begun, now);
+    this.#pace.took(now - this.#begun);
     this.element.dispatchEvent(new CustomEvent("drawn", { detail: now - this.#begun })); // ms that it took
     return false;
   }
@@ -698,7 +663,7 @@ export class Stage {
       entry.number = number;
       if (!seen.has(entry)) continue;
       const world = settled(entry, entry.shown.world(moment, look));
-      if (this.#look.get("hasBones") || this.#look.get("hasAxes")) entry.stands = Float32Array.from(world);
+      if (this.#look.get("hasBones") || this.#look.get("hasAxes") || this.#expected.length) entry.stands = Float32Array.from(world);
       entry.pelvis = [world[3], world[7], world[11]];
       const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
       const jerk = this.#look.get("hasHeat") ? entry.shown.jerk(look.isSmoothed).subarray(NUM_JOINTS * frame, NUM_JOINTS * (frame + 1)) : null;
@@ -786,7 +751,7 @@ export class Stage {
   }
 
   /**
-   * Skeleton and axes over the body; `options` are `clip` and `shift` of Painter.panel.
+   * Skeleton, axes and where hands are to be over the body; `options` are `clip` and `shift` of Painter.panel.
    *
    * @param {any} panel
    * @param {any} entry
@@ -799,6 +764,13 @@ export class Stage {
     const size = [rect[2], rect[3]];
     if (this.#look.get("hasBones")) this.#painter.ink(rect, boneCorners(entry.stands, this.#mesh.parents, matrix, size, shift, view && drawn), clip);
     if (this.#look.get("hasAxes")) this.#painter.ink(rect, axisCorners(entry.stands, this.#fine, matrix, size, shift, view && drawn), clip);
+    if (view) return;
+    const corners = [];
+    for (const [side, [out, up, forward]] of this.#expected) {
+      const place = inPanel(entry.stands, this.#mesh.names.indexOf("spine3"), [side === "left" ? out : -out, up, forward], matrix, size, shift);
+      for (const [half, color] of EXPECTED) line(corners, place && [place[0] - half, place[1]], place && [place[0] + half, place[1]], 2 * half, color, size);
+    }
+    this.#painter.ink(rect, corners, clip);
   }
 
   /** Of each joint, whether it is one of many close to each other. */
@@ -906,13 +878,10 @@ export class Stage {
   #dragWipe(event) {
     event.preventDefault();
     this.#handle.focus();
-    this.#handle.setPointerCapture(event.pointerId);
-    const move = ({ clientX }) => {
+    drag(this.#handle, event.pointerId, ({ clientX }) => {
       const [left, , wide] = this.#pairPanels().body.rect;
       this.#wipeTo((clientX - this.view.getBoundingClientRect().left - left) / wide);
-    };
-    this.#handle.addEventListener("pointermove", move);
-    this.#handle.addEventListener("lostpointercapture", () => this.#handle.removeEventListener("pointermove", move), { once: true });
+    });
   }
 
   #keyWipe(event) {
@@ -946,7 +915,7 @@ export class Stage {
     const count = this.#rows.size;
     this.#at = (this.#at + by + count) % count;
     this.fit();
-    this.#tellBody(this.names[this.#at]);
+    this.element.dispatchEvent(new CustomEvent("body", { detail: this.names[this.#at] })); // that somebody looks at
   }
 }
 
