@@ -92,15 +92,7 @@ export class Editing {
     this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
     this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
     const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
-    this.element = make("section", {
-      class: "editing", hidden: true, "aria-label": "Edit the gestures",
-      ondragover: (event) => event.preventDefault(),
-      ondrop: (event) => {
-        if (!event.dataTransfer.files.length) return;
-        event.preventDefault();
-        this.#take(event.dataTransfer.files[0]);
-      },
-    }, this.undo, this.redo, make("label", {}, this.takes, "beside", this.besides), this.#buildAdding(button),
+    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, make("label", {}, this.takes, "beside", this.besides), this.#buildAdding(button),
     popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file))), this.said, this.offers);
     this.#buildPalette(button);
   }
