@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart
+from model.storage.files import file_sha256
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -107,10 +107,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
 
 def sha256_of(path: Path | None) -> str:
     """Of a file that somebody gave; empty of none, or of one that is not there."""
-    if path is None or not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(path) if path is not None and path.is_file() else ""
 
 
 def _read_speech(ask: Ask) -> Speech | None:

@@ -25,8 +25,9 @@ from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike
-from app.study.make.workspace import ExportOptions, Workspace, sha256
+from app.study.make.workspace import ExportOptions, Workspace
 from conventions.views import View
+from model.storage.files import file_sha256
 
 if TYPE_CHECKING:
     from renderer.body.body import BodyMotion
@@ -144,7 +145,7 @@ class _Maker:
         undone = {
             (stimulus.clip, stimulus.view)
             for stimulus, blind in names.items()
-            if not video(blind).is_file() or sha256(video(blind)) != key.videos[blind].sha256
+            if not video(blind).is_file() or file_sha256(video(blind)) != key.videos[blind].sha256
         }
         tracks = self._tracks(sources, {stimulus.speech for stimulus in names}) if undone else {}
         frames = {source.clip.name: source.num_frames for source in sources}
@@ -161,7 +162,9 @@ class _Maker:
                 here = clip, view
                 scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
                 self._make_scene(view, scene, motions, tracks, tell)
-                made = {b: replace(key.videos[b], sha256=sha256(video(b))) for b in scene.values()}
+                made = {
+                    b: replace(key.videos[b], sha256=file_sha256(video(b))) for b in scene.values()
+                }
                 key = replace(key, videos={**key.videos, **made})
                 write_key(key, self.workspace.key)
                 done += source.num_frames
@@ -260,7 +263,7 @@ def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions
         "plan": asdict(plan),
         "files": {source.clip.name: dict(source.files) for source in sources},
         "weights": weights,
-        "body": sha256(options.body) if options.body else None,
+        "body": file_sha256(options.body) if options.body else None,
     }
     # Where files lie may change from run to run; what they hold is among the facts.
     text = json.dumps(facts, sort_keys=True, default=lambda path: path.name)

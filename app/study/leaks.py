@@ -34,7 +34,8 @@ from app.study.make.bundle import (
     index_html,
 )
 from app.study.make.mp4 import Mp4, num_picture_bytes, read_mp4
-from app.study.make.workspace import Workspace, sha256
+from app.study.make.workspace import Workspace
+from model.storage.files import file_sha256
 
 _KNOWN_KEYS = {
     *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
@@ -154,7 +155,7 @@ def _stray_files(study: Study) -> Iterator[str]:
         yield f"missing file: {name} is not in the bundle."
     for name, video in study.key.videos.items():
         path = study.workspace.video(name)
-        if path.is_file() and sha256(path) != video.sha256:
+        if path.is_file() and file_sha256(path) != video.sha256:
             yield f"changed file: media/{name}.mp4 is not the file that the key names."
 
 

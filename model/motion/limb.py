@@ -10,6 +10,12 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 
+def minimum_jerk(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """0 up to phase 0, 1 from phase 1 on, the minimum-jerk polynomial between."""
+    x = np.clip(phase, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
 def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
     """The vector scaled to length 1; a zero vector stays zero."""
     return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)

@@ -1,6 +1,7 @@
 """Writing files so that nothing half-written ever stands under its final name."""
 
 import errno
+import hashlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -65,3 +66,9 @@ def written_atomically(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
         except OSError:  # an unreachable folder, which the error above already names
             pass
+
+
+def file_sha256(path: Path) -> str:
+    """Of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

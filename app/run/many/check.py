@@ -14,13 +14,12 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.many.pairing import Samples, paired_files, some_of
-from app.run.many.record import file_sha256
 from app.run.many.unpacked import stem_of, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
 from model.formats.read import ENDINGS
-from model.storage.files import written_atomically
+from model.storage.files import file_sha256, written_atomically
 
 SAMPLES = 5
 SPLIT = "train_test_split.csv"

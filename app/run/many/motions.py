@@ -30,7 +30,7 @@ from app.run.many.distances import (
     why_left_out,
 )
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
-from app.run.many.record import file_sha256, is_kept, keep, origin_of, read_records, stamp_of
+from app.run.many.record import is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
@@ -38,6 +38,7 @@ from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Reading, Told
+from model.storage.files import file_sha256
 from processes.job import Job
 from processes.pool import JobPool
 

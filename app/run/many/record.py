@@ -11,6 +11,7 @@ from typing import Any
 
 from conventions.names import REFERENCE_NAME
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
+from model.storage.files import file_sha256
 
 Record = dict[str, Any]
 """``frames``, and ``systems`` as of `app.run.many.table.write_tables`."""
@@ -44,12 +45,6 @@ def keep(path: Path, stamp: dict[str, Any], record: Record) -> None:
 def read_records(paths: Mapping[str, Path]) -> dict[str, Record]:
     """By clip."""
     return {clip: json.loads(path.read_text()) for clip, path in paths.items()}
-
-
-def file_sha256(path: Path) -> str:
-    """Of a file of any size."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def origin_of(

@@ -14,8 +14,8 @@ from app.errors import CancelledRun, RunError
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
 from app.study.design.plan import Clip, Condition, Plan
-from app.study.make.workspace import sha256
 from conventions.rates import FPS, SAMPLE_RATE
+from model.storage.files import file_sha256
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion
@@ -74,7 +74,7 @@ def read_source(plan: Plan, clip: Clip) -> Source:
         name = system.name
         if system.motion is not None:
             path = _existing(system.motion[clip.name], f"motion of {name!r} for clip {clip.name!r}")
-            motions[name], digest = read_any_motion(path).motion, sha256(path)
+            motions[name], digest = read_any_motion(path).motion, file_sha256(path)
             for other in (other for other, same in files.items() if same == digest):
                 raise RunError(
                     f"The systems {other!r} and {name!r} have the same motion file for clip "
@@ -92,7 +92,7 @@ def read_source(plan: Plan, clip: Clip) -> Source:
         if system.plan is not None:
             path = system.plan[clip.name]
             plans[system.name] = _read_plan(system, clip, path, num_frames / FPS)
-            files[f"plan of {system.name}"] = sha256(path)
+            files[f"plan of {system.name}"] = file_sha256(path)
     return Source(
         clip=clip,
         num_frames=num_frames,

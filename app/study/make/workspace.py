@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from dataclasses import dataclass
@@ -75,9 +74,3 @@ class Workspace:
     def clean(self) -> None:
         """Remove what only the making needed."""
         shutil.rmtree(self.work, ignore_errors=True)
-
-
-def sha256(path: Path) -> str:
-    """Of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

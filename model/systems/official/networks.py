@@ -1,7 +1,6 @@
 """The authors' networks, written anew from a description of the architecture, and read from the
 files that their training script saves: attributes are named as in them."""
 
-import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from torch import Tensor, nn
 from model.generation.family import FileReport
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import check_tensors, read_tensors
+from model.storage.files import file_sha256
 from model.systems.official.files import (
     BODY_CHANNELS,
     EXPRESSION_DIM,
@@ -254,8 +254,7 @@ def sha256_of(path: Path) -> str:
         CheckpointError: if it cannot be read.
     """
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_sha256(path)
     except OSError as error:
         raise CheckpointError(f"{path} cannot be read: {error.strerror}.") from None
 

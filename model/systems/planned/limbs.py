@@ -26,7 +26,7 @@ from model.motion.kinematics import (
     joint_positions_from_local,
     open_body_skeleton,
 )
-from model.motion.limb import HingedLimb, unit
+from model.motion.limb import HingedLimb, minimum_jerk, unit
 from model.motion.motion import Motion
 from model.motion.tracks import OUTWARD
 from model.plan.plan import SIDES, GesturePlan, PlannedAhead, Planted, Side, without_gaps
@@ -175,9 +175,9 @@ class HeldFeet:
             time = np.asarray(frames)
             gone = stop + STEP_S * FPS
             gone = gone if after is None else min(after, gone)
-            held = _eased((time - first) / (LANDING_S * FPS)) if first > 0 else time >= 0
+            held = minimum_jerk((time - first) / (LANDING_S * FPS)) if first > 0 else time >= 0
             swing = (time - stop + 1) / (gone - stop + 1)
-            held = np.where(time >= first, held * (1 - _eased(swing)), 0.0)
+            held = np.where(time >= first, held * (1 - minimum_jerk(swing)), 0.0)
             path += held[:, None] * ([footing.x, footing.z] - path)
             turn += held * ((footing.turn - turn + np.pi) % (2 * np.pi) - np.pi)
             if after is not None and after - stop <= STEP_S * FPS:
@@ -199,12 +199,6 @@ def _frames_of(event: Planted) -> tuple[int, int]:
     """The first frame of a stand, and the one after its last."""
     first = max(round(event.start_s * FPS), 0)
     return first, max(round(event.end_s * FPS), first + 1)
-
-
-def _eased(phase: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-    """0 up to phase 0, 1 from phase 1 on, the minimum-jerk polynomial between."""
-    x = np.clip(phase, 0.0, 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def _lowered(rooms: Sequence[Float[np.ndarray, " T"]]) -> Float[np.ndarray, " T"]:

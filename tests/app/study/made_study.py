@@ -14,9 +14,10 @@ from app.study.design.plan import read_plan
 from app.study.export import export_study
 from app.study.make.bundle import DATA, DATA_START
 from app.study.make.media import set_time
-from app.study.make.workspace import Workspace, sha256
+from app.study.make.workspace import Workspace
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
+from model.storage.files import file_sha256
 from renderer.video.encoder import ffmpeg_path
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
@@ -119,7 +120,7 @@ def video_of(workspace: Workspace, system: str, clip: str) -> Path:
 def accept_video(workspace: Workspace, video: Path) -> None:
     """Make the key say that a changed video is as it should be."""
     key = read_key(workspace.key)
-    changed = replace(key.videos[video.stem], sha256=sha256(video))
+    changed = replace(key.videos[video.stem], sha256=file_sha256(video))
     write_key(replace(key, videos={**key.videos, video.stem: changed}), workspace.key)
     set_time(video)
 

@@ -19,9 +19,10 @@ from app.study.export import export_study
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.mp4 import read_mp4
-from app.study.make.workspace import Workspace, sha256
+from app.study.make.workspace import Workspace
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
+from model.storage.files import file_sha256
 from tests.app.study.made_study import (
     CLIPS,
     FRAMES,
@@ -257,6 +258,6 @@ def test_the_real_renderer_makes_a_blind_study(weights, tmp_path):
     assert main([*argv, "--weights", str(weights), "--workers", "1"]) == 0
     study = Workspace(tmp_path / "out")
     assert check_study(tmp_path / "out") == []
-    assert len({sha256(path) for path in study.media.iterdir()}) == 2
+    assert len({file_sha256(path) for path in study.media.iterdir()}) == 2
     provenance = json.loads((study.private / "provenance.json").read_text())
     assert provenance["weights"].keys() == {"globaldiff/local"}

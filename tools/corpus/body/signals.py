@@ -8,15 +8,10 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
+from model.motion.limb import minimum_jerk
 from model.plan.plan import Look, Nod, Smile, Stand
 from tools.corpus.gesture.gestures import SHAPE_SIZE
 from tools.corpus.words.prosody import Span, Utterance
-
-
-def minimum_jerk(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """0 up to phase 0, 1 from phase 1 on, the minimum-jerk polynomial between."""
-    x = np.clip(phase, 0.0, 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def bump(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
