@@ -95,7 +95,7 @@ def test_the_page_says_what_gives_the_corpus_away(corpus, tmp_path):
     """Copies of one clip as real and as corpus cannot be told apart; a changed figure can."""
     root = copies_of(corpus, tmp_path / "real", [f"1_a_0_{k}_{k}" for k in range(4)])
     clips = measure_clips(list_clips(root), open_body_rig(), "Measuring")
-    assert "is reached." in report_page({"a": clips[:2]}, clips[2:], None)
+    assert "is reached." in report_page(clips[:2], clips[2:], None)
     shaky = [
         replace(
             clip,
@@ -103,7 +103,7 @@ def test_the_page_says_what_gives_the_corpus_away(corpus, tmp_path):
         )
         for clip in clips[:2]
     ]
-    page = report_page({"a": shaky}, clips[2:], None)
+    page = report_page(shaky, clips[2:], None)
     assert "area under the curve of **1.00**" in page
     assert "is missed." in page
     assert re.search(r"\| wrist jerk, m/s\^3 \|.*\| 1.00 \| 0.50 \| 100% \|", page)

@@ -8,7 +8,6 @@ import csv
 import logging
 import re
 import sys
-from itertools import groupby
 from pathlib import Path
 
 from tqdm import tqdm
@@ -52,12 +51,11 @@ def write_report(
         first = dict(list(list_clips(real).items())[:clips])
         real_clips = measure_clips(first, rig, "Measuring real clips")
     measured = measure_clips(chosen, rig, "Measuring the corpus")
-    speakers = {name: list(own) for name, own in groupby(measured, lambda clip: clip.speaker)}
     manifest = data / MANIFEST
     seed = int(read_manifest(manifest)["seed"]) if manifest.is_file() else None
     draw_gestures(rig, out.parent / "figures" / "corpus_gestures.png")
     with written_atomically(out) as path:
-        path.write_text(report_page(speakers, real_clips, seed), encoding="utf-8")
+        path.write_text(report_page(measured, real_clips, seed), encoding="utf-8")
 
 
 def list_clips(root: Path) -> dict[str, ClipPaths]:

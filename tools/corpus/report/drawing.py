@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
 from tools.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
@@ -81,20 +81,18 @@ def _draw(
     for joint in range(1, NUM_JOINTS):
         if joint in HIDDEN | legs:
             continue
-        side = next((s for s in SIDES if joint in _arm_joints(s)), None)
-        colour = BODY_COLOUR if side is None else SIDE_COLOURS[side]
+        name = JOINT_NAMES[joint]
+        is_arm = any(part in name for part in ("shoulder", "elbow", "wrist", *FINGERS))
+        colour = SIDE_COLOURS[name.partition("_")[0]] if is_arm else BODY_COLOUR
         width = 0.8 if joint >= JOINT_INDEX["left_index1"] else 2.0
         axis.plot(*flat[[PARENTS[joint], joint]].T, color=colour, lw=width, solid_capstyle="round")
     for offset, joint in zip(rig.tip_offsets, rig.tip_joints, strict=True):
         tip = (centred[joint] + global_rot[joint] @ offset) @ view.T
-        side = "left" if joint < JOINT_INDEX["right_index1"] else "right"
-        axis.plot(*np.stack([flat[joint], tip]).T, color=SIDE_COLOURS[side], lw=0.8)
-    head = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
-        [0.0, 0.07, 0.02]
-    )
-    nose = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
-        [0.0, 0.05, 0.13]
-    )
+        colour = SIDE_COLOURS[JOINT_NAMES[joint].partition("_")[0]]
+        axis.plot(*np.stack([flat[joint], tip]).T, color=colour, lw=0.8)
+    skull = JOINT_INDEX["head"]
+    head = centred[skull] + global_rot[skull] @ np.array([0.0, 0.07, 0.02])
+    nose = centred[skull] + global_rot[skull] @ np.array([0.0, 0.05, 0.13])
     axis.plot(*np.stack([head @ view.T, nose @ view.T]).T, color=BODY_COLOUR, lw=1.0)
     from matplotlib.patches import Circle
 
@@ -102,13 +100,3 @@ def _draw(
     pelvis = flat[0, 1]
     axis.set_xlim(-0.5, 0.5)
     axis.set_ylim(pelvis - 0.25, pelvis + 0.8)
-
-
-def _arm_joints(side: str) -> set[int]:
-    parts = (
-        "shoulder",
-        "elbow",
-        "wrist",
-        *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)),
-    )
-    return {JOINT_INDEX[f"{side}_{part}"] for part in parts}

@@ -1,7 +1,5 @@
 """The words and tables of ``docs/corpus.md``."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from tools.corpus.report.realism import (
@@ -17,33 +15,26 @@ SHIFT_S = 7.0
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
 TOLD = 8  # figures of each table: those that tell most by themselves
 
-Speakers = dict[str, list[MeasuredClip]]
+Clips = list[MeasuredClip]
 
 
-def report_page(speakers: Speakers, real: list[MeasuredClip], seed: int | None) -> str:
-    """The whole page.
-
-    Args:
-        speakers: measured clips by speaker.
-        real: measured real clips; may be empty.
-        seed: of the corpus, where it is known.
-    """
+def report_page(clips: Clips, real: Clips, seed: int | None) -> str:
+    """The whole page, of a corpus of that seed, where it is known; there may be no real clips."""
+    names = [clip.clip_id for clip in real[:2]]
+    bodies = [[clip.realism for clip in each] for each in (real, clips)]
+    heads = [[clip.head_realism for clip in each] for each in (real, clips)]
     return "\n".join(
         [
             _HEAD,
-            _about(speakers, seed),
+            _about(clips, seed),
             _HOW,
-            _realism(speakers, real, "Can it be told from real motion?", _body),
-            _realism(speakers, real, "Can its head and jaw be told from real ones?", _head_and_jaw),
+            _realism("Can it be told from real motion?", names, *bodies),
+            _realism("Can its head and jaw be told from real ones?", names, *heads),
             _OF_JAWS,
-            _alignment(speakers),
+            _alignment(clips),
             _TAIL,
         ]
     )
-
-
-def _every(speakers: Speakers) -> list[MeasuredClip]:
-    return [clip for clips in speakers.values() for clip in clips]
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
@@ -58,9 +49,9 @@ def _short(value: float) -> str:
     return f"{value:.{min(digits, 4)}f}"
 
 
-def _about(speakers: Speakers, seed: int | None) -> str:
+def _about(clips: Clips, seed: int | None) -> str:
     of_seed = "" if seed is None else f" of seed {seed}"
-    clips = _every(speakers)
+    speakers = {clip.speaker for clip in clips}
     frames_s = sum(clip.duration_s for clip in clips)
     listening = sum(clip.listening_s for clip in clips) / frames_s
     return (
@@ -69,26 +60,11 @@ def _about(speakers: Speakers, seed: int | None) -> str:
     )
 
 
-def _body(clip: MeasuredClip) -> Figures:
-    return clip.realism
-
-
-def _head_and_jaw(clip: MeasuredClip) -> Figures:
-    return clip.head_realism
-
-
-def _realism(
-    speakers: Speakers,
-    real: list[MeasuredClip],
-    question: str,
-    figures: Callable[[MeasuredClip], Figures],
-) -> str:
+def _realism(question: str, names: list[str], real: list[Figures], corpus: list[Figures]) -> str:
     title = f"## {question}\n\n"
-    if len(real) < 2 or len(_every(speakers)) < 2:
+    if len(real) < 2 or len(corpus) < 2:
         return f"{title}Too few clips to say.\n"
-    corpus = [figures(clip) for clip in _every(speakers)]
-    realism = judge_realism([figures(clip) for clip in real], corpus)
-    first, second = (clip.clip_id for clip in real[:2])
+    realism = judge_realism(real, corpus)
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
         f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
@@ -96,7 +72,7 @@ def _realism(
         f" most {AIM:g} or that + {AIM_OVER_FLOOR:g}, is {'reached' if is_reached else 'missed'}."
         "\n\n"
         + _table(
-            ["figure", first, second, "corpus", "by itself", "real against real", "share"],
+            ["figure", *names, "corpus", "by itself", "real against real", "share"],
             [_feature_row(feature) for feature in realism.features[:TOLD]],
         )
     )
@@ -108,10 +84,9 @@ def _feature_row(feature: FeatureGap) -> list[str]:
     return [feature.name, *medians, *areas, f"{feature.share:.0%}"]
 
 
-def _alignment(speakers: Speakers) -> str:
+def _alignment(clips: Clips) -> str:
     """Hand speed predicted from sound: right speech against shifted speech."""
     title = "## Does the motion belong to the speech?\n\n"
-    clips = _every(speakers)
     if len(clips) < 4:
         return f"{title}Too few clips to say.\n"
     sounds, speeds = [clip.sound for clip in clips], [clip.hand_speed for clip in clips]
