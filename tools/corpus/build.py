@@ -35,12 +35,8 @@ class ClipJob:
     seed: int
     index: int
     clip_s: float
-    speaker_number: int
+    speaker: Speaker
     split: Split
-
-    @property
-    def speaker(self) -> Speaker:
-        return next(s for s in SPEAKERS if s.number == self.speaker_number)
 
     @property
     def clip_id(self) -> str:
@@ -112,7 +108,7 @@ def plan_jobs(root: Path, hours: float, seed: int) -> list[ClipJob]:
                 continue
             split = "test" if speaker.held_out else _split_for(turn, place)
             if len(jobs) < count:
-                jobs.append(ClipJob(root, seed, len(jobs), clip_s, speaker.number, split))
+                jobs.append(ClipJob(root, seed, len(jobs), clip_s, speaker, split))
         turn += 1
     return jobs
 

@@ -201,7 +201,7 @@ def test_more_hours_keep_the_clips_there_are():
 def test_held_out_speakers_are_only_tested_and_the_others_are_in_every_split():
     jobs = plan_jobs(Path("anywhere"), 10.0, 1)
     for speaker in SPEAKERS:
-        splits = [job.split for job in jobs if job.speaker_number == speaker.number]
+        splits = [job.split for job in jobs if job.speaker == speaker]
         if speaker.held_out:
             assert set(splits) == {"test"}
         else:
