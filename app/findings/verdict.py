@@ -3,8 +3,9 @@ say more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.findings.comparison import (
@@ -13,13 +14,13 @@ from app.findings.comparison import (
     Samples,
     mean,
     number_of,
+    plain,
     point_title,
     ratio_of,
     samples_by_system,
     told_of,
-    values_by_system,
 )
-from app.findings.measure_rows import JERK, MEASURES, Numbers, nearest
+from app.findings.measure_rows import JERK, MEASURES, Numbers, numbers_of
 from app.findings.sentences import jerk_of
 from conventions.names import REFERENCE_NAME, listed, short_names
 from model.systems.registry import families
@@ -28,6 +29,13 @@ if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
     from model.generation.family import Claim
 
+Read = Callable[[str], Mapping[str, Samples]]
+"""Gives one measure of each system, by its key."""
+MORE_IS_WORSE = (
+    *("All joints: Rotation noise", "All joints: Peak jerk at joins"),
+    *("Feet: Slide on the ground", "Hands: Fingers beyond range"),
+)
+"""Of `MEASURES`, whatever people have."""
 ENOUGH_CLIPS = 10
 """With fewer, an interval over clips is too wide to tell systems apart that differ by a tenth."""
 
@@ -52,53 +60,61 @@ def verdict_of(diagnostics: Diagnostics, is_made: bool = True) -> Verdict | None
     Args:
         is_made: by systems, whose claims and trainings are told of.
     """
-    jerk = values_by_system(diagnostics, jerk_of, "raw")
+    told = {name: numbers_of(versions.raw) for name, versions in diagnostics.systems.items()}
     reference = number_of(diagnostics.reference, jerk_of, "raw")
-    nearer = _nearer(diagnostics)
-    return _verdict(diagnostics.point, jerk, reference, nearer, is_made) if jerk else None
+    is_known = any(JERK in numbers for numbers in told.values())
+    read = partial(_samples, told)
+    return _verdict(diagnostics.point, read, reference, is_made=is_made) if is_known else None
 
 
-def jerk_over_clips(clips: Iterable[Mapping[str, Numbers]]) -> dict[str, Samples]:
-    """The followed point's jerk, as generated, of each system and of the reference, by the number
-    of the clip: of a clip's samples the mean.
+def _samples(told: Mapping[str, Mapping[str, float]], key: str) -> dict[str, Samples]:
+    """One measure of each system's samples."""
+    known = {name: numbers[key] for name, numbers in told.items() if key in numbers}
+    systems = samples_by_system(known).items()
+    return {name: {n: known[each] for n, each in samples.items()} for name, samples in systems}
+
+
+def over_clips(clips: Iterable[Mapping[str, Numbers]], key: str = JERK) -> dict[str, Samples]:
+    """One measure, as generated, of each system and of the reference, by the number of the clip: of
+    a clip's samples the mean.
 
     Args:
         clips: what was measured of each, by motion, as ``run.json`` has it.
     """
     found: dict[str, Samples] = {}
     for number, clip in enumerate(clips, 1):
-        known = {name: each["raw"][JERK] for name, each in clip.items() if JERK in each["raw"]}
-        for system, names in samples_by_system(known).items():
-            values = {sample: known[name] for sample, name in names.items()}
-            found.setdefault(system, {})[number] = mean(values)
+        for system, samples in _samples(
+            {name: of["raw"] for name, of in clip.items()}, key
+        ).items():
+            found.setdefault(system, {})[number] = mean(samples)
     return found
 
 
-def verdict_over_clips(point: str, jerk: Mapping[str, Samples]) -> Verdict | None:
-    """The verdict with its intervals over clips; None where fewer than two were measured.
-
-    Args:
-        jerk: of `jerk_over_clips`.
-    """
-    systems = {name: clips for name, clips in jerk.items() if name != REFERENCE_NAME}
-    count = max(map(len, systems.values()), default=0)
+def verdict_over_clips(point: str, clips: Sequence[Mapping[str, Numbers]]) -> Verdict | None:
+    """The verdict with its intervals over clips, as of `over_clips`; None where fewer than two were
+    measured."""
+    jerk = over_clips(clips)
     reference = mean(jerk[REFERENCE_NAME]) if REFERENCE_NAME in jerk else None
-    return _verdict(point, systems, reference, clips=count) if count > 1 else None
+    count = max((len(of) for name, of in jerk.items() if name != REFERENCE_NAME), default=0)
+
+    def read(key: str) -> dict[str, Samples]:
+        return {name: of for name, of in over_clips(clips, key).items() if name != REFERENCE_NAME}
+
+    return _verdict(point, read, reference, count) if count > 1 else None
 
 
 def _verdict(
     point: str,
-    jerk: Mapping[str, Samples],
+    read: Read,
     reference: float | None,
-    nearer: Sequence[str] = (),
-    is_made: bool = True,
     clips: int = 1,
+    is_made: bool = True,
 ) -> Verdict:
     """
     Args:
-        jerk: of several clips a value for each, else for each sample.
-        nearer: sentences of what the claims are not about.
+        read: one measure of the systems; of several clips a value for each, else for each sample.
     """
+    jerk = read(JERK)
     names = short_names(jerk)
     samples = max(map(len, jerk.values()))
     drawn = f"{samples} samples" if clips == 1 else f"{clips} clips"
@@ -109,19 +125,18 @@ def _verdict(
         return Verdict(numbers, "")
     here = "On this clip" if clips == 1 else f"Over {clips} clips"
     claims = [family.claim for family in families() if family.claim is not None]
-    sentences = [sentence for claim in claims for sentence in _ladder(claim, jerk, names, here)]
+    sentences = [sentence for claim in claims for sentence in _ladder(claim, read, names, here)]
     if not sentences:
         order = sorted(jerk, key=lambda name: mean(jerk[name]))
         change = _change(ratio_of(jerk[order[0]], jerk[order[-1]]))
         sentences = [f"From {names[order[-1]]}, which jerks most, to {names[order[0]]} {change}."]
-    return Verdict(numbers, " ".join([*sentences, *nearer, _needed(samples, clips, is_made)]))
+    return Verdict(numbers, " ".join([*sentences, _needed(samples, clips, is_made)]))
 
 
-def _ladder(
-    claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str], here: str
-) -> list[str]:
-    """The way through the claim's systems: what the first step gains, and whether what is added
-    after it gains more."""
+def _ladder(claim: Claim, read: Read, names: Mapping[str, str], here: str) -> list[str]:
+    """The way through the claim's systems: what the first step gains, in what it is worse, and
+    whether what is added after it gains more."""
+    jerk = read(JERK)
     rungs = [name for name in (claim.plain, *claim.less) if name in jerk]
     if not rungs:
         return []
@@ -133,6 +148,8 @@ def _ladder(
             f"{here} the paper's claim, that {claim.sentence}, {shows}: from "
             f"{names[claim.more]} to {names[base]} {_change(ratio)}."
         )
+        if worse := _worse(read, base, claim.more):
+            sentences.append(f"{names[base].capitalize()} is worse in {listed(worse)}.")
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
@@ -149,24 +166,17 @@ def _ladder(
     return sentences
 
 
-def _nearer(diagnostics: Diagnostics) -> list[str]:
-    """In which of the table's first measures a claim's weaker system is nearer to the reference."""
-    names, found = short_names(diagnostics.systems), []
-    for claim in (family.claim for family in families()):
-        if claim is None or not {claim.more, claim.plain} <= diagnostics.systems.keys():
+def _worse(read: Read, system: str, other: str) -> list[str]:
+    """In which measures a system has more than another of what nobody wants, and not by chance."""
+    found = []
+    for row in (each for each in MEASURES if each.key in MORE_IS_WORSE):
+        values = read(row.key)
+        if not {system, other} <= values.keys():
             continue
-        titles = []
-        for row in (each for each in MEASURES if each.is_first and each.has_target):
-            values = values_by_system(diagnostics, row.read, "raw")
-            both = {
-                name: mean(values[name]) for name in (claim.more, claim.plain) if name in values
-            }
-            target = number_of(diagnostics.reference, row.read, "raw")
-            if nearest(both, target) == (claim.more,):
-                titles.append(row.title.lower())
-        if titles:
-            which = f"{names[claim.more].capitalize()} is nearer to the reference than"
-            found.append(f"{which} {names[claim.plain]} in {listed(titles)}.")
+        ratio = ratio_of(values[system], values[other])
+        if ratio is not None and ratio.low is not None and ratio.low > 1.0 and not ratio.is_alike:
+            numbers = " against ".join(plain(mean(values[name])) for name in (system, other))
+            found.append(f"{row.title.lower()} ({numbers} {row.unit})")
     return found
 
 

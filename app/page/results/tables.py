@@ -14,7 +14,7 @@ from app import text
 from app.errors import page_sentence, without_folders
 from app.findings.comparison import plain, point_title
 from app.findings.measure_rows import JERK, MEASURES, Measure, Numbers, nearest, signed, written
-from app.findings.verdict import jerk_over_clips, verdict_over_clips
+from app.findings.verdict import over_clips, verdict_over_clips
 from app.page.parts import markup
 from app.run.many.distances import TITLE as DISTANCE
 from app.run.many.table import cells_of, interval
@@ -224,8 +224,8 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     if len(runs) < 2:
         return ""
     point = next(iter(runs.values())).point
-    jerk = jerk_over_clips(run.numbers for run in runs.values())
-    verdict = verdict_over_clips(point, jerk)
+    measured = [run.numbers for run in runs.values()]
+    jerk, verdict = over_clips(measured), verdict_over_clips(point, measured)
     above = "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)
     names = short_names(jerk)
     rows = [

@@ -11,7 +11,7 @@ import pytest
 from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
 from app.findings.measure_rows import JERK
 from app.findings.sentences import sentences_of
-from app.findings.verdict import jerk_over_clips, verdict_of, verdict_over_clips
+from app.findings.verdict import over_clips, verdict_of, verdict_over_clips
 from app.run.ask import Ask
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import read_run
@@ -228,18 +228,17 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
         clip(globaldiff_local=None, globaldiff_full=None),
         clip(globaldiff_local=190.0, globaldiff_full=100.0),
     ]
-    jerk = jerk_over_clips(clips)
-    assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
-    verdict = verdict_over_clips("right_middle", jerk)
+    assert over_clips(clips)["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
+    verdict = verdict_over_clips("right_middle", clips)
     assert verdict is not None and verdict.numbers == (
         "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50."
     )
     words = "Over 3 clips the paper's claim, that global rotations jerk less than local ones, shows"
     assert f"{words}: from local to full 50 % less (47 to 52 %)." in verdict.judgement
     assert "3 clips and one training of each: an example, no evidence." in verdict.judgement
-    many = verdict_over_clips("right_middle", jerk_over_clips([clips[1]] * 10))
+    many = verdict_over_clips("right_middle", [clips[1]] * 10)
     assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
-    assert verdict_over_clips("right_middle", jerk_over_clips(clips[:1])) is None
+    assert verdict_over_clips("right_middle", clips[:1]) is None
 
 
 def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
@@ -248,16 +247,21 @@ def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
         assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse
 
 
-def test_rows_in_which_the_weaker_system_is_nearer_to_the_reference_are_told() -> None:
-    def of(jerk: float, slide: float) -> Versions:
-        return both(tip_jerk_m_s3=jerk, foot_slide_m_s=slide)
-
-    systems = {"globaldiff/local": of(200.0, 0.02), "globaldiff/global": of(110.0, 0.04)}
-    verdict = verdict_of(diagnostics_of(of(100.0, 0.01), **systems))
-    words = "Local is nearer to the reference than global in slide on the ground."
+def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
+    slide, power = "Feet: Slide on the ground", "Followed point: Power above 5 Hz"
+    clips = [
+        {
+            "globaldiff/local": {"raw": {JERK: 200.0, slide: 2.0, power: 1.0}},
+            "globaldiff/global": {"raw": {JERK: 110.0, slide: more, power: 9.0}},
+        }
+        for more in (3.0, 5.0)
+    ]
+    verdict = verdict_over_clips("right_middle", clips)
+    words = "Global is worse in slide on the ground (4.0 against 2.0 cm/s). 2 clips and"
     assert verdict is not None and words in verdict.judgement
-    verdict = verdict_of(diagnostics_of(**systems))
-    assert verdict is not None and "nearer" not in verdict.judgement
+    clips[0]["globaldiff/global"]["raw"][slide] = 1.9
+    verdict = verdict_over_clips("right_middle", clips)
+    assert verdict is not None and "worse" not in verdict.judgement
 
 
 def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION
+from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND
 from model.measures.face import unit_columns
 from model.measures.seams import Windows
 from model.motion.altered import motion_at_speed
@@ -152,9 +152,11 @@ def finger_backwards(joints: np.ndarray) -> None:
     joints[:, JOINT_INDEX["right_index2"]] = (0, 0, -1.0)
 
 
-@on_joints
-def frozen_hand(joints: np.ndarray) -> None:
-    joints[:, list(LEFT_HAND)] = joints[0, list(LEFT_HAND)]
+def frozen_hand(hand: tuple[int, ...]) -> Fault:
+    def change(joints: np.ndarray) -> None:
+        joints[:, list(hand)] = joints[0, list(hand)]
+
+    return on_joints(change)
 
 
 @on_joints
@@ -253,7 +255,18 @@ PLANTED = (
             says="seems 0.50 s late", numbers={"lag_frames": 15}),
     planted("a finger bent backwards", "finger_range", finger_backwards,
             says="right index joint 2 (100%)", numbers={"joints": {"right_index2": 1.0}}),
-    planted("a frozen hand", "frozen_hand", frozen_hand, says="the left hand are frozen in 100%",
+    planted("a frozen right hand", "frozen_hand", frozen_hand(RIGHT_HAND), says="the right hand"),
+    planted("noise on the other elbow", "joint_noise", noisy("left_elbow"), "jerk high_frequency",
+            says="The left elbow (1.0°) shakes", first="jerk"),
+    planted("20 cm too low", "lifted", moved_by(lambda _: -0.2, 1), "copied_face",
+            beside="reference", says="20 cm below", numbers={"height_m": -0.2}),
+    planted("half a second early", "time_shift",
+            frames(lambda frame: np.minimum(frame + 15, frame[-1])), "frozen copied_face",
+            beside="reference", says="0.50 s earlier", numbers={"lag_frames": -15}),
+    planted("sliding forwards", "foot_slide", moved_by(lambda frame: 0.01 * frame, 2),
+            says="33 cm/s"),
+    planted("a frozen hand", "frozen_hand", frozen_hand(LEFT_HAND),
+            says="the left hand are frozen in 100%",
             numbers={"side": "left", "still_share": 1.0}),
     planted("hand in the body", "hand_in_body", hand_in_body, "high_frequency jerk",
             says="The right hand goes into", numbers={"side": "right"}, first="high_frequency"),

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from app.findings.verdict import verdict_of
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
-from model.diagnostics import raw_evidence
+from model.diagnostics import Versions, raw_evidence
 from model.faults.evidence import Evidence, Finding, by_gravity, clock, ranked, stretches_of
 from model.faults.table import FAULTS, STILL, find_faults, without
 from model.formats.read import read_any_motion
@@ -15,6 +16,7 @@ from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
+from tests.app.measured import diagnostics_of
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.faults.planted import PLANTED, Planted
 
@@ -46,16 +48,15 @@ def recorded() -> Person:
     return person(motion, heard_of(sound.waveform))
 
 
-def found_in(motion: Motion, person: Person, planted: Planted) -> list[Finding]:
-    """What is found in a motion beside what the fault needs."""
+def evidence_of(motion: Motion, person: Person, planted: Planted) -> Evidence:
+    """A motion beside what the fault needs."""
     reference = None
     if planted.beside == "reference":
         reference = person.evidence
         if motion.num_frames != person.motion.num_frames:
             reference = raw_evidence(person.motion.part(slice(motion.num_frames)), SKELETON)
     heard = person.heard if planted.beside == "speech" else None
-    evidence = raw_evidence(motion, SKELETON, reference, planted.windows, heard=heard)
-    return find_faults(evidence)
+    return raw_evidence(motion, SKELETON, reference, planted.windows, heard=heard)
 
 
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda p: f"{p.name}-{p.kind}-{p.beside}")
@@ -63,7 +64,8 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     if planted.beside == "speech":  # a face that follows it from frame to frame
         mixed = np.random.default_rng(0).normal(size=(100, 12))
         example = replace(example, heard=example.motion.expressions @ mixed)
-    found = found_in(planted.plant(example.motion), example, planted)
+    evidence = evidence_of(planted.plant(example.motion), example, planted)
+    found = find_faults(evidence)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
     assert found == by_gravity(found)
     assert found[0].kind == (planted.first or planted.kind)
@@ -76,6 +78,12 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         assert finding.numbers.get(name) == value, (name, finding.numbers)
     for first, last in finding.stretches:
         assert 0 <= first <= last < example.motion.num_frames
+    measured = {"clean": example.evidence.raw, "planted": evidence.raw}
+    systems = {name: Versions(raw, raw) for name, raw in measured.items()}
+    headline = verdict_of(diagnostics_of(**systems), is_made=False)
+    assert ranked({"clean": [], "planted": found})[0][0] == "planted"
+    if " shak" in found[0].sentence.lower() and headline is not None:
+        assert headline.judgement.startswith("From planted, which jerks most, to clean")
 
 
 def test_every_fault_of_the_table_is_planted():

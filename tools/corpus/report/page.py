@@ -105,10 +105,10 @@ def _alignment(clips: Clips) -> str:
 
 _HEAD = """# The procedural corpus in figures
 
-Made by `python -m tools.corpus.report`; do not edit by hand. How the corpus is made is told in
-`tools/corpus/`, from `words` to `layout.py`. Real clips are one man's minutes from BEAT2's test
-split. They guide tuning; nothing measured on them is a test result, and no frame of them is in the
-corpus.
+All tables are made by `python -m tools.corpus.report --data CORPUS --real BEAT2`. How the corpus is
+made is told in `tools/corpus/`, from `words` to `layout.py`. Real clips are one man's minutes from
+BEAT2's test split. They guide tuning; nothing measured on them is a test result, and no frame of
+them is in the corpus.
 """
 
 _HOW = """## How it is told from real motion
