@@ -91,19 +91,14 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.page.queue.runner import Jobs
     from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
-    from app.page.routes.guard import (
-        HostNames,
-        guarded,
-        quieten_sockets,
-        tell_wrong_calls,
-    )
+    from app.page.routes.guard import HostNames, guarded, quieten_sockets, tell_wrong_calls
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
     from app.page.tabs.services import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import keep_swept
     from app.page.visitors.uploads import keep_uploads_tidy
-    from app.page.visitors.visitors import Kept, visitor_route
+    from app.page.visitors.visitors import visitor_route
     from app.run.output.run_folder import save_run
 
     for sentence in left_out():
@@ -117,7 +112,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     quieten_sockets()
     jobs = Jobs(config.jobs_folder)
     keep_swept(config.temp, config.keep_results_s, jobs.in_use)
-    atexit.register(jobs.cancel_all)
+    atexit.register(jobs.cancel)
 
     limits = Limits(config.max_run_bytes, config.max_run_s)
     warm = (config.weights, config.body) if is_warmed_up else None
@@ -126,21 +121,11 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     gate = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, videos, gate):
         atexit.register(each.close)
-    media, private = Media(), Kept[Path]()
-    kept, opened = KeptRuns(config.keep_results_s), ()
+    media, kept, opened = Media(), KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
         opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
     services = Services(
-        config=config,
-        catalogue=catalogue,
-        jobs=jobs,
-        worker=worker,
-        videos=videos,
-        gate=gate,
-        kept=kept,
-        live=LiveSessions(config.weights),
-        media=media,
-        private=private,
+        *(config, catalogue, jobs, worker, videos, gate, kept, LiveSessions(config.weights), media),
         first_look=first_look(media) if is_warmed_up and config.opened is None else None,
         opened=opened,
     )
@@ -151,7 +136,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         saving_route(kept, made, ".zip", save_run),
         saving_route(kept, made, ".html", save_page, "/page"),
         *media_routes(media, made),
-        researcher_route(private),
+        researcher_route(services.private),
         visitor_route(),
         *live_routes(services.live),
     ]

@@ -152,14 +152,11 @@ def notes_folded(notes: Sequence[str]) -> str:
     )
 
 
-def notes_message(notes: Sequence[str]) -> str:
+def note(sentence: str) -> str:
     """What a page that has just been opened has to say."""
-    if not notes:
-        return ""
-    items = "".join(f"<p>{escape(note)}</p>" for note in notes)
     return (
         f'<div class="message note" role="note">{_ICON_INFO}<div>'
-        f"<b>{escape(text.NOTES_TITLE)}</b>{items}</div></div>"
+        f"<b>{escape(text.NOTES_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
     )
 
 

@@ -80,18 +80,12 @@ class Jobs:
                 self._jobs.remove(job)
             touch(job.beside)
 
-    def cancel(self, visitor: str, tab: str) -> None:
-        """Stop the runs that the visitor started in that tab."""
+    def cancel(self, visitor: str = "", tab: str = "") -> None:
+        """Stop the runs that the visitor started in that tab; without any, every run."""
         with self._lock:
             for job in self._jobs:
-                if (job.visitor, job.tab) == (visitor, tab):
+                if not visitor or (job.visitor, job.tab) == (visitor, tab):
                     job.cancel()
-
-    def cancel_all(self) -> None:
-        """Stop every run, as at the end of the process."""
-        with self._lock:
-            for job in self._jobs:
-                job.cancel()
 
     def in_use(self) -> list[Path]:
         """Folders and uploads of runs that have not ended."""

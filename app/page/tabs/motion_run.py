@@ -250,7 +250,7 @@ class Opening:
             updates[parts.player], updates[parts.look] = self._services.first_look
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._services.config.keep_results_s / 60))
-            updates[parts.message] = shown(markup.notes_message([gone]))
+            updates[parts.message] = shown(markup.note(gone))
         return updates
 
     def _pair_opened(self, runs: Sequence[KeptRun], cookie: str) -> Updates:

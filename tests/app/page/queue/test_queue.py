@@ -65,7 +65,7 @@ def page(tmp_path, monkeypatch) -> Iterator[Page]:
     page.blocks.launch(prevent_thread_lock=True, quiet=True, _frontend=False)
     with httpx.Client(base_url=page.blocks.local_url or "", timeout=60) as page.client:
         yield page
-    page.jobs.cancel_all()
+    page.jobs.cancel()
     page.blocks.close()
 
 

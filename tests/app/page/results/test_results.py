@@ -108,10 +108,9 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
         markup.header(EVIL),
         markup.status(EVIL, {"motion": 0.5}, {"motion": EVIL}),
         markup.error_message(EVIL),
-        markup.notes_message([EVIL]),
+        markup.note(EVIL),
     ):
         assert "<script" not in piece and "&lt;script" in piece
-    assert markup.notes_message([]) == ""
     html = markup.status("line", {"speech": 1.0, "motion": 0.4}, {"motion": "globaldiff/local"})
     assert [html.count(f'class="{how}"') for how in ("done", "doing", "todo")] == [1, 1, 4]
     assert "40 %" in html and "globaldiff/local" in html
