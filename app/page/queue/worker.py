@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import os
 import pickle
+import queue
+import resource
 import threading
 import time
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from app.errors import CancelledRun, FaultElsewhere, RunError
-from app.run.ask import OnEvent, ShouldCancel
-from processes.child import Child, Gone
+from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of
+from app.run.ask import Event, OnEvent, ShouldCancel
+from processes.child import Child, Gone, parent_channel
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
@@ -137,7 +141,7 @@ class _Process:
 
     def __init__(self, warm: tuple[Path, Path | None] | None, niceness: int) -> None:
         needed = (str(path) for path in warm or () if path is not None)
-        self.child = Child("app.page.queue.worker_child", *needed, is_log_handed_on=True)
+        self.child = Child("app.page.queue.worker", *needed, is_log_handed_on=True)
         if niceness:
             os.setpriority(os.PRIO_PROCESS, self.child.pid, niceness)  # and all that it starts
         self._is_idle = True
@@ -196,3 +200,91 @@ class _Process:
         if kind == "sentence":
             raise RunError(value)
         raise FaultElsewhere(value)
+
+
+_NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
+"""What torch says in a RuntimeError."""
+
+
+def main() -> None:
+    """Of the process: take work as it comes, and read what all of it needs while there is none."""
+    channel, needed = parent_channel()
+    works: queue.SimpleQueue[tuple[Any, threading.Event]] = queue.SimpleQueue()
+    lock = threading.Lock()
+
+    def tell(kind: str, value: object) -> None:
+        with lock:
+            channel.send((kind, value))
+
+    def on_event(event: Event) -> None:
+        tell("event", event)
+
+    threading.Thread(target=_listen, args=(channel, works), daemon=True).start()
+    reading = _warming_up(*map(Path, needed)) if needed else iter(())
+    while True:
+        while works.empty() and next(reading, True) is None:
+            pass
+        (work, memory_bytes), stop = works.get()
+        before = _limit_memory(memory_bytes)
+        try:
+            task, request = pickle.loads(work)
+            result = task(request, on_event, stop.is_set)
+            told = ("done", (result, _data_bytes() - before))
+        except CancelledRun:
+            told = ("cancelled", None)
+        except Exception as error:
+            if any(words in str(error) for words in _NO_MEMORY):
+                error = MemoryError()
+            sentence = sentence_of(error)
+            told = ("fault", traceback.format_exc()) if sentence is None else ("sentence", sentence)
+        _limit_memory(None)
+        tell(*told)
+
+
+def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
+    """In small parts; a failure shows at the first run."""
+    import app.run.pipeline  # noqa: F401
+    from app.run import models
+
+    yield
+    try:
+        yield from models.warming_up(weights, body)
+    except Exception:
+        traceback.print_exc()
+
+
+def _listen(channel: Connection, works: queue.SimpleQueue[tuple[Any, threading.Event]]) -> None:
+    """Works come, each with what stops it, and None, which stops the last that has come. Without a
+    parent nobody asks for any."""
+    stop = threading.Event()
+    try:
+        while True:
+            told = channel.recv()
+            if told is None:
+                stop.set()
+            else:
+                stop = threading.Event()
+                works.put((told, stop))
+    except (EOFError, OSError):
+        os._exit(0)
+
+
+def _limit_memory(more_bytes: int | None) -> int:
+    """Let this process, and what it starts, take so much more; returns what it has taken."""
+    taken = _data_bytes()
+    limit = resource.RLIM_INFINITY if more_bytes is None else taken + more_bytes
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.RLIM_INFINITY))
+    return taken
+
+
+def _data_bytes() -> int:
+    """What the system counts towards that limit; 0 where it does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmData")), 0)
+
+
+if __name__ == "__main__":
+    main()
