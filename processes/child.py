@@ -66,7 +66,8 @@ class Child:
         assert self._process.stdout is not None
         self._log = ChildLog(self._process.stdout, is_log_handed_on)
         self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        threading.Thread(target=self._send_all, daemon=True).start()
+        self._sender = threading.Thread(target=self._send_all, daemon=True)
+        self._sender.start()
 
     @property
     def pid(self) -> int:
@@ -120,18 +121,19 @@ class Child:
         if self._channel.closed:
             return
         self._outbox.put(None)
-        self._channel.close()
         try:
             os.killpg(self.pid, signal.SIGKILL)
         except ProcessLookupError:
             pass
         self._process.wait()
+        self._sender.join(_ENDS_WITHIN_S)  # before its number is another file's
+        self._channel.close()
 
     def _send_all(self) -> None:
         while (sent := self._outbox.get()) is not None:
             try:
                 self._channel.send_bytes(sent)
-            except (OSError, ValueError):  # gone, or closed by `end`
+            except OSError:  # it has gone
                 return
 
 
