@@ -130,18 +130,6 @@ def test_folders_with_hostile_names_are_held_beside_each_other(tmp_path, capsys)
     assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
 
 
-def test_generate_takes_speeches_of_hostile_names(weights, speech, tmp_path, capsys):
-    folder = tmp_path / "speech"
-    folder.mkdir()
-    for name in (FORMULA, TITLE + NO_TEXT, MARKUP):
-        (folder / f"{name}.wav").write_bytes(speech.read_bytes())
-    flags = ["--weights", str(weights), "--steps", "1", "--systems", "globaldiff/local"]
-    flags += ["--no-video", "--no-figures", "--processes", "1"]
-    said = run(["generate", str(folder), "--out", str(tmp_path / "many"), *flags], capsys)
-    assert {"many.csv", "diagnostics.csv"} <= {*check_folder(tmp_path / "many")}
-    assert len([line for line in said.splitlines() if line.endswith("many.csv")]) == 1
-
-
 def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(tmp_path, capsys):
     names = ("@SUM(1)*cmd|' /C calc'!A0", "-2+3;@SUM(1)", MARKUP, TEX)
     clips = ("+1", "\\input{x}")
