@@ -18,6 +18,7 @@ from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from conventions.rates import FPS
 from model.faults.evidence import Evidence, Finding
 from model.faults.table import find_faults
+from model.generation.base import Windowing
 from model.measures.beats import (
     BEAT_JOINTS,
     audio_to_motion_and_chance,
@@ -36,13 +37,13 @@ from model.measures.lag import find_lag
 from model.measures.point import point_measures
 from model.measures.posture import posture_measures
 from model.measures.results import BeatMeasures, BeatSpeeds, Measures
-from model.measures.seams import Period, Windows, find_period, seam_measures
+from model.measures.seams import Period, find_period, seam_measures
 from model.motion.altered import smooth_motion
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
 
-OWN_WINDOWS = Windows(advance=52, overlap=8)
+OWN_WINDOWS = Windowing(frames=60, overlap=8)
 """Of GlobalDiff's systems: 60 frames, of which two windows share 8."""
 TIP = "right_middle"
 """The fingertip of the paper's Figure 6."""
@@ -52,7 +53,7 @@ def measure_motion(
     motion: Motion,
     skeleton: RestSkeleton,
     tip: str = TIP,
-    windows: Windows | None = OWN_WINDOWS,
+    windows: Windowing | None = OWN_WINDOWS,
 ) -> Measures:
     """The numbers of one motion as it is.
 
@@ -75,7 +76,7 @@ def measure_tracks(
     point: Float[np.ndarray, "T 3"],
     name: str,
     skeleton: RestSkeleton,
-    windows: Windows | None,
+    windows: Windowing | None,
     period: Period | None,
 ) -> Measures:
     """What `measure_motion` returns, where forward kinematics has been done.
@@ -120,7 +121,7 @@ class Diagnostics:
     point: str
     """The fingertip or joint that the ``tip_`` measures follow."""
     tip_source: str
-    windows: Windows | None
+    windows: Windowing | None
     """Those of all motions, where they are known and all the same."""
     num_frames: dict[str, int]
     notes: list[str]
@@ -161,7 +162,7 @@ def diagnose(
     motions: Mapping[str, Motion],
     skeleton: RestSkeleton,
     reference: Motion | None = None,
-    windows: Mapping[str, Windows] | None = None,
+    windows: Mapping[str, Windowing] | None = None,
     tip: str = TIP,
     tip_track: TipTrack | None = None,
     tip_source: str | None = None,
@@ -245,7 +246,7 @@ def raw_evidence(
     motion: Motion,
     skeleton: RestSkeleton,
     reference: Evidence | None = None,
-    windows: Windows | None = None,
+    windows: Windowing | None = None,
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     heard: Float[np.ndarray, "frames bands"] | None = None,
@@ -304,7 +305,7 @@ def _measured(
     versions: Iterator[tuple[Version, _Version]],
     recorded: dict[Version, _Version] | None,
     settings: _Settings,
-    windows: Windows | None,
+    windows: Windowing | None,
     reference: Evidence | None,
     is_reference: bool = False,
 ) -> tuple[Versions, list[Finding], Evidence | None]:
@@ -346,7 +347,7 @@ def _measured(
     return Versions(*found), faults, evidence
 
 
-def _common_windows(windows: Sequence[Windows | None]) -> Windows | None:
+def _common_windows(windows: Sequence[Windowing | None]) -> Windowing | None:
     return windows[0] if len(set(windows)) == 1 else None
 
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.diagnostics import Diagnostics, Versions
+    from model.generation.base import Windowing
     from model.measures.results import Measures
-    from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
@@ -44,7 +44,7 @@ def measure_motions(
     tip: TipSource,
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
-    windows: Mapping[str, Windows] | None = None,
+    windows: Mapping[str, Windowing] | None = None,
     heard: np.ndarray | None = None,
     mean_speeds: np.ndarray | None = None,
 ) -> Diagnostics:

@@ -26,7 +26,7 @@ from model.storage.files import file_sha256
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
     from model.faults.evidence import Finding
-    from model.measures.seams import Windows
+    from model.generation.base import Windowing
     from model.motion.motion import Motion
     from model.speech.audio import Speech
 
@@ -227,20 +227,20 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
             yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
 
 
-def _windows(ask: Ask, read: _Read) -> dict[str, Windows]:
+def _windows(ask: Ask, read: _Read) -> dict[str, Windowing]:
     """What the user says of how the motions were cut.
 
     Raises:
         RunError: for windows that cannot be.
     """
-    from model.measures.seams import Windows
+    from model.generation.base import Windowing
 
     if ask.window is None:
         if ask.overlap:
             raise RunError("An overlap says nothing without a window; give both (--window).")
         return {}
     try:
-        windows = Windows(ask.window - ask.overlap, ask.overlap)
+        windows = Windowing(ask.window, ask.overlap)
     except ValueError as error:
         raise RunError(str(error)) from error
     return dict.fromkeys(read.all, windows)

@@ -24,9 +24,8 @@ from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
 
 if TYPE_CHECKING:
     from app.run.followed_point import TipSource
-    from model.generation.base import System
+    from model.generation.base import System, Windowing
     from model.generation.windows import GenerateOptions, MotionPiece
-    from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from model.plan.style import StyleWish
@@ -237,15 +236,12 @@ def _with_plans(
     return replace(options, conditions=tuple(written))
 
 
-def _windows(names: Sequence[str], systems: Sequence[System]) -> dict[str, Windows]:
+def _windows(names: Sequence[str], systems: Sequence[System]) -> dict[str, Windowing]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
-    from model.measures.seams import Windows
-
     found = {}
     for system in systems:
-        own = Windows(system.windowing.advance, system.windowing.overlap)
         named = {str(SampleName(system.name, sample)) for sample in range(1, len(names) + 1)}
-        found |= {name: own for name in names if name in named}
+        found |= {name: system.windowing for name in names if name in named}
     if len(set(found.values())) == 1:
         found[REFERENCE_NAME] = next(iter(found.values()))
     return found

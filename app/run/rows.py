@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.formats.read import Reading
-    from model.measures.seams import Windows
+    from model.generation.base import Windowing
     from model.motion.motion import Motion
     from renderer.body.body import Body
 
@@ -38,7 +38,7 @@ class Rows:
     sound: Path | None
     """Of videos; None where there is no speech."""
     onsets_s: np.ndarray | None
-    windows: Mapping[str, Windows]
+    windows: Mapping[str, Windowing]
     """How each was cut, where that is known."""
     heard: np.ndarray | None = None
     """Of the speech frame by frame, for how late given motions are."""

@@ -1,3 +1,1 @@
-"""Recordings in BEAT2's layout, and their windows for training; may import storage, motion and
-speech.
-"""
+"""Recordings in BEAT2's layout and their windows for training; may import speech and plans."""

@@ -1,3 +1,1 @@
-"""Systems measured on many clips, with intervals; may import systems, measures and everything
-below.
-"""
+"""Systems measured on many clips, with intervals; may import systems and all that is below."""

@@ -1,11 +1,11 @@
 """A motion that is the reference, or is late or early against it or against the speech."""
 
 import numpy as np
-from jaxtyping import Float
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
 from model.faults.evidence import BODY, Evidence, Finding
+from model.measures.face import correlation
 
 SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS
@@ -41,9 +41,8 @@ def shifted_reference(evidence: Evidence) -> list[Finding]:
         each.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
         for each in (evidence, evidence.reference)
     )
-    by_lag = _correlations(own, theirs)
-    lag = int(by_lag.argmax()) - MOST_LAG_FRAMES
-    best = float(by_lag.max())
+    lags = range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)
+    best, lag = max((correlation(own, theirs, lag), lag) for lag in lags)
     if abs(lag) < LEAST_LAG_FRAMES or best < COPY_CORRELATION:
         return []
     return [
@@ -87,15 +86,3 @@ def shifted_speech(evidence: Evidence) -> list[Finding]:
 
 def _apart(lag_s: float) -> str:
     return f"{abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'}"
-
-
-def _correlations(
-    late: Float[np.ndarray, " N"], early: Float[np.ndarray, " N"]
-) -> Float[np.ndarray, " lags"]:
-    """Entry ``MOST_LAG_FRAMES + lag``: how ``late`` goes with ``early`` that many frames before."""
-    found = []
-    for lag in range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1):
-        a, b = (late[lag:], early[: len(early) - lag]) if lag >= 0 else (late[:lag], early[-lag:])
-        is_flat = a.std() < 1e-12 or b.std() < 1e-12
-        found.append(0.0 if is_flat else float(np.corrcoef(a, b)[0, 1]))
-    return np.array(found)

@@ -1,3 +1,1 @@
-"""What a system is, and how its windows become motion of any length; may import training's names,
-sampling, speech, motion and storage.
-"""
+"""What a system is, and how its windows become motion of any length; may import training."""

@@ -7,7 +7,7 @@ kind, which nobody here looks into: drawn from speech for each sample, or given.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -90,8 +90,15 @@ class Windowing:
     frames: int
     overlap: int
     """Frames that a window shares with the one before."""
-    context: int
+    context: int = field(default=0, compare=False)
     """Frames of speech that must be known before and after a window."""
+
+    def __post_init__(self) -> None:
+        if self.advance < 2 or not 0 <= self.overlap <= self.advance:
+            raise ValueError(
+                f"Windows must start at least 2 frames apart and share no more than that; got"
+                f" {self.advance} and {self.overlap}."
+            )
 
     @property
     def advance(self) -> int:

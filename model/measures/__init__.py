@@ -1,3 +1,1 @@
-"""Numbers of a motion, with or without a reference, and what they tell; may import motion and
-storage.
-"""
+"""Numbers of a motion, with or without a reference, and what they tell; may import generation."""

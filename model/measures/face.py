@@ -28,7 +28,7 @@ def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str
     """
     frames = min(motion.num_frames, len(loudness))
     jaw = np.linalg.norm(motion.poses[:frames, 3 * JOINT_INDEX["jaw"] :][:, :3], axis=1)
-    found = {"jaw_loudness": _correlation(jaw, loudness[:frames])}
+    found = {"jaw_loudness": correlation(jaw, loudness[:frames])}
     if motion.expression_basis == "arkit52":
         lids = motion.expressions[:, unit_columns("eyeBlink")].mean(1)
         brow = motion.expressions[:, unit_columns("browInnerUp")].mean(1)
@@ -59,12 +59,13 @@ def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -
     box = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
     a, b = (np.convolve(track[:frames], box, "valid") for track in (a, b))
     lags = range(-round(MAX_LAG_S * FPS), round(MAX_LAG_S * FPS) + 1)
-    return max(_correlation(a, b, lag) for lag in lags)
+    return max(correlation(a, b, lag) for lag in lags)
 
 
-def _correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
+def correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
+    """Of ``a`` with ``b`` that many frames before; 0 where one of them does not change."""
     a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
-    if len(a) < 2 or a.std() == 0 or b.std() == 0:
+    if len(a) < 2 or min(a.std(), b.std()) < 1e-12:
         return 0.0
     return float(np.corrcoef(a, b)[0, 1])
 

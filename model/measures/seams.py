@@ -29,6 +29,7 @@ from scipy.special import ndtri
 from scipy.stats import chi2, norm, rankdata
 
 from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX, LEFT_HAND, NUM_JOINTS, RIGHT_HAND
+from model.generation.base import Windowing
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
 from model.motion.tracks import Tracks
 
@@ -261,23 +262,6 @@ def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
     )
 
 
-@dataclass(frozen=True)
-class Windows:
-    """How a system cuts time, in frames."""
-
-    advance: int
-    """From the start of one window to the start of the next."""
-    overlap: int
-    """Shared by two windows."""
-
-    def __post_init__(self) -> None:
-        if self.advance < 2 or not 0 <= self.overlap <= self.advance:
-            raise ValueError(
-                f"Windows must start at least 2 frames apart and share no more than that; got"
-                f" {self.advance} and {self.overlap}."
-            )
-
-
 def joins_of(num_frames: int, window_advance: int) -> list[int]:
     """First frame of every window but the first; the frames that two windows share start there."""
     return list(range(window_advance, num_frames, window_advance))
@@ -373,7 +357,7 @@ class SeamMeasures:
     """Found in the raw motion, whether or not windows are known."""
 
 
-def seam_measures(tracks: Tracks, windows: Windows | None, period: Period | None) -> SeamMeasures:
+def seam_measures(tracks: Tracks, windows: Windowing | None, period: Period | None) -> SeamMeasures:
     """Folded on the windows, or else on the period; a period may start anywhere, so that joins are
     looked for in windows only."""
     if windows is not None:

@@ -1,3 +1,1 @@
-"""Motion of the SMPL-X skeleton: rotations, kinematics, files, filters and the vectors that
-networks see; may import storage.
-"""
+"""Motion of the SMPL-X skeleton: rotations, kinematics, files, vectors; may import storage."""

@@ -1,3 +1,1 @@
-"""Sound files and transcripts to features at the motion's frame rate; may import storage and
-motion.
-"""
+"""Sound files and transcripts to features at the motion's frame rate; may import plans."""

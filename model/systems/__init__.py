@@ -1,3 +1,1 @@
-"""The families of systems, a folder for each, and the registry that knows them; may import
-generation and everything below.
-"""
+"""The families of systems, a folder for each, and who knows them; may import what is below."""

@@ -21,12 +21,12 @@ from conventions.joints import (
     chain_to_root,
 )
 from model.diagnostics import diagnose, measures, raw_evidence
+from model.generation.base import Windowing
 from model.measures import point, posture, smoothness
 from model.measures.beats import read_mean_speeds
 from model.measures.differences import error_to_reference
 from model.measures.joints import elbow_backwards_share, finger_is_outside, rotation_noise
 from model.measures.point import attribute_jerk
-from model.measures.seams import Windows
 from model.measures.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.motion import tracks as tracks_module
 from model.motion.altered import smooth_motion, smooth_rotations
@@ -455,7 +455,7 @@ def test_a_still_body_has_no_jerk_and_no_nan():
 def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
     """The other system's windows are not the reference's, so nobody's are told."""
     motion, other = smooth_motion_example(60, seed=1), smooth_motion_example(60)
-    windows = {"globaldiff/local": Windows(52, 8), "other": Windows(52, 8)}
+    windows = {"globaldiff/local": Windowing(60, 8), "other": Windowing(60, 8)}
     given: dict[str, Any] = {"onsets_s": np.arange(0.5, 3, 0.5), "reference": other}
     motions = {"globaldiff/local": motion, "other": other}
     result = told(motions, SKELETON, windows=windows, **given)

@@ -9,8 +9,8 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND
+from model.generation.base import Windowing
 from model.measures.face import unit_columns
-from model.measures.seams import Windows
 from model.motion.altered import motion_at_speed
 from model.motion.motion import Motion
 
@@ -181,7 +181,7 @@ class Planted:
     numbers: Mapping[str, Any] = field(default_factory=dict)
     also: frozenset[str] = frozenset()
     """What else is true of the example clip then."""
-    windows: Windows | None = None
+    windows: Windowing | None = None
     first: str = ""
     """What is told first, where a consequence shows more than the fault itself."""
 
@@ -216,9 +216,9 @@ PLANTED = (
     planted("jumps every 52 frames", "period", jumping, "high_frequency jerk",
             says="every 52 frames (1.73 s)", numbers=EVERY_52),
     planted("jumps every 52 frames, windows of 60", "period", jumping, "high_frequency jerk",
-            windows=Windows(60, 8), says="every 52 frames (1.73 s)", numbers=EVERY_52),
+            windows=Windowing(68, 8), says="every 52 frames (1.73 s)", numbers=EVERY_52),
     planted("jumps every 52 frames, windows known", "seams", jumping, "high_frequency jerk",
-            windows=Windows(52, 8), says="every 52 frames (1.73 s)",
+            windows=Windowing(60, 8), says="every 52 frames (1.73 s)",
             numbers={"window_advance_frames": 52, "phase_frame": 5}),
     planted("lift of 20 cm", "lifted", moved_by(lambda _: 0.2, 1), "copied_face",
             beside="reference", says="20 cm above", numbers={"height_m": 0.2}),

@@ -9,9 +9,9 @@ import pytest
 from conventions.joints import JOINT_INDEX, LOWER_BODY
 from model.diagnostics import measure_motion
 from model.formats.read import read_any_motion
+from model.generation.base import Windowing
 from model.measures.seams import (
     Period,
-    Windows,
     find_period,
     jerk_by_window_phase,
     part_jerk_by_phase,
@@ -145,7 +145,7 @@ def test_seams_are_folded_on_what_is_known_or_found():
     assert found.folded_on_frames == len(found.jerk_by_window_phase_m_s3) == 64
     assert found.jerk_by_window_phase_m_s3.argmax() in (0, 1, 63)
     assert np.isnan(found.seam_jerk_ratio)  # a period has no first frame of its own
-    known = measure_motion(jumps, SKELETON, windows=Windows(64, 0)).seams
+    known = measure_motion(jumps, SKELETON, windows=Windowing(64, 0)).seams
     assert known.seam_jerk_ratio > 1.5 and known.folded_on_frames == 64
     nothing = measure_motion(rough(900), SKELETON, windows=None).seams
     assert nothing.folded_on_frames is None and not len(nothing.jerk_by_window_phase_m_s3)
@@ -156,7 +156,7 @@ def test_seams_are_folded_on_what_is_known_or_found():
 @pytest.mark.parametrize(("advance", "overlap"), [(1, 0), (-3, 0), (52, 60), (52, -1)])
 def test_windows_that_cannot_be_are_refused(advance, overlap):
     with pytest.raises(ValueError, match=f"got {advance} and {overlap}"):
-        Windows(advance, overlap)
+        Windowing(advance + overlap, overlap)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.diagnostics import diagnose
-from model.measures.seams import Windows
+from model.generation.base import Windowing
 from model.motion.kinematics import open_body_skeleton
 from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import CorpusClip, make_clip
@@ -79,7 +79,7 @@ def test_no_fault_is_found_in_any_clip(clips):
         motion = motion_of(clip)
         cuts = [motion, *(motion.part(slice(start, start + 300)) for start in range(0, 900, 300))]
         for cut in cuts:
-            for windows in ({}, {"a": Windows(52, 8)}):
+            for windows in ({}, {"a": Windowing(60, 8)}):
                 found = diagnose({"a": cut}, open_body_skeleton(), windows=windows).findings
                 assert found == {"a": []}
 
