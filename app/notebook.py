@@ -259,7 +259,7 @@ def find_plan(motion: MotionLike) -> GesturePlan:
 
 
 @dataclass(frozen=True)
-class Row:
+class MeasureRow:
     """One measure of all motions."""
 
     measure: Measure
@@ -279,7 +279,7 @@ class Comparison:
     """A table in a cell, and typed numbers; pandas takes ``as_dict()``."""
 
     names: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[MeasureRow, ...]
     apart_deg: dict[tuple[str, str], dict[str, float]]
     """Of each two motions, by part of the body: mean angle between the rotations of its joints, the
     part that differs most first."""
@@ -339,7 +339,7 @@ def compare(
             continue
         target = values.get(REFERENCE_NAME) if measure.has_target else None
         of_systems = {name: value for name, value in values.items() if name != REFERENCE_NAME}
-        rows.append(Row(measure, values, nearest(of_systems, target)))
+        rows.append(MeasureRow(measure, values, nearest(of_systems, target)))
     if reference is not None:
         named |= named_motions({REFERENCE_NAME: reference})
     apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}

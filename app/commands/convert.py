@@ -21,7 +21,7 @@ from app.run.body_motion import body_motion
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from conventions.names import printable
-from model.formats.read import Told
+from model.formats.read import Assumptions
 
 if TYPE_CHECKING:
     from model.formats.read import Reading
@@ -39,7 +39,7 @@ class ConvertRequest:
     """A file (.npz, .bvh, .glb), or a folder for all."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
     """What a folder gets."""
-    told: Assumed = field(default_factory=Told)
+    told: Assumed = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
     """Licensed SMPLX_NEUTRAL*.npz: its mean hand is used, and its bones in .bvh and .glb."""
     is_json: Annotated[bool, arg(name="json")] = False

@@ -21,7 +21,7 @@ MIN_DISK_GB = 1.0
 
 
 @dataclass(frozen=True)
-class Finding:
+class Examined:
     """One thing that was looked at."""
 
     name: str
@@ -54,7 +54,7 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
         raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
 
 
-def examine(weights: Path, body: Path | None) -> list[Finding]:
+def examine(weights: Path, body: Path | None) -> list[Examined]:
     """Look at everything; nothing here raises, a failure is a finding."""
     return [
         _python(),
@@ -68,7 +68,7 @@ def examine(weights: Path, body: Path | None) -> list[Finding]:
     ]
 
 
-def report(findings: list[Finding]) -> str:
+def report(findings: list[Examined]) -> str:
     """The findings as lines for a terminal."""
     width = max(len(finding.name) for finding in findings)
     lines = []
@@ -80,10 +80,10 @@ def report(findings: list[Finding]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _python() -> Finding:
+def _python() -> Examined:
     version = platform.python_version()
     tested = version.startswith("3.11.")
-    return Finding(
+    return Examined(
         "Python",
         tested,
         version + ("" if tested else " (untested)"),
@@ -92,7 +92,7 @@ def _python() -> Finding:
     )
 
 
-def _backends() -> list[Finding]:
+def _backends() -> list[Examined]:
     """By which OpenGL pyrender draws here, and what the other one would do."""
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backends
@@ -111,23 +111,23 @@ def _backends() -> list[Finding]:
             detail += ", used" if report.name == used else ""
         advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
         findings.append(
-            Finding(f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None)
+            Examined(f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None)
         )
     return findings
 
 
-def _body(path: Path | None) -> Finding:
+def _body(path: Path | None) -> Examined:
     from renderer.body.body import load_body
 
     try:
         body = load_body(path)
     except Exception as error:
-        return Finding("body", False, _told(error), "name another with --body FILE, or none")
+        return Examined("body", False, _told(error), "name another with --body FILE, or none")
     detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
-    return Finding("body", True, detail)
+    return Examined("body", True, detail)
 
 
-def _weights(folder: Path) -> Finding:
+def _weights(folder: Path) -> Examined:
     from model.systems.registry import family_of, list_systems, load_system
 
     try:
@@ -135,22 +135,22 @@ def _weights(folder: Path) -> Finding:
         for name in names:
             load_system(name, folder)
     except Exception as error:
-        return Finding("weights", False, _told(error), "restore them, or use --weights DIR")
+        return Examined("weights", False, _told(error), "restore them, or use --weights DIR")
     if not names:
         advice = "name a folder of weights with --weights DIR"
-        return Finding("weights", False, f"no system in {folder}", advice)
-    return Finding("weights", True, ", ".join(names))
+        return Examined("weights", False, f"no system in {folder}", advice)
+    return Examined("weights", True, ", ".join(names))
 
 
-def _family_files() -> list[Finding]:
+def _family_files() -> list[Examined]:
     """Families of other packages that cannot be had, and what is found of the files that families
     need of a person, where some were named."""
     from model.systems.registry import families, left_out
 
     advice = "repair the package, or pip uninstall it"
-    broken = [Finding("family", False, told, advice, is_needed=False) for told in left_out()]
+    broken = [Examined("family", False, told, advice, is_needed=False) for told in left_out()]
     return broken + [
-        Finding(
+        Examined(
             report.name,
             report.error is None,
             report.detail if report.error is None else _told(report.error),
@@ -161,7 +161,7 @@ def _family_files() -> list[Finding]:
     ]
 
 
-def _ffmpeg() -> Finding:
+def _ffmpeg() -> Examined:
     from renderer.video.encoder import ffmpeg_path
 
     try:
@@ -169,13 +169,13 @@ def _ffmpeg() -> Finding:
             [ffmpeg_path(), "-hide_banner", "-encoders"], capture_output=True, text=True, check=True
         ).stdout
     except Exception as error:
-        return Finding("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
+        return Examined("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
     missing = [name for name in ("libx264", " aac ") if name not in output]
     detail = f"lacks {', '.join(missing)}" if missing else "H.264 and AAC"
-    return Finding("ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg")
+    return Examined("ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg")
 
 
-def _memory() -> Finding:
+def _memory() -> Examined:
     free_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
     try:  # what the kernel could free counts as available
         lines = Path("/proc/meminfo").read_text().splitlines()
@@ -184,7 +184,7 @@ def _memory() -> Finding:
     except (OSError, StopIteration):
         pass
     cores = os.cpu_count() or 1
-    return Finding(
+    return Examined(
         "memory",
         free_gb >= MIN_MEMORY_GB,
         f"{free_gb:.1f} GB free, {cores} cores",
@@ -192,10 +192,10 @@ def _memory() -> Finding:
     )
 
 
-def _disk() -> Finding:
+def _disk() -> Examined:
     folder = Path(tempfile.gettempdir())
     free_gb = shutil.disk_usage(folder).free / 1e9
-    return Finding(
+    return Examined(
         "disk",
         free_gb >= MIN_DISK_GB,
         f"{free_gb:.1f} GB free in {folder}",

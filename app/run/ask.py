@@ -15,7 +15,7 @@ from app.flags import File, Minutes, Names, Text, a_count, names_of, one_of, som
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
-from model.formats.read import Told, read_told
+from model.formats.read import Assumptions, read_told
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.npz import MotionError
 
@@ -132,7 +132,7 @@ class FigureAsked:
         return float(self.width.removesuffix("mm"))
 
 
-def read_assumptions(told: str) -> Told:
+def read_assumptions(told: str) -> Assumptions:
     """What the user says of files. Raises `RunError` for what nobody can say."""
     try:
         return read_told(told)
@@ -141,7 +141,7 @@ def read_assumptions(told: str) -> Told:
 
 
 Assumed = Annotated[
-    Told,
+    Assumptions,
     written(read_assumptions, "WHAT=VALUE,...", show=lambda told: "nothing"),
     arg(
         name="assume",
@@ -236,7 +236,7 @@ class Ask:
     """Motion of the one system that is named, instead of generating it."""
     reference: File = None
     """Recorded motion to compare with."""
-    told: Assumed = field(default_factory=Told)
+    told: Assumed = field(default_factory=Assumptions)
     channel: Channel = None
     """Of the speech the one of several that is heard, such as a side of a dialogue."""
     max_speech_s: Minutes = 600.0

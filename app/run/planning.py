@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from app.errors import RunError
 from app.run.ask import Ask
 from app.run.words import SpokenWords
-from model.formats.read import Told
+from model.formats.read import Assumptions
 
 if TYPE_CHECKING:
     from model.plan.editing import Edited
@@ -23,7 +23,7 @@ def is_motion(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def find_plan(motion: Path, out: Path, told: Told | None = None) -> list[str]:
+def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
     """Find the plan that a motion seems to follow and write it; what was changed to read it.
 
     Raises:
@@ -35,7 +35,7 @@ def find_plan(motion: Path, out: Path, told: Told | None = None) -> list[str]:
     from model.plan.found import found_plan
 
     check_ending(out)
-    (told or Told()).check([motion])
+    (told or Assumptions()).check([motion])
     read = read_any_motion(motion, told)
     write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
     return list(read.notes)

@@ -30,7 +30,7 @@ from app.run.output.run_folder import (
     RunRecord,
     There,
     Told,
-    Verdict,
+    ToldVerdict,
     cut,
     rows_of,
     shown_file,
@@ -292,7 +292,9 @@ class RunWriter(Reporter):
         record.findings = findings_told(diagnostics.findings)
         verdict = verdict_of(diagnostics, is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
-            record.verdict = Verdict(numbers=cut(verdict.numbers), judgement=cut(verdict.judgement))
+            record.verdict = ToldVerdict(
+                numbers=cut(verdict.numbers), judgement=cut(verdict.judgement)
+            )
         record.says = {key: cut(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
             row.assumed = diagnostics.assumed.get(row.name, [])

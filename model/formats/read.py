@@ -60,7 +60,7 @@ TELLABLE: dict[str, tuple[str, ...]] = {
 """What `--assume` takes, and its values; none stand for a number, or a name of what is in a
 file."""
 MOTIONS, REFERENCE = "motions", "reference"
-"""Names by which `Told` speaks of all motions but the reference, or of it alone."""
+"""Names by which `Assumptions` speaks of all motions but the reference, or of it alone."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
 _SAID = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
@@ -170,7 +170,7 @@ def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str
 
 
 @dataclass(frozen=True)
-class Told:
+class Assumptions:
     """What the user says of files, where these say too little or lie."""
 
     says: tuple[tuple[str, str, str], ...] = ()
@@ -184,13 +184,13 @@ class Told:
         order: tuple[Collection[str], ...] = ("",), kinds, names
         return {what: value for of in order for name, what, value in self.says if name in of}
 
-    def known(self, files: Sequence[Path], *names: str) -> Told:
+    def known(self, files: Sequence[Path], *names: str) -> Assumptions:
         """What is said of these files, and of all."""
         there = {"", MOTIONS, REFERENCE, *names}
         there |= {
             each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
         }
-        return Told(tuple(each for each in self.says if each[0] in there))
+        return Assumptions(tuple(each for each in self.says if each[0] in there))
 
     def unknown(self, files: Sequence[Path], *names: str) -> str:
         """Which file, of which something is said, is not there; nothing where all are."""
@@ -210,17 +210,19 @@ class Told:
         if wrong := self.unknown(files, *names):
             raise MotionError(wrong)
 
-    def __add__(self, other: Told) -> Told:
-        return Told(self.says + other.says)
+    def __add__(self, other: Assumptions) -> Assumptions:
+        return Assumptions(self.says + other.says)
 
 
-def told_as(fps: float | None, rotations: str | None, name: str = "") -> Told:
+def told_as(fps: float | None, rotations: str | None, name: str = "") -> Assumptions:
     """One rate and form of rotations, of files of a name."""
     said = {"rate": None if fps is None else f"{fps:g}", "rotations": rotations}
-    return Told(tuple((name, kind, value) for kind, value in said.items() if value is not None))
+    return Assumptions(
+        tuple((name, kind, value) for kind, value in said.items() if value is not None)
+    )
 
 
-def read_told(written: str) -> Told:
+def read_told(written: str) -> Assumptions:
     """``up=z,units=cm,NAME:rate=25``: what `--assume` takes; a name may have commas.
 
     Raises:
@@ -241,7 +243,7 @@ def read_told(written: str) -> Told:
         if known and value not in known:
             raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
         says.append((found["name"] or "", kind, value))
-    return Told(tuple(says))
+    return Assumptions(tuple(says))
 
 
 ENDINGS = (".npz", ".npy", ".bvh")
@@ -258,7 +260,7 @@ _WAYS = {
 
 
 def read_any_motion(
-    path: str | Path, told: Told | None = None, body: Path | None = None, *names: str
+    path: str | Path, told: Assumptions | None = None, body: Path | None = None, *names: str
 ) -> Reading:
     """Read a motion file, with all that was assumed of it.
 
@@ -279,7 +281,7 @@ def read_any_motion(
 
     path = Path(path)
     kind = _kind(path, CONVERT)
-    said = (told or Told()).of(path.name, path.stem, *names)
+    said = (told or Assumptions()).of(path.name, path.stem, *names)
     draft = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[kind](path, said)
     return finished(draft, mean_hands(body))
 

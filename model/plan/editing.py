@@ -35,9 +35,9 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    Gaze,
     GesturePlan,
     HandPhase,
-    Look,
     Nod,
     Phase,
     PlanError,
@@ -319,7 +319,7 @@ def _ending_at(phases: Sequence[HandPhase], end_s: float) -> int | None:
     return near if near is not None and abs(phases[near].end_s - end_s) < SAME_S else None
 
 
-Body = Nod | Look | Brow | Smile | Blink | Stand
+Body = Nod | Gaze | Brow | Smile | Blink | Stand
 _LISTS = {kind: name for name, kind in EVENTS.items()}
 
 

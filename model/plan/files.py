@@ -26,9 +26,9 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    Gaze,
     GesturePlan,
     HandPhase,
-    Look,
     Nod,
     Phase,
     PlanError,
@@ -115,7 +115,7 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     return tuple(tiers)
 
 
-def _row(event: HandPhase | Look | Smile | Stand | Planted, label: str) -> TierRow:
+def _row(event: HandPhase | Gaze | Smile | Stand | Planted, label: str) -> TierRow:
     return TierRow(round(event.start_s, 4), round(event.end_s, 4), label)
 
 
@@ -231,7 +231,7 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
         left,
         right,
         tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in told.of_body("nods")),
-        tuple(Look(r.start_s, r.end_s, *_direction(r)) for r in told.of_body("gaze")),
+        tuple(Gaze(r.start_s, r.end_s, *_direction(r)) for r in told.of_body("gaze")),
         tuple(Brow(r.middle_s, _height(r)) for r in told.of_body("brows")),
         tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in told.of_body("smile")),
         tuple(Blink(r.middle_s) for r in told.of_body("blinks")),

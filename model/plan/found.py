@@ -29,10 +29,10 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    Gaze,
     GesturePlan,
     HandPhase,
     Leg,
-    Look,
     Nod,
     Planted,
     Side,
@@ -222,7 +222,7 @@ def _nods(tracks: Tracks) -> Iterator[Nod]:
         yield Nod(at_s, round(float(depth), 3))
 
 
-def _looks(tracks: Tracks) -> Iterator[Look]:
+def _looks(tracks: Tracks) -> Iterator[Gaze]:
     """Stretches in which the eyes stay where they are, against how the chest usually faces."""
     eyes = tracks.global_rot[:, JOINT_INDEX["left_eye"], :, 2].astype(np.float64)
     chest = tracks.global_rot[:, JOINT_INDEX["spine3"], :, 2].astype(np.float64).mean(axis=0)
@@ -237,7 +237,7 @@ def _looks(tracks: Tracks) -> Iterator[Look]:
     ends = [*(first for first, _ in stays[1:]), len(ways)]
     for (first, stop), end in zip(stays, ends, strict=True):
         to_left, down = ways[first:stop].mean(axis=0).round(2).tolist()
-        yield Look(first / FPS, end / FPS, to_left, down)
+        yield Gaze(first / FPS, end / FPS, to_left, down)
 
 
 def _face(

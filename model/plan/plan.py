@@ -78,7 +78,7 @@ class Nod(_FromJson):
 
 
 @dataclass(frozen=True)
-class Look(_FromJson):
+class Gaze(_FromJson):
     """Where the eyes and the head are directed."""
 
     start_s: float
@@ -141,7 +141,7 @@ class GesturePlan(_FromJson):
     left: tuple[HandPhase, ...] = ()
     right: tuple[HandPhase, ...] = ()
     nods: tuple[Nod, ...] = ()
-    looks: tuple[Look, ...] = ()
+    looks: tuple[Gaze, ...] = ()
     brows: tuple[Brow, ...] = ()
     smiles: tuple[Smile, ...] = ()
     blinks: tuple[Blink, ...] = ()
@@ -233,7 +233,7 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
 
 
 EVENTS: dict[str, type] = {
-    "left": HandPhase, "right": HandPhase, "nods": Nod, "looks": Look, "brows": Brow,
+    "left": HandPhase, "right": HandPhase, "nods": Nod, "looks": Gaze, "brows": Brow,
     "smiles": Smile, "blinks": Blink, "stands": Stand, "planted": Planted,
 }  # fmt: skip
 """Of what a plan's lists are."""

@@ -17,9 +17,9 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    Gaze,
     GesturePlan,
     HandPhase,
-    Look,
     Nod,
     Planted,
     Smile,
@@ -161,7 +161,7 @@ def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
         left,
         right,
         tuple(Nod(at, depth) for at, (depth,) in points("nod") if depth > 0),
-        tuple(Look(a, b, *mark) for _, a, b, mark in spans("look")),
+        tuple(Gaze(a, b, *mark) for _, a, b, mark in spans("look")),
         tuple(Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")),
         tuple(
             Smile(a, b, float(np.clip(m[0], 0.0, 1.0))) for a, b, m in in_state("smile", "smile")

@@ -16,9 +16,9 @@ from model.plan.plan import (
     PHASES,
     SIDES,
     STILL,
+    Gaze,
     GesturePlan,
     HandPhase,
-    Look,
     Planted,
     Side,
     Smile,
@@ -70,7 +70,7 @@ def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks
     pulses("nod", [(nod.time_s, nod.depth_deg / NOD_DEG) for nod in plan.nods], NOD_S)
     pulses("brow", [(brow.time_s, brow.height) for brow in plan.brows], BROW_S)
     pulses("blink", [(blink.time_s, 1.0) for blink in plan.blinks], BLINK_S)
-    for before, look in pairwise((Look(-1.0, 0.0, 0.0, 0.0), *plan.looks)):
+    for before, look in pairwise((Gaze(-1.0, 0.0, 0.0, 0.0), *plan.looks)):
         share = _min_jerk((time_s - look.start_s) / GLANCE_S)
         tracks[:, body_track("yaw")] += share * (look.yaw_deg - before.yaw_deg) / LOOK_DEG
         tracks[:, body_track("pitch")] += share * (look.pitch_deg - before.pitch_deg) / LOOK_DEG

@@ -255,7 +255,7 @@ def figure6(contents: Figure6, out_stem: Path) -> FigureFiles:
 
 
 @dataclass(frozen=True)
-class Row:
+class PanelRow:
     """Panels side by side, of some of the motions; of none a row of titles alone."""
 
     names: tuple[str, ...]
@@ -303,7 +303,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     return figure
 
 
-def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
+def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
     """The rows, from above; ``aspect`` is the width of a row of snapshots over its height."""
     names, width = contents.names, contents.width_mm
     count, is_wide = len(names), contents.width_mm > 1.5 * style.COLUMN_MM
@@ -315,13 +315,15 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
         letters, shares = zip(*shown, strict=True)
         has_header = len(groups) > 1
         if has_header:
-            yield Row((), letters, _TITLE_MM, shares, True, False, False)
+            yield PanelRow((), letters, _TITLE_MM, shares, True, False, False)
         for group in groups:
             first, last = group == groups[0], group == groups[-1]
             above = _FRAME_MM * (first and "b" in letters)
             below = _TIME_MM * (last and letters != ("b",))
             total = height + above + below + _TITLE_MM * (not has_header)
-            yield Row(group, letters, total, shares, not has_header, first, last, (above, below))
+            yield PanelRow(
+                group, letters, total, shares, not has_header, first, last, (above, below)
+            )
 
     if contents.is_in_one_plot:
         strips = count * (14.0 if is_wide else 17.0)
@@ -354,7 +356,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[Row]:
     yield from rows("d", [names], strips, width)
 
 
-def _curves(contents: Figure6, row: Row) -> Iterator[tuple[str, dict[str, Any]]]:
+def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, Any]]]:
     """The motions of a row with how their lines look, behind them the first one of all, faint."""
     first = contents.names[0]
     if first not in row.names:
@@ -375,7 +377,7 @@ def _limits(contents: Figure6, room: float, least: float) -> np.ndarray:
     return np.stack([middle - spans / 2, middle + spans / 2], axis=1)
 
 
-def _coordinates(part: "SubFigure", contents: Figure6, row: Row) -> None:
+def _coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """An axis for each coordinate against time, all to one scale in metres per inch."""
     from matplotlib.ticker import MaxNLocator
 
@@ -403,7 +405,7 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: Row) -> None:
     part.align_ylabels(stack)
 
 
-def _write_times(axes: "Axes", row: Row) -> None:
+def _write_times(axes: "Axes", row: PanelRow) -> None:
     axes.tick_params(axis="x", labelbottom=row.is_last)
     axes.set_xlabel("time (s)" if row.is_last else "")
 
@@ -421,7 +423,7 @@ PROJECTION = np.stack([_ACROSS, np.cross(_TO_CAMERA, _ACROSS)], axis=1)
 """(3, 2): x, y and z on paper, without perspective."""
 
 
-def _path(part: "SubFigure", contents: Figure6, row: Row) -> None:
+def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """The path in space before a floor and two walls, all three axes to one scale."""
     limits = _limits(contents, 1.06, _MIN_SHARE)
     above, below = (0.0, 0.0) if contents.is_in_one_plot else row.extra_mm
@@ -518,7 +520,7 @@ class Cells:
         return (width + self.gap) / height
 
 
-def _snapshots(part: "SubFigure", contents: Figure6, row: Row, cells: Cells) -> None:
+def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells) -> None:
     """A row of pictures for each motion, the first under its frame numbers."""
     assert contents.marks is not None
     height_pt = row.height_mm / len(row.names) / 25.4 * 72.0
@@ -544,7 +546,7 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: Row, cells: Cells) -> 
         _draw_marks(axes, joints.reshape(-1, 2), values.ravel(), 0.045 * height_pt)
 
 
-def _frame_labels(contents: Figure6, row: Row, cells: Cells) -> list[str]:
+def _frame_labels(contents: Figure6, row: PanelRow, cells: Cells) -> list[str]:
     """Frame numbers called so: all where there is room, else the first, else none."""
     labels = [f"frame {frame}" for frame in contents.snapshot_frames]
     by_height = cells.aspect * (row.height_mm / len(row.names) - _KEY_MM)
@@ -596,7 +598,7 @@ def _mark_samples(contents: Figure6) -> list[Any]:
     ]  # fmt: skip
 
 
-def _strips(part: "SubFigure", contents: Figure6, row: Row) -> None:
+def _strips(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """A strip for each motion with x above y above z, all to one scale, and their rms."""
     times = contents.times
     margin = 0.01 * (times[-1] - times[0])

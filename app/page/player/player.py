@@ -163,7 +163,7 @@ def showings_in(
 
 
 def _assumed(row: Row) -> dict[str, Any]:
-    """What chips are told: the kind of its file, as `Told` has it, and its reading."""
+    """What chips are told: the kind of its file, as `Assumptions` has it, and its reading."""
     read = [{**each, "why": page_sentence(str(each.get("why", "")))} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
 

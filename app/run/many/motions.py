@@ -33,11 +33,11 @@ from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_
 from app.run.many.record import is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
-from app.run.many.unpacked import Limits, unpack_sets, unpacked_sets
+from app.run.many.unpacked import UnpackLimits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Reading, Told
+from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Assumptions, Reading
 from model.storage.files import file_sha256
 from processes.job import Job
 from processes.pool import JobPool
@@ -81,7 +81,7 @@ def measure_sets(
         CancelledRun: when ``should_cancel`` said so.
         RunError: also where all together hold too much.
     """
-    limits = Limits(files=MAX_FILES, total_bytes=MAX_BYTES)
+    limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES)
     folders = unpack_sets(sets_of(ask), ask.out / "unpacked", limits)
     run = Reporter(on_event, should_cancel)
     return replace(diagnose_folders(in_folders(ask, folders), run.share("numbers")), ask=ask)
@@ -308,7 +308,7 @@ def _is_measured(record: Path, stamp: dict[str, Any], beside: _Beside) -> bool:
 def _measure_clip(
     files: dict[str, Samples],
     beside: _Beside,
-    asked: tuple[Told, Path | None],
+    asked: tuple[Assumptions, Path | None],
     out: Path,
     stamp: dict[str, Any],
 ) -> None:
@@ -354,7 +354,7 @@ def _measure_clip(
 
 
 def _readings(
-    name: str, samples: Samples, asked: tuple[Told, Path | None], unread: list[str]
+    name: str, samples: Samples, asked: tuple[Assumptions, Path | None], unread: list[str]
 ) -> dict[str, Reading]:
     """Of those samples that can be read; why others cannot goes to ``unread``.
 

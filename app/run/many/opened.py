@@ -23,7 +23,7 @@ from app.run.ask import (
     ShouldCancel,
 )
 from app.run.many.speeches import asks_of, do_clips
-from app.run.many.unpacked import Limits, is_packed, unpacked
+from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
     NO_RUN,
     RUN,
@@ -49,7 +49,7 @@ from model.speech.transcript import (
 )
 from processes.pool import JobPool
 
-LIMITS = Limits(files=2_000, total_bytes=10**9)
+LIMITS = UnpackLimits(files=2_000, total_bytes=10**9)
 ENDINGS = (".json", ".npz", ".wav")
 SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """With all that is only looked at."""
@@ -162,7 +162,7 @@ def _of_run(ask: Ask, folder: Path) -> Ask:
 
 
 def run_folder(
-    path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: Limits = LIMITS
+    path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackLimits = LIMITS
 ) -> Path:
     """Where a run lies, or those of several clips: the folder itself, or what its zip holds.
 
@@ -187,7 +187,7 @@ def copied_run(path: Path, into: Path) -> Path:
     Raises:
         RunError: if it is none.
     """
-    folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, Limits())
+    folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, UnpackLimits())
     for file in files_of(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)

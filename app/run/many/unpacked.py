@@ -48,7 +48,7 @@ _DAMAGED = (
 
 
 @dataclass(frozen=True)
-class Limits:
+class UnpackLimits:
     """What of a zip is unpacked at most."""
 
     files: int = 10_000
@@ -80,7 +80,7 @@ def unpacked_sets(
 
 
 def unpack_sets(
-    sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: Limits | None = None
+    sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: UnpackLimits | None = None
 ) -> dict[Path, Path]:
     """The same below a folder, where they stay.
 
@@ -92,7 +92,7 @@ def unpack_sets(
         if is_packed(path) and path not in folders:
             folder = top / str(len(folders)) / (printable(stem_of(path)) or "set")
             folder.mkdir(parents=True)
-            _unpack_wanted(path, folder, endings, left or _Left(Limits()))
+            _unpack_wanted(path, folder, endings, left or _Left(UnpackLimits()))
             folders[path] = folder
     return folders
 
@@ -112,7 +112,7 @@ def _ending_of(name: str) -> str | None:
 
 
 def unpacked(
-    archive: Path, folder: Path, endings: Sequence[str], limits: Limits | None = None
+    archive: Path, folder: Path, endings: Sequence[str], limits: UnpackLimits | None = None
 ) -> int:
     """Unpack the files with these endings from a stranger's zip or tar into an empty folder.
 
@@ -130,7 +130,7 @@ def unpacked(
             twice, nothing that is wanted, or more than the limits; files that were unpacked before
             it was seen may be left.
     """
-    return _unpack_wanted(archive, folder, endings, _Left(limits or Limits()))
+    return _unpack_wanted(archive, folder, endings, _Left(limits or UnpackLimits()))
 
 
 def _unpack_wanted(archive: Path, folder: Path, endings: Sequence[str], left: _Left) -> int:
@@ -147,14 +147,14 @@ def _unpack_wanted(archive: Path, folder: Path, endings: Sequence[str], left: _L
 class _Left:
     """What of the limits has not been used yet; of archives in archives, too."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: UnpackLimits) -> None:
         self.limits = limits
         self.wanted = 0
 
     def use(self, files: int, count: int, size: int) -> None:
         self.wanted += count
         old = self.limits
-        self.limits = Limits(old.files - files, old.total_bytes - size, old.file_bytes)
+        self.limits = UnpackLimits(old.files - files, old.total_bytes - size, old.file_bytes)
 
 
 def _unpack(archive: Path, folder: Path, endings: Sequence[str], left: _Left, depth: int) -> None:
@@ -236,7 +236,7 @@ def _unpack_tar(
 class _Capped:
     """A stream that is read no further than the limits let a tar reach, nor much at once."""
 
-    def __init__(self, file: IO[bytes], name: str, limits: Limits) -> None:
+    def __init__(self, file: IO[bytes], name: str, limits: UnpackLimits) -> None:
         self._file, self._name = file, name
         self._most = limits.total_bytes + limits.files * _BYTES_AN_ENTRY
 
@@ -271,7 +271,7 @@ class _Entry:
     """What the archive calls it."""
 
 
-def _check_list(file: IO[bytes], name: str, limits: Limits) -> None:
+def _check_list(file: IO[bytes], name: str, limits: UnpackLimits) -> None:
     """See that the list of files is no longer than so many files need, before it is read whole."""
     size = file.seek(0, os.SEEK_END)
     start = max(0, size - _MAX_COMMENT - _END_BYTES - _LOCATOR_BYTES - _END_64_BYTES)

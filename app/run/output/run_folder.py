@@ -115,7 +115,7 @@ class Told(_Strict):
     """The second at which it is worst."""
 
 
-class Verdict(_Strict):
+class ToldVerdict(_Strict):
     numbers: Text
     judgement: Text
 
@@ -144,7 +144,7 @@ class RunRecord(_Strict):
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     sound: FileName | None = None
     timeline: FileName | None = None
-    verdict: Verdict | None = None
+    verdict: ToldVerdict | None = None
     findings: Annotated[list[Told], Field(max_length=MAX_TOLD)] = []
     """The gravest first."""
     says: dict[Name, Text] = {}

@@ -15,7 +15,7 @@ from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
 from model.plan.files import ENDINGS, plan_in
-from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side, sentence_of
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Side, sentence_of
 from model.plan.style import LIMITS, excited, style_of, with_style
 from model.speech.transcript import Word
 
@@ -253,7 +253,7 @@ def _look(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture
     end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
     if end_s <= told["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
-    return editing.with_event(plan, Look(told["at"], end_s, told["yaw"], told["pitch"]))
+    return editing.with_event(plan, Gaze(told["at"], end_s, told["yaw"], told["pitch"]))
 
 
 def _remove(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:

@@ -30,7 +30,7 @@ from app.run.pieces import HEADER, NUM_FACES, frames_message
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion
-from model.plan.plan import PHASES, Blink, GesturePlan, HandPhase, Look, Nod, PlannedAhead, Stand
+from model.plan.plan import PHASES, Blink, Gaze, GesturePlan, HandPhase, Nod, PlannedAhead, Stand
 from model.plan.style import Manner
 from model.sampling.samplers import UnknownNameError
 from model.speech.causal import CausalMel
@@ -370,7 +370,7 @@ def test_each_plan_takes_the_place_of_the_one_before_from_its_first_frame_on():
 
 def test_what_went_on_before_the_minute_begins_with_it_and_what_ended_is_forgotten():
     last = LastPlan()
-    spans = {"looks": (Look(0.0, 4.0, 5.0, 0.0),), "stands": (Stand(1.0, 9.0, "left"),)}
+    spans = {"looks": (Gaze(0.0, 4.0, 5.0, 0.0),), "stands": (Stand(1.0, 9.0, "left"),)}
     last.go_on(ahead(0, phase(0.0, 2.0, "rest"), phase(2.0, 6.0, "hold"), **spans), 0)
     plan = last.part(30, 90)
     assert phases_of(plan) == [("rest", 0.0, 1.0), ("hold", 1.0, 3.0)]

@@ -9,9 +9,9 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    Gaze,
     GesturePlan,
     HandPhase,
-    Look,
     Nod,
     Planted,
     Smile,
@@ -55,7 +55,7 @@ def plans(draw: st.DrawFn) -> GesturePlan:
         right=hand(),
         nods=tuple(Nod(at, draw(_numbers(0, 9))) for at in draw(_times(3))),
         looks=tuple(
-            Look(a, b, draw(_numbers(-30, 30)), draw(_numbers(-9, 9))) for a, b in spans(3)
+            Gaze(a, b, draw(_numbers(-30, 30)), draw(_numbers(-9, 9))) for a, b in spans(3)
         ),
         brows=tuple(Brow(at, draw(_numbers(-1, 1))) for at in draw(_times(3))),
         smiles=tuple(Smile(a, b, draw(_numbers(0, 1))) for a, b in spans(2)),

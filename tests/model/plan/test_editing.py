@@ -29,7 +29,7 @@ from model.plan.editing import (
     without_event,
 )
 from model.plan.kinds import PLACES, REST_PLACE, strokes_of
-from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Smile
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Smile
 from tests.model.plan.made import LOW, Said, made_plan, phase, resting
 
 STILL = resting(10.0)
@@ -187,8 +187,8 @@ def test_nods_looks_smiles_and_blinks():
     plan = with_event(with_event(STILL, Nod(3.0, 4.0)).plan, Nod(1.0, 2.0)).plan
     assert [n.time_s for n in plan.nods] == [1.0, 3.0]
     assert without_event(plan, Nod(3.0, 4.0)).plan.nods == (Nod(1.0, 2.0),)
-    looking = replace(STILL, looks=(Look(0.0, 10.0, 0.0, 0.0),))
-    plan = with_event(looking, Look(4.0, 5.0, 12.0, 0.0)).plan
+    looking = replace(STILL, looks=(Gaze(0.0, 10.0, 0.0, 0.0),))
+    plan = with_event(looking, Gaze(4.0, 5.0, 12.0, 0.0)).plan
     assert [(k.start_s, k.end_s) for k in plan.looks] == [(0.0, 4.0), (4.0, 5.0), (5.0, 10.0)]
     plan = with_event(with_event(STILL, Smile(1.0, 3.0, 0.5)).plan, Smile(0.5, 4.0, 0.2)).plan
     assert plan.smiles == (Smile(0.5, 4.0, 0.2),)

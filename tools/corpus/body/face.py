@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
-from model.plan.plan import Look, Smile
+from model.plan.plan import Gaze, Smile
 from tools.corpus.body.signals import (
     BlinkMove,
     BrowMove,
@@ -178,7 +178,7 @@ def _smile_curve(
 
 
 def _blinks(
-    gaze: tuple[Look, ...], duration_s: float, rng: np.random.Generator
+    gaze: tuple[Gaze, ...], duration_s: float, rng: np.random.Generator
 ) -> tuple[BlinkMove, ...]:
     """About twenty a minute, evenly enough for any ten seconds; some go with a wide gaze shift."""
     wide = [

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
 from model.motion.limb import minimum_jerk
-from model.plan.plan import Look, Nod, Smile, Stand
+from model.plan.plan import Gaze, Nod, Smile, Stand
 from tools.corpus.gesture.gestures import SHAPE_SIZE
 from tools.corpus.words.prosody import Span, Utterance
 
@@ -118,7 +118,7 @@ class BodyEvents:
     """Everything of one clip that is not a hand's."""
 
     nods: tuple[Nod, ...]
-    gaze: tuple[Look, ...]
+    gaze: tuple[Gaze, ...]
     brows: tuple[BrowMove, ...]
     smiles: tuple[Smile, ...]
     blinks: tuple[BlinkMove, ...]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
-from model.plan.plan import Look, Nod
+from model.plan.plan import Gaze, Nod
 from tools.corpus.body.signals import (
     frame_times,
     gaussian_bump,
@@ -36,7 +36,7 @@ class Trunk:
     """Pitch (down positive) and yaw of the eyes in the head."""
     breath: Float[np.ndarray, " T"]
     nods: tuple[Nod, ...]
-    gaze: tuple[Look, ...]
+    gaze: tuple[Gaze, ...]
     """They cover the clip."""
 
 
@@ -192,7 +192,7 @@ def _phrase_attitudes(
 
 def _gaze(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
-) -> tuple[Look, ...]:
+) -> tuple[Gaze, ...]:
     """Fixations: at the listener, and away at beginnings of phrases."""
     starts = [phrase.start_s for phrase in utterance.phrases]
     changes = [(0.0, 0.0, 0.0)]
@@ -209,12 +209,12 @@ def _gaze(
         at_s += rng.uniform(0.5, 1.4) if away else rng.gamma(3, 0.75) + 0.4
     ends = [*(start for start, _, _ in changes[1:]), utterance.duration_s]
     return tuple(
-        Look(start, end, yaw, pitch) for (start, yaw, pitch), end in zip(changes, ends, strict=True)
+        Gaze(start, end, yaw, pitch) for (start, yaw, pitch), end in zip(changes, ends, strict=True)
     )
 
 
 def _gaze_curve(
-    fixations: tuple[Look, ...], time_s: Float[np.ndarray, " T"]
+    fixations: tuple[Gaze, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T 2"]:
     """Yaw and pitch of the gaze in degrees, with saccades of 90 ms between the fixations."""
     gaze = np.zeros((len(time_s), 2))

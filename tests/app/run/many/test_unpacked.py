@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.many.unpacked import Limits, unpacked
+from app.run.many.unpacked import UnpackLimits, unpacked
 
 NPZ = (".npz",)
 
@@ -104,19 +104,19 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     path = _packed(tmp_path / name, **{"a.npz": zeros, "b.npz": zeros})
     assert path.stat().st_size < 20_000
     for limits, said in (
-        (Limits(file_bytes=2**20), r"'a.npz' of 3 MiB; at most 1 MiB a file"),
-        (Limits(files=10, total_bytes=5 * 2**20), r"unpack to"),
-        (Limits(files=1), r"at most 1 are read"),
+        (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; at most 1 MiB a file"),
+        (UnpackLimits(files=10, total_bytes=5 * 2**20), r"unpack to"),
+        (UnpackLimits(files=1), r"at most 1 are read"),
     ):
         with pytest.raises(RunError, match=said):
             unpacked(path, folder, NPZ, limits)
     assert not _all_below(folder)
     unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
     with pytest.raises(RunError, match="would unpack to over 1 MiB"):
-        unpacked(unread, folder, NPZ, Limits(files=10, total_bytes=2**20))
+        unpacked(unread, folder, NPZ, UnpackLimits(files=10, total_bytes=2**20))
     within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
     with pytest.raises(RunError, match=rf"{name} would unpack to"):
-        unpacked(within, folder, NPZ, Limits(files=10, total_bytes=8 * 2**20))
+        unpacked(within, folder, NPZ, UnpackLimits(files=10, total_bytes=8 * 2**20))
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
@@ -128,7 +128,7 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
             archive.writestr(f"{place:0100}.npz", b"")
     monkeypatch.setattr("zipfile.ZipFile", None)
     with pytest.raises(RunError, match="more files than the 10"):
-        unpacked(path, folder, NPZ, Limits(files=10))
+        unpacked(path, folder, NPZ, UnpackLimits(files=10))
 
 
 def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: Path):
