@@ -55,7 +55,7 @@ from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
-from model.systems.matching import HEARING_JUDGE
+from model.systems.matching.config import HEARING_JUDGE
 from model.systems.matching.network import load_judge
 from model.systems.registry import list_systems, load_system
 from processes.job import Job, JobsError

@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from frame_regression import MEAN, presets
+from frame_regression.config import MEAN, presets
 from frame_regression.network import Regression
 
 from model.storage.cards import to_json

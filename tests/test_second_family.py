@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frame_regression import DRAWN, FAMILY, MEAN
+from frame_regression.config import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
 from app.page.tabs.systems import ladder

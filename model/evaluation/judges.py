@@ -49,7 +49,7 @@ from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechError
 from model.speech.features import NUM_MELS
 from model.storage.npz import MotionError
-from model.systems.matching import HEARING_JUDGE
+from model.systems.matching.config import HEARING_JUDGE
 from model.systems.matching.network import MatchingJudge, agreement
 
 NO_HEARING_JUDGE = (

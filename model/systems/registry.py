@@ -79,9 +79,9 @@ def _why(error: BaseException) -> str:
 
 
 def _bundled() -> list[Family]:
-    """Those of the folders beside this file, each of which makes one as its ``FAMILY``."""
+    """Those of the folders beside this file, whose ``config.py`` makes one as its ``FAMILY``."""
     folders = (each.name for each in iter_modules(model.systems.__path__) if each.ispkg)
-    found = [import_module(f"{model.systems.__name__}.{name}").FAMILY for name in folders]
+    found = [import_module(f"{model.systems.__name__}.{name}.config").FAMILY for name in folders]
     return sorted(found, key=lambda family: (family.place, family.name))
 
 

@@ -13,7 +13,8 @@ from app.run import models
 from model.speech.audio import write_wav
 from model.speech.encoder import EncoderError
 from model.storage.cards import CheckpointError
-from model.systems.official import FILTERED, UNFILTERED, system
+from model.systems.official import system
+from model.systems.official.config import FILTERED, UNFILTERED
 from tests.model.made import made_waveform
 from tests.model.systems.official.made_official import make_features, make_official
 

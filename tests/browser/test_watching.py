@@ -15,7 +15,7 @@ from app.page.tabs import own_motion
 from app.run.experiments.mechanism import NAMES
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
-from model.systems.globaldiff import BEST
+from model.systems.globaldiff.config import BEST
 from tests.app import fakes
 from tests.browser.conftest import (
     FRAMES,

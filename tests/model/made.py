@@ -18,9 +18,9 @@ from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
 from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.systems.face import ExpressionConfig, FaceTrainConfig
+from model.systems.face.config import ExpressionConfig, FaceTrainConfig
 from model.systems.face.face import FaceNetwork
-from model.systems.globaldiff import GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.training.config import TrainConfig
 from tests.helpers import smooth_motion_example

@@ -33,8 +33,8 @@ from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.storage.checkpoint import save_weights
-from model.systems.autoencoders import JUDGES
-from model.systems.matching import HEARING_JUDGE
+from model.systems.autoencoders.config import JUDGES
+from model.systems.matching.config import HEARING_JUDGE
 from model.systems.matching.network import load_judge
 from model.systems.registry import load_system
 from processes.pool import JobPool

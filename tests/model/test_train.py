@@ -21,9 +21,9 @@ from model.speech.codes import CodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
-from model.systems.autoencoders import MOTION_VAE
-from model.systems.globaldiff import BEST
-from model.systems.planned import PLANNED, PLANNER
+from model.systems.autoencoders.config import MOTION_VAE
+from model.systems.globaldiff.config import BEST
+from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.loop import TrainingError

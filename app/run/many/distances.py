@@ -128,7 +128,7 @@ def _clips_of(name: str, numbers: list[dict[str, Any]]) -> Iterator[Moments]:
 def _encoder() -> FrozenEncoder:
     """Read once by each process that measures."""
     from model.networks.autoencoder import load_encoder
-    from model.systems.autoencoders import FGD_ENCODER
+    from model.systems.autoencoders.config import FGD_ENCODER
 
     return load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
 

@@ -61,7 +61,7 @@ def origin_of(
         measures: number of the form in which clips are measured.
         mean_speeds: published ones that BeatAlign was measured with.
     """
-    from model.systems.autoencoders import FGD_ENCODER
+    from model.systems.autoencoders.config import FGD_ENCODER
     from model.training.loop import revision
 
     digests = {

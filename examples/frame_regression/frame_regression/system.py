@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 from torch.nn.functional import avg_pool1d
 
-from frame_regression import DRAWN, FAMILY
+from frame_regression.config import DRAWN, FAMILY
 from frame_regression.network import CONTEXT, POSE, Regression
 from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.rotations import matrix_from_axis_angle

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from frame_regression import RegressionConfig
+from frame_regression.config import RegressionConfig
 from frame_regression.network import CONTEXT, Regression
 from model.data.prepared import Batch, PreparedData
 from model.training.task import TaskSetup

@@ -12,7 +12,7 @@ from model.motion.packing import Normaliser
 from model.networks.branch import Attention, ConditionedNetwork, MotionBranch
 from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior
-from model.systems.asynfusion import DualBranchConfig
+from model.systems.asynfusion.config import DualBranchConfig
 
 
 class CoSync(nn.Module):

@@ -13,7 +13,7 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained
 from model.sampling.flow import seeded_noise
-from model.systems.asynfusion import FAMILY, DualBranchConfig
+from model.systems.asynfusion.config import FAMILY, DualBranchConfig
 from model.systems.asynfusion.network import (
     GESTURE,
     DualBranchNetwork,

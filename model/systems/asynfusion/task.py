@@ -12,7 +12,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, decode
 from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, interpolate, time_weight
-from model.systems.asynfusion import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
+from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
     GESTURE,

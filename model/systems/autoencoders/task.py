@@ -8,7 +8,7 @@ from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
-from model.systems.autoencoders import AutoencoderTrainConfig
+from model.systems.autoencoders.config import AutoencoderTrainConfig
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import Draws

@@ -29,7 +29,7 @@ from model.plan.tracks import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError, load_card
-from model.systems.face import EXPRESSION, ExpressionConfig
+from model.systems.face.config import EXPRESSION, ExpressionConfig
 
 
 class FaceNetwork(PriorNetwork):

@@ -7,7 +7,7 @@ from model.data.annotated import prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.plan.tracks import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
-from model.systems.face import FaceTrainConfig
+from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import Draws

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.branch import ConditionedNetwork, MotionBranch, TimeEmbedding, shown
 from model.sampling.prior import GaussianPrior
-from model.systems.gan import DiscriminatorConfig, GeneratorConfig
+from model.systems.gan.config import DiscriminatorConfig, GeneratorConfig
 from model.systems.gan.sampling import flow_time
 
 FINGERS = AXIS_ANGLE_GROUPS[0]

@@ -14,7 +14,7 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, decode
 from model.sampling.flow import time_weight
-from model.systems.gan import GanConfig
+from model.systems.gan.config import GanConfig
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses

@@ -7,7 +7,7 @@ from torch import Tensor
 from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS
 from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, shown
 from model.sampling.prior import GaussianPrior
-from model.systems.globaldiff import NetworkConfig
+from model.systems.globaldiff.config import NetworkConfig
 
 
 class MotionNetwork(ConditionedNetwork):

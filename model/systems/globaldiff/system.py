@@ -17,7 +17,7 @@ from model.networks.trained import Trained
 from model.sampling.flow import SpeechGuide, sample
 from model.sampling.samplers import FLOW_SAMPLERS
 from model.systems.face.face import BodyWindow, FacedSystem, faced
-from model.systems.globaldiff import FAMILY, NetworkConfig
+from model.systems.globaldiff.config import FAMILY, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork, make_network
 
 INPAINT_UNTIL = 0.7

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
-from model.systems.matching import MatchingTrainConfig
+from model.systems.matching.config import MatchingTrainConfig
 from model.systems.matching.network import (
     PARTS,
     MatchingNetwork,

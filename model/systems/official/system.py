@@ -19,7 +19,7 @@ from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, ro
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
 from model.storage.npz import MotionError
-from model.systems.official import FAMILY, UNFILTERED
+from model.systems.official.config import FAMILY, UNFILTERED
 from model.systems.official.files import (
     MOTION_DIM,
     SEED_FRAMES,

@@ -17,7 +17,7 @@ from model.networks.branch import AddedTokens, PriorNetwork
 from model.plan.tiers import BY_NAME, TIERS, Tier
 from model.plan.tracks import NUM_TRACKS
 from model.sampling.prior import GaussianPrior
-from model.systems.planned import PlannedNetworkConfig, PlannerConfig
+from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
 
 class PlanTokens(AddedTokens):

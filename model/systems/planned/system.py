@@ -19,8 +19,8 @@ from model.sampling.flow import SpeechGuide
 from model.storage.cards import CheckpointError
 from model.systems.face.face import faced
 from model.systems.globaldiff.system import GlobalDiffSystem
-from model.systems.planned import FAMILY, PLANNER, PlannedNetworkConfig
 from model.systems.planned.causal import CausalPlanner
+from model.systems.planned.config import FAMILY, PLANNER, PlannedNetworkConfig
 from model.systems.planned.limbs import Limbs
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner

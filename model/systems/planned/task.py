@@ -9,7 +9,7 @@ from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import load_codes
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.task import MotionTask
-from model.systems.planned import PlannedConfig, PlannerConfig, PlannerTrainConfig
+from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
 from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import heard_by_planner
 from model.training.parallel import Draws

@@ -9,7 +9,7 @@ from model.data.annotated import annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import CodesNetwork, SpeechReading
 from model.speech.codes import TOLD
-from model.systems.speech_encoder import SpeechEncoderConfig
+from model.systems.speech_encoder.config import SpeechEncoderConfig
 from model.training.parallel import Draws
 from model.training.targets import fit_features, heard
 from model.training.task import DescentTask, StepLoss, TaskSetup

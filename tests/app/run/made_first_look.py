@@ -22,7 +22,7 @@ from model.measures.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID
-from model.systems.globaldiff import BEST
+from model.systems.globaldiff.config import BEST
 
 LOOK_S = 6.7
 """Of the speech, to a pause: whoever opens the page first waits for each second of it."""

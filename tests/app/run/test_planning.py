@@ -17,7 +17,7 @@ from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
 from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError, read_plan
 from model.speech.audio import write_wav
-from model.systems.planned import PLANNED
+from model.systems.planned.config import PLANNED
 from tests.model.made import made_waveform
 from tests.model.plan.made import grid, tier
 from tests.model.plan.test_found import made_motion

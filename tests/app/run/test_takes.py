@@ -22,7 +22,7 @@ from model.plan.plan import GesturePlan, PlanError, read_plan
 from model.plan.style import style_of
 from model.speech.audio import write_wav
 from model.speech.transcript import Word
-from model.systems.planned import PLANNED
+from model.systems.planned.config import PLANNED
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 

@@ -26,7 +26,7 @@ from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, write_wav
-from model.systems.planned import PLANNED
+from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
 from renderer.video.encoder import ffmpeg_path
 from tests.app.study.made_study import CLIPS, SYSTEMS, ffmpeg, write_plan

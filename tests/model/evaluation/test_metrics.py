@@ -15,7 +15,7 @@ from model.measures.differences import l1_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.systems.autoencoders import JUDGE, JUDGES
+from model.systems.autoencoders.config import JUDGE, JUDGES
 from tests.helpers import smooth_motion_example
 from tests.model.made import shaken
 

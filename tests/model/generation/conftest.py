@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from model.systems.globaldiff import BEST
+from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 from tests.model.systems.asynfusion.made import make_asynfusion

@@ -19,7 +19,7 @@ from model.motion.kinematics import joint_positions_from_local, open_body_skelet
 from model.motion.motion import Motion, put_together
 from model.plan.editing import Gesture, added, deleted, with_event
 from model.plan.plan import GesturePlan, Nod
-from model.systems.planned import PLANNED
+from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
 from processes.job import Cancelled
 from tests.model.made import made_speech

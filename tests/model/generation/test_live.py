@@ -10,7 +10,7 @@ from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import put_together
-from model.systems.globaldiff import BEST
+from model.systems.globaldiff.config import BEST
 
 PACE = Pace(hop=10, heard_ahead=12)
 OPTIONS = GenerateOptions(speaker="ann", steps=2, seed=3)

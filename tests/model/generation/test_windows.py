@@ -16,7 +16,7 @@ from model.generation.windows import (
 )
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
-from model.systems.globaldiff import BEST
+from model.systems.globaldiff.config import BEST
 from processes.job import Cancelled
 from tests.model.made import made_speech
 

@@ -8,7 +8,7 @@ import torch
 from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
 from model.networks.config import AutoencoderConfig
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders import JUDGES, MOTION_VAE, presets
+from model.systems.autoencoders.config import JUDGES, MOTION_VAE, presets
 from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)

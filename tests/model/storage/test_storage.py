@@ -11,7 +11,7 @@ from model.networks.config import MatchingConfig
 from model.storage.cards import Card, CheckpointError, with_setting
 from model.storage.checkpoint import load_into, load_weights, save_weights
 from model.storage.files import WriteError, written_atomically
-from model.systems.asynfusion import presets
+from model.systems.asynfusion.config import presets
 from model.systems.registry import families
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import get_args
 
 import pytest
-from frame_regression import FAMILY
+from frame_regression.config import FAMILY
 
 from model.generation.family import FamilyError, Use
 from model.sampling.samplers import UnknownNameError
@@ -96,7 +96,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     install(tmp_path, "b_leaves", "raise SystemExit('no licence')")
     install(tmp_path, "c_other", "FAMILY = 3")
     install(tmp_path, "d_unnamed", "", entry="FAMILIES")
-    install(tmp_path, "e_good", "from frame_regression import FAMILY")
+    install(tmp_path, "e_good", "from frame_regression.config import FAMILY")
     monkeypatch.syspath_prepend(tmp_path)
     found = []
     sentences = register_installed(found.append)

@@ -15,7 +15,7 @@ from model.motion.packing import ROTATION_DIM, decode, to_vectors
 from model.networks.branch import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
-from model.systems.globaldiff import GlobalDiffConfig, presets
+from model.systems.globaldiff.config import GlobalDiffConfig, presets
 from model.systems.globaldiff.task import make_task
 from model.train import main
 from model.training import losses, parallel

@@ -23,8 +23,8 @@ from app.run.display import Display
 from app.run.made import row_names
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
-from model.systems.globaldiff import BEST, SYSTEMS
-from model.systems.planned import PLANNED
+from model.systems.globaldiff.config import BEST, SYSTEMS
+from model.systems.planned.config import PLANNED
 from tests.app import fakes
 
 FORM: dict[str, Any] = {

@@ -14,8 +14,8 @@ from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, changed
 from app.run.run_writer import RunWriter
-from model.systems.globaldiff import BEST, LADDER, SYSTEMS
-from model.systems.globaldiff import LADDER_EXPLAINED as EXPLAINED
+from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
+from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
 from tests.app.page.results.made_run import made_run

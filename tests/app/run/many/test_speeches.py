@@ -21,7 +21,7 @@ from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
 from model.sampling.samplers import clip_seed
 from model.speech.audio import SpeechError, write_wav
-from model.systems.planned import PLANNED
+from model.systems.planned.config import PLANNED
 from processes.pool import JobPool
 from tests.model.made import made_waveform
 

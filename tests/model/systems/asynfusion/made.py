@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
-from model.systems.asynfusion import DDIM, LCM_SYNC, AsynFusionConfig, DualBranchConfig
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, AsynFusionConfig, DualBranchConfig
 from model.systems.asynfusion.network import DualBranchNetwork, Pair, Stream, face_tensors
 from tests.model.made import made_components, made_prior, save_made, shaken
 

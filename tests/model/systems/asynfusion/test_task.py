@@ -11,7 +11,7 @@ from conventions.joints import FACE as FACE_JOINTS
 from model.data.prepared import prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
-from model.systems.asynfusion import DDIM, LCM_SYNC, presets
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
 from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import torch
 
-from model.systems.gan import WEIGHTS, GanConfig, GeneratorConfig
+from model.systems.gan.config import WEIGHTS, GanConfig, GeneratorConfig
 from model.systems.gan.network import Generator
 from tests.model.made import made_components, made_prior, make_weights, save_made, shaken
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from model.systems.gan import DiscriminatorConfig
+from model.systems.gan.config import DiscriminatorConfig
 from model.systems.gan.network import FINGERS, Discriminator, Generator
 from model.systems.gan.sampling import posterior, signal_and_noise, times
 from model.systems.gan.task import (

@@ -9,7 +9,7 @@ import torch
 from model.generation.base import Draw, SpeechWindow
 from model.generation.windows import GenerateOptions, generate_motion
 from model.storage.cards import CheckpointError
-from model.systems.gan import SYSTEMS
+from model.systems.gan.config import SYSTEMS
 from model.systems.gan.system import GanSystem
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech

@@ -12,13 +12,13 @@ from model.data.prepared import Batch, PreparedData, prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.checkpoint import load_weights
-from model.systems.gan import (
+from model.systems.gan import task as module
+from model.systems.gan.config import (
     STEP_COUNTS,
     WEIGHTS,
     DiscriminatorConfig,
     GanConfig,
 )
-from model.systems.gan import task as module
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system

@@ -10,7 +10,7 @@ import torch
 from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
-from model.systems.globaldiff import (
+from model.systems.globaldiff.config import (
     LADDER,
     GlobalDiffConfig,
     NetworkConfig,

@@ -11,7 +11,7 @@ from torch import Tensor
 from model.generation.base import Draw, SpeechWindow, Windowing
 from model.motion.motion import Motion
 from model.storage.cards import Card
-from model.systems.official import FAMILY, FILTERED
+from model.systems.official.config import FAMILY, FILTERED
 from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.speech import OfficialEncoder, by_frame
 from model.systems.official.system import OfficialSystem, OfficialWindow, seed_of

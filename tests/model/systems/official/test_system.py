@@ -13,7 +13,7 @@ from model.motion.motion import Motion, save_motion
 from model.motion.rotations import matrix_from_rot6d
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError
-from model.systems.official import FAMILY, FILTERED, UNFILTERED
+from model.systems.official.config import FAMILY, FILTERED, UNFILTERED
 from model.systems.official.system import OfficialSystem, first_seed, seed_of, standing
 from model.systems.registry import list_speakers, list_systems, load_system
 from tests.helpers import smooth_motion_example

@@ -6,7 +6,7 @@ import torch
 
 from model.motion.packing import Normaliser
 from model.plan.kinds import KindTable
-from model.systems.planned import (
+from model.systems.planned.config import (
     PLANNED,
     PLANNER,
     PlannedConfig,

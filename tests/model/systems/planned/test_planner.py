@@ -16,8 +16,8 @@ from model.plan.plan import SIDES, STILL, HandPhase, PlanError
 from model.plan.style import Manner
 from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
 from model.plan.tracks import hand_tracks, tracks_of
-from model.systems.planned import PLANNED
 from model.systems.planned.causal import CausalPlanner
+from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
 from model.systems.planned.planner import Planner, _Events, load_planner
 from model.systems.registry import load_system

@@ -22,7 +22,7 @@ from model.generation.windows import (
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
-from model.systems.planned import PLANNED, PLANNER
+from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.planned.system import PlannedSystem
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech

@@ -14,7 +14,7 @@ from model.data.recordings import DataError
 from model.networks.speech_codes import SpeechReading, load_codes
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder
-from model.systems.planned import PLANNER, PlannerConfig
+from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.speech_encoder.task import terms
 from model.training.task import Start
 from tests.model.systems.speech_encoder.made import SPOKEN, make_encoder_weights, make_spoken_folder

@@ -1,0 +1,121 @@
+"""AsynFusion's systems, samplers and settings."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+from model.generation.family import Family
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
+from model.networks.config import BranchConfig
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
+from model.training.config import PAPER, SMOKE, TrainConfig
+
+DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
+SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
+
+Aim = Literal["noise", "teacher"]
+"""What training aims at: the noise (eq. 12), or a teacher's consistency."""
+
+
+@dataclass(frozen=True)
+class DualBranchConfig(BranchConfig):
+    """Shape of the two branches: as wide and deep as those of the bundled ladder."""
+
+    width: int = 96
+    num_blocks: int = 2
+    num_heads: int = 3
+    speech_context: int = 20
+
+    @property
+    def gesture_dim(self) -> int:
+        """Channels of the body: 55 rotations as axis-angle, and its place."""
+        return AXIS_ANGLE_MOTION_DIM
+
+
+@dataclass(frozen=True)
+class AsynFusionLoss:
+    """Weights of eq. 15."""
+
+    noise: float = 10.0
+    velocity: float = 1.0
+    huber: float = 1.0
+    huber_delta: float = 1.0
+    """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
+    none."""
+    feet: float = 0.0
+    """Of the steps of ankles and feet through forward kinematics, `losses.points_loss`. The paper
+    has no term on the body in the world."""
+    contact: float = 0.0
+    """Of the horizontal steps of feet that stand in the recording, `losses.contact_loss`."""
+    time_weight_floor: float | None = 0.1
+    """Of these two, see `model.sampling.flow.time_weight`."""
+
+
+@dataclass(frozen=True)
+class AsynFusionConfig(TrainConfig):
+    """One training of the two branches, by noise or by distillation."""
+
+    network: DualBranchConfig = field(default_factory=DualBranchConfig)
+    aim: Aim = "noise"
+    loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
+    apart: float = 0.5
+    """Share of samples whose branches are at steps of their own, as they are when the face is
+    sampled in fewer; the paper does not say that it trains for that."""
+    solver_steps: int = 50
+    """Of the teacher from noise to motion: a student learns to agree with itself one of them
+    earlier. 1,000 / 50 is the skipping step of Luo et al. (2023)."""
+    teacher_guidance: float = 2.5
+    """How many times what speech changes in the teacher's gesture is taken (as in Luo et
+    al. 2023): so the student hears at the strength at which its teacher is asked."""
+
+    def __post_init__(self) -> None:
+        if self.aim not in get_args(Aim):
+            raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(Aim))}.")
+
+
+def presets(system: str) -> dict[str, AsynFusionConfig]:
+    """Settings by name; those of `LCM_SYNC` distil `DDIM`."""
+    config = AsynFusionConfig(
+        system=system,
+        batch_size=64,
+        steps=9400,
+        learning_rate=8e-4,
+        ema_decay=0.998,
+        save_every=500,
+        validate_every=1000,
+    )
+    if system == LCM_SYNC:
+        config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4, speech_dropout=0.0)
+    least = replace(config.network, width=32, num_heads=2)
+    large = replace(
+        config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0, speech_dim=1024
+    )
+    return {
+        "demo": config,
+        "paper": replace(config, network=large, **PAPER),
+        "smoke": replace(config, network=least, **SMOKE),
+    }
+
+
+FAMILY = Family(
+    name="asynfusion",
+    title="AsynFusion: face and body that hear each other",
+    systems=SYSTEMS,
+    about={
+        DDIM: "Two networks side by side, one for the face and one for the body; after every block "
+        "each reads what the other has made of it so far. 25 diffusion steps each.",
+        LCM_SYNC: "Distilled from it: 8 steps that lead where many small ones would.",
+        LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
+        "between, the body reads what the face was at last.",
+    },
+    presets=presets,
+    package="model.systems.asynfusion",
+    place=3,
+    samplers={
+        DDIM: (Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"], guidance=2.5),),
+        LCM_SYNC: (Sampler("lcm", 8, 8, "LCM", guidance=2.5),),
+        LCM_ASYNC: (Sampler("lcm", 8, 4, "LCM", guidance=2.5),),
+    },
+    shared_weights={LCM_ASYNC: LCM_SYNC},
+    usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),
+    face_steps_help="AsynFusion draws face and body apart; 0 is what it usually takes.",
+)

@@ -1,0 +1,267 @@
+"""The ladder's systems, what each stands for, and their settings."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, get_args
+
+from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
+from model.motion.spaces import Representation, RootMotion, RotationSpace
+from model.networks.config import BranchConfig
+from model.sampling.samplers import FLOW_SAMPLERS, SAMPLER_TITLES, Sampler
+from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
+
+
+@dataclass(frozen=True)
+class NetworkConfig(BranchConfig):
+    """Shape of the two-branch motion network (GlobalDiff, "Overall Structure")."""
+
+    rotation_space: RotationSpace = "global"
+    """Global is GlobalDiff's; axis-angle is nearest to Gaussian, so that the network stands on the
+    linear-Gaussian denoiser (`model.sampling.prior`) and adds to it."""
+    root: RootMotion = "velocity"
+    """A body with a place returns to where it is at home."""
+
+    def __post_init__(self) -> None:
+        if self.rotation_space not in get_args(RotationSpace):
+            raise ValueError(
+                f"rotation_space is {self.rotation_space!r}; use local, global or axis-angle."
+            )
+        if self.root not in get_args(RootMotion):
+            raise ValueError(f"root is {self.root!r}; use velocity or place.")
+        super().__post_init__()
+
+    @property
+    def prior(self) -> bool:
+        """Whether the network stands on a linear-Gaussian prior."""
+        return self.rotation_space == "axis-angle"
+
+    @property
+    def motion_dim(self) -> int:
+        """Channels of a motion vector: 55 rotations and the root."""
+        return 55 * (3 if self.prior else 6) + 3
+
+
+@dataclass(frozen=True)
+class GlobalDiffLoss(GeometricWeights):
+    """Weights of the training terms; a term of weight 0 is not computed."""
+
+    seed: float = 1.0
+    """Extra weight of eq. 7 on the frames that repeat the seed pose."""
+    joint: float = 0.0
+    """L_j: anchors turned with each joint (GlobalDiff eqs. 8 to 10), metres squared."""
+    skeleton: float = 0.0
+    """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
+    motion: float = 0.0
+    """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
+    time_weight_floor: float | None = 0.5
+    """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
+    which decide how smooth the motion is, count enough. None: equal weights."""
+
+
+@dataclass(frozen=True)
+class GlobalDiffConfig(TrainConfig):
+    """One training of a rung of the ladder, or of our own system."""
+
+    system: str = "globaldiff/global"
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    representation: Representation = "normalised"
+    loss: GlobalDiffLoss = field(default_factory=GlobalDiffLoss)
+    flow_time_power: float = 2.0
+    """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says
+    little and speech has to decide."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One row of the paper's Table 2: what its training has beyond L_simple and L_pos."""
+
+    rotation_space: RotationSpace
+    constraints: tuple[str, ...] = ()
+    """Fields of `GlobalDiffLoss` that get their weight from `CONSTRAINT_WEIGHTS`."""
+
+
+LADDER: dict[str, Rung] = {
+    "globaldiff/local": Rung("local"),
+    "globaldiff/global": Rung("global"),
+    "globaldiff/joint": Rung("global", ("joint",)),
+    "globaldiff/skeleton": Rung("global", ("joint", "skeleton")),
+    "globaldiff/full": Rung("global", ("joint", "skeleton", "motion")),
+}
+"""In the order of the paper's Table 2; a rung adds one thing to the one before."""
+
+BEST = "workbench/priorflow"
+"""Our own system: the paper's network on a linear-Gaussian prior (`model.sampling.prior`)."""
+
+SYSTEMS: tuple[str, ...] = (BEST, *LADDER)
+"""Every motion system there is, in the order in which they are shown."""
+
+CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
+"""Each gives its constraint a gradient 0.4 times as long as that of the other terms together,
+measured on a trained `globaldiff/global`. The official weights suit raw errors, and the paper gives
+none; eq. 10 is in metres squared at 5 cm, hence its large factor."""
+
+
+def presets(system: str) -> dict[str, GlobalDiffConfig]:
+    """Settings of one system by name: ``demo`` trained the bundled weights, ``paper`` is the size
+    of the paper and the official code, ``smoke`` trains for a minute."""
+    config = _best() if system == BEST else _rung(system)
+    large = replace(
+        config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
+    )
+    least = replace(config.network, width=48, num_blocks=1, num_heads=2)
+    return {
+        "demo": config,
+        "paper": replace(config, network=large, **PAPER),
+        "smoke": replace(config, network=least, **SMOKE),
+    }
+
+
+def _rung(system: str) -> GlobalDiffConfig:
+    """The paper's losses and the official code's representation: raw 6D under unit noise, L_simple
+    and L_pos, flow times uniform and equal in weight. At a size and length that a processor trains
+    from nothing in half an hour: 600,000 windows."""
+    rung = LADDER[system]
+    weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in rung.constraints}
+    return GlobalDiffConfig(
+        system=system,
+        representation="raw",
+        network=NetworkConfig(
+            rotation_space=rung.rotation_space, width=96, num_blocks=2, num_heads=3
+        ),
+        loss=GlobalDiffLoss(velocity=0.0, acceleration=0.0, time_weight_floor=None, **weights),
+        flow_time_power=1.0,
+        batch_size=64,
+        steps=9400,
+        learning_rate=8e-4,
+        save_every=500,
+        validate_every=1000,
+    )
+
+
+def _best() -> GlobalDiffConfig:
+    """Everything that was found to help; see docs/experiments/priorflow.md."""
+    return GlobalDiffConfig(
+        system=BEST,
+        network=NetworkConfig(
+            rotation_space="axis-angle", num_blocks=4, speech_context=40, root="place"
+        ),
+        loss=GlobalDiffLoss(
+            velocity=30.0, acceleration=30.0, contact=0.5, rooted=True, seed=0.0,
+            time_weight_floor=0.1,
+        ),
+        batch_size=64,
+        steps=7000,
+        learning_rate=1e-3,
+        ema_decay=0.998,
+        save_every=500,
+        validate_every=1000,
+    )  # fmt: skip
+
+
+_SAMPLERS = tuple(
+    Sampler(name, 10, title=SAMPLER_TITLES[name], guidance=2.5) for name in FLOW_SAMPLERS
+)
+_LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/full"
+
+_TITLE = "Five systems, each adding one thing to the one before"
+_INTRODUCTION = (
+    "All predict the clean motion from a noised one, the speech, the speaker and a short seed "
+    "(flow matching, eq. 7), with positions supervised beside rotations. In this project everything"
+    " but the rung's own step is equal: data and their order, network, windows of training, and "
+    "the noise of a comparison; each was trained from nothing, on raw rotations as in the paper's "
+    "code. That a step helps is the paper's claim; on your clip, the measures decide."
+)
+_OWN_TITLE = "And one of our own, made to move well"
+_OWN_MEANING = (
+    "Before any network, a linear-Gaussian model of the motion (how far, how smoothly and how long "
+    "each part of the body moves) says what x₁ can be, given the noised motion and the frames "
+    "before. The network adds to that what speech tells, in units of what is still open. So it "
+    "moves as far and as smoothly as its data; the ladder shows what happens without."
+)
+
+_EQ_3 = r"R_k^{\text{global}} = R_1^{\text{local}} R_2^{\text{local}} \cdots R_k^{\text{local}}"
+_EQ_5 = r"q_k = q_{\text{root}} + \sum_{(i \to j) \in \pi(k)} R_i^{\text{global}} (t_j - t_i)"
+_JOINT = (
+    r"\mathcal{L}_j = \frac{1}{KN} \sum_{k,n}"
+    r" \|R_k^{\text{global}} v_k^n - R_k^{\text{gt}} v_k^n\|^2"
+)
+_SKELETON = (
+    r"\mathcal{L}_s = \frac{1}{|\mathcal{B}|} \sum_{b,b' \in \mathcal{B}}"
+    r" (b^{\text{T}} b' - \tilde{b}^{\text{T}} \tilde{b}')^2"
+)
+_MOTION = r"\mathcal{L}_m = \|g(\hat{X}) - g(X)\|^2"
+
+_RUNGS = (
+    ExplainedSystem(
+        "globaldiff/local", "Local rotations",
+        "Each joint is predicted relative to its parent. A joint's direction in the world is a "
+        "product along the chain, so an error at the shoulder turns everything below it.",
+        _EQ_3, "eq. 3",
+        "Trembling that grows from shoulder to fingertip; a body that tilts as a whole.",
+    ),
+    ExplainedSystem(
+        "globaldiff/global", "Global rotations",
+        "Each joint is predicted in the world. A position is a sum over the chain's bones; an "
+        "error at one joint moves what is below it but turns nothing else.",
+        _EQ_5, "eq. 5",
+        "A quieter fingertip. The price: nothing ties neighbours together, so single joints may "
+        "twist against their parents.",
+    ),
+    ExplainedSystem(
+        "globaldiff/joint", "+ joint constraint",
+        "Six anchor points around each joint are turned along with it and compared. A position "
+        "says nothing of a last joint's own turn; the anchors do.",
+        _JOINT, "eqs. 8 to 10",
+        "Thumbs and little fingers: without it they may be flipped or twisted.",
+    ),
+    ExplainedSystem(
+        "globaldiff/skeleton", "+ skeleton constraint",
+        "The angle between every two bones is compared, however far apart they are on the body.",
+        _SKELETON, "eqs. 11 to 13",
+        "Posture: leaning, uneven limbs and unsteady feet should become rarer.",
+    ),
+    ExplainedSystem(
+        "globaldiff/full", "+ motion constraint",
+        "A trained encoder g turns whole stretches of motion into codes at several time scales; "
+        "codes of prediction and recording are compared.",
+        _MOTION, "eqs. 14 and 15",
+        "Timing: rhythm and dynamics over seconds, which no single frame shows.",
+    ),
+)  # fmt: skip
+
+LADDER_EXPLAINED = Ladder(_TITLE, _INTRODUCTION, _RUNGS, (Beside(BEST, _OWN_TITLE, _OWN_MEANING),))
+
+
+FAMILY = Family(
+    name="globaldiff",
+    title="GlobalDiff, and one of our own",
+    systems=SYSTEMS,
+    about={
+        BEST: "Made to move well: the paper's network on a linear-Gaussian model of the motion.",
+        "globaldiff/local": "Rotations of each joint in its parent.",
+        "globaldiff/global": "Rotations of each joint in the world.",
+        "globaldiff/joint": "Global, and the joint structure constraint.",
+        "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
+        "globaldiff/full": "Skeleton, and the temporal structure constraint.",
+    },
+    samplers=dict.fromkeys(SYSTEMS, _SAMPLERS),
+    presets=presets,
+    package="model.systems.globaldiff",
+    place=2,
+    usual={
+        "run": (_LOCAL, _GLOBAL, BEST),
+        "steps": (_FULL, BEST),
+        "hearing": (BEST, _GLOBAL),
+        "hearing-tab": (BEST, _GLOBAL),
+        "training": (_GLOBAL,),
+        "bench-training": (_GLOBAL, _FULL),
+    },
+    ladder=LADDER_EXPLAINED,
+    claim=Claim(
+        "global rotations jerk less than local ones",
+        more=_LOCAL,
+        less=tuple(name for name in LADDER if name != _LOCAL),
+        plain=_GLOBAL,
+        full=_FULL,
+        added="its constraints",
+    ),
+)

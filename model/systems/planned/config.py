@@ -1,0 +1,108 @@
+"""Systems and settings: a planner draws gestures, nods and looks from speech, and a motion network
+follows the plan it is given.
+"""
+
+from dataclasses import dataclass, field, replace
+
+from model.generation.family import Family
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
+from model.speech.codes import CodesConfig
+from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff.config import presets as globaldiff_presets
+from model.training.config import SMOKE, THROATS, TrainConfig
+
+PLANNED = "workbench/planned"
+PLANNER = "planner"
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """Shape of the planner."""
+
+    speech_dim: int = 68
+    codes: int = 0
+    """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none,
+    as planners of before heard."""
+    width: int = 128
+    head_width: int = 96
+    dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
+    """Of convolutions over three frames: about a second of speech is heard on either side."""
+    mixtures: int = 6
+    """Gaussians of a mark."""
+    num_speakers: int = 31
+    """Size of the speaker table; 0 stands for "no speaker"."""
+    window_frames: int = 300
+
+    @property
+    def context(self) -> int:
+        """Frames heard on either side."""
+        return sum(self.dilations)
+
+
+@dataclass(frozen=True)
+class PlannerTrainConfig(TrainConfig):
+    """One training of the planner."""
+
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    speakerless: float = 0.5
+    """Share of the windows without speech that know no speaker either: what speech and speaker
+    together change is what a strength enlarges."""
+
+
+@dataclass(frozen=True)
+class PlannedNetworkConfig(NetworkConfig):
+    """Shape of the motion network, and how it is told a plan."""
+
+    num_kinds: int = 64
+    """Gestures it can tell apart at most."""
+    kind_dim: int = 16
+
+
+@dataclass(frozen=True)
+class PlannedConfig(GlobalDiffConfig):
+    """One training of the motion network."""
+
+    network: PlannedNetworkConfig = field(default_factory=PlannedNetworkConfig)
+    plan_dropout: float = 0.1
+    """Share of windows that are told no plan."""
+
+
+def presets(system: str) -> dict[str, TrainConfig]:
+    """Settings by name."""
+    if system == PLANNER:
+        planner = PlannerTrainConfig(
+            system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
+            speech_dropout=0.15, save_every=250, throats=THROATS,
+            planner=PlannerConfig(codes=CodesConfig.codes),
+        )  # fmt: skip
+        shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
+        return {"demo": planner, "smoke": replace(planner, planner=shape, **SMOKE)}
+    bases = globaldiff_presets(BEST)
+    return {name: _told_plans(bases[name], system) for name in ("demo", "smoke")}
+
+
+def _told_plans(base: GlobalDiffConfig, system: str) -> PlannedConfig:
+    shape = PlannedNetworkConfig(**vars(base.network))
+    told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
+    return PlannedConfig(system=system, network=shape, **told)
+
+
+FAMILY = Family(
+    name="planned",
+    title="Plan first, of our own",
+    systems=(PLANNED,),
+    about={
+        PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
+    },
+    samplers={
+        PLANNED: tuple(
+            Sampler(name, 6, title=SAMPLER_TITLES[name], guidance=2.5) for name in ("euler", "heun")
+        )
+    },
+    presets=presets,
+    package="model.systems.planned",
+    place=1,
+    helpers=(PLANNER,),
+    usual=dict.fromkeys(("run", "hearing", "hearing-tab"), (PLANNED,)),
+    plans=(PLANNED,),
+)
