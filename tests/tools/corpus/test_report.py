@@ -99,7 +99,9 @@ def test_the_page_says_what_gives_the_corpus_away(corpus, tmp_path):
     shaky = [
         replace(
             clip,
-            realism=clip.realism | {"wrist jerk, m/s^3": clip.realism["wrist jerk, m/s^3"] + 500.0},
+            realism=clip.realism.assign(
+                **{"wrist jerk, m/s^3": clip.realism["wrist jerk, m/s^3"] + 500.0}
+            ),
         )
         for clip in clips[:2]
     ]

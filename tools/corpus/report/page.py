@@ -3,7 +3,6 @@
 import numpy as np
 
 from tools.corpus.report.realism import (
-    FeatureGap,
     Figures,
     MeasuredClip,
     alignment_scores,
@@ -65,6 +64,12 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
     if len(real) < 2 or len(corpus) < 2:
         return f"{title}Too few clips to say.\n"
     realism = judge_realism(real, corpus)
+    rows = []
+    for name, told in realism.features[:TOLD].iterrows():
+        medians = [_short(told[which]) for which in ("first", "second", "corpus")]
+        rows.append(
+            [str(name), *medians, f"{told.auc:.2f}", f"{told.real_auc:.2f}", f"{told.share:.0%}"]
+        )
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
         f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
@@ -73,15 +78,9 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
         "\n\n"
         + _table(
             ["figure", *names, "corpus", "by itself", "real against real", "share"],
-            [_feature_row(feature) for feature in realism.features[:TOLD]],
+            rows,
         )
     )
-
-
-def _feature_row(feature: FeatureGap) -> list[str]:
-    medians = [_short(value) for value in (*feature.real, feature.corpus)]
-    areas = [f"{area:.2f}" for area in (feature.auc, feature.real_auc)]
-    return [feature.name, *medians, *areas, f"{feature.share:.0%}"]
 
 
 def _alignment(clips: Clips) -> str:

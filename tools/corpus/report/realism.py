@@ -6,18 +6,21 @@ regression judged on clips that it has not seen. How well two real clips of one 
 apart by the same figures is the floor: a corpus cannot hide better than real motion does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import stft
 from scipy.spatial.transform import Rotation
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
@@ -140,9 +143,8 @@ TREMOR_HZ = 5.0
 SHUT_DEG = 1.5  # of a jaw
 FINGERS = range(JOINT_INDEX["left_index1"], JOINT_INDEX["right_thumb3"] + 1)
 
-Windows = Float[np.ndarray, "_ F"]
-Figures = dict[str, Float[np.ndarray, " _"]]
-"""One number of each window, by the figure's name, which holds the unit."""
+Figures = pd.DataFrame
+"""A row for each window, a column for each figure, whose name holds the unit."""
 
 
 @dataclass(frozen=True)
@@ -153,24 +155,11 @@ class Realism:
     """Area under the curve of all figures together: mean over real clips left out of training."""
     floor: float
     """The same between two real clips, trained on three quarters of each and tested on the rest."""
-    features: tuple["FeatureGap", ...]
-    """The figures, most telling first."""
-
-
-@dataclass(frozen=True)
-class FeatureGap:
-    """One figure: its medians, and the area under the curve by it alone (0.5 to 1)."""
-
-    name: str
-    real: tuple[float, ...]
-    """Median of each real clip."""
-    corpus: float
-    auc: float
-    real_auc: float
-    """Of the first real clip against the second."""
-    share: float
-    """Part of the regression's mean distance between real and corpus that is due to it; negative
-    where the figure works against the others."""
+    features: pd.DataFrame
+    """By figure, the most telling first: medians of the ``first`` and ``second`` real clip and of
+    the ``corpus``, the area under the curve by it alone (``auc``, 0.5 to 1) and of the first real
+    clip against the second (``real_auc``), and its ``share`` in the regression's mean distance
+    between real and corpus; negative where it works against the others."""
 
 
 Silences = Sequence[tuple[float, float]]
@@ -225,7 +214,7 @@ def _figures(
         if not any(a * FPS < start + WINDOW and b * FPS > start for a, b in silences)
     ]
     figures = {
-        name: np.array([values[start : start + WINDOW].mean() for start in starts])
+        name: np.array([values[start : start + WINDOW].mean() for start in starts], float)
         for name, values in series.items()
     }
     for name, path in paths.items():
@@ -233,7 +222,7 @@ def _figures(
         share, centroid = np.array(spectra).reshape(-1, 2).T
         figures[f"{name} log power share above 5 Hz"] = share
         figures[f"{name} spectral centroid, Hz"] = centroid
-    return figures
+    return pd.DataFrame(figures)
 
 
 def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
@@ -338,39 +327,27 @@ def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
     return tuple((row.start_s, row.end_s) for row in rows if row.label)
 
 
-@dataclass(frozen=True)
-class Judge:
-    """A trained regression: standardises, weighs, sums."""
-
-    mean: Float[np.ndarray, " F"]
-    scale: Float[np.ndarray, " F"]
-    weights: Float[np.ndarray, " F"]
-
-    @classmethod
-    def train(cls, a: Windows, b: Windows) -> "Judge":
-        """High for windows like ``b``, low for windows like ``a``, which count alike whatever their
-        number; ``PENALTY / 2`` times the squared weights is added to the mean log loss."""
-        both = np.concatenate([a, b])
-        mean, scale = both.mean(0), both.std(0) + 1e-9
-        regression = LogisticRegression(
-            C=1 / (PENALTY * len(both)), class_weight="balanced", tol=1e-10, max_iter=10_000
-        )
-        regression.fit((both - mean) / scale, _sides(a, b))
-        return cls(mean, scale, regression.coef_[0])
-
-    def area_under_curve(self, a: Windows, b: Windows) -> float:
-        return _area(self.contributions(a).sum(1), self.contributions(b).sum(1))
-
-    def contributions(self, windows: Windows) -> Windows:
-        """What each figure adds to each window's score."""
-        return (windows - self.mean) / self.scale * self.weights
+def _judge(a: Figures, b: Figures) -> Pipeline:
+    """A regression that is high for windows like ``b``, low for windows like ``a``, which count
+    alike whatever their number; ``PENALTY / 2`` times the squared weights is added to the mean log
+    loss."""
+    both = pd.concat([a, b])
+    regression = LogisticRegression(
+        C=1 / (PENALTY * len(both)), class_weight="balanced", tol=1e-10, max_iter=10_000
+    )
+    return make_pipeline(StandardScaler(), regression).fit(both, _sides(a, b))
 
 
-def _sides(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _told_apart(judge: Pipeline, a: Figures, b: Figures) -> float:
+    """Area under the curve."""
+    return _area(judge.decision_function(a), judge.decision_function(b))
+
+
+def _sides(a: Sized, b: Sized) -> np.ndarray:
     return np.repeat([0, 1], [len(a), len(b)])
 
 
-def _area(low: Float[np.ndarray, " A"], high: Float[np.ndarray, " B"]) -> float:
+def _area(low: np.ndarray, high: np.ndarray) -> float:
     """Probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
     return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
 
@@ -388,44 +365,35 @@ def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
             f"Two real clips and two of the corpus are needed; there are {len(real)} and"
             f" {len(corpus)}."
         )
-    first, second = (_table(figures) for figures in real[:2])
-    tables = [_table(figures) for figures in corpus]
-    halves = np.concatenate(tables[0::2]), np.concatenate(tables[1::2])
-    judges = Judge.train(first, halves[0]), Judge.train(second, halves[1])
+    first, second = real[:2]
+    halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])
+    judges = _judge(first, halves[0]), _judge(second, halves[1])
     # Each judge is tested on the real clip and the half that it has not seen.
     joint = [
-        judges[0].area_under_curve(second, halves[1]),
-        judges[1].area_under_curve(first, halves[0]),
+        _told_apart(judges[0], second, halves[1]),
+        _told_apart(judges[1], first, halves[0]),
     ]
-    both, every = np.concatenate([first, second]), np.concatenate(halves)
-    gaps = [
-        judge.contributions(every).mean(0) - judge.contributions(both).mean(0) for judge in judges
-    ]
-    share = np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0)
-    features = [
-        FeatureGap(
-            name=name,
-            real=(float(np.median(first[:, k])), float(np.median(second[:, k]))),
-            corpus=float(np.median(every[:, k])),
-            auc=_either_way(both[:, k], every[:, k]),
-            real_auc=_either_way(first[:, k], second[:, k]),
-            share=float(share[k]),
-        )
-        for k, name in enumerate(real[0])
-    ]
-    features.sort(key=lambda feature: -feature.auc)
+    both, every = pd.concat([first, second]), pd.concat(halves)
+    apart = every.mean() - both.mean()
+    gaps = [apart / judge[0].scale_ * judge[1].coef_[0] for judge in judges]
+    features = pd.DataFrame(
+        {
+            "first": first.median(),
+            "second": second.median(),
+            "corpus": every.median(),
+            "auc": [_either_way(both[name], every[name]) for name in first],
+            "real_auc": [_either_way(first[name], second[name]) for name in first],
+            "share": np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0),
+        }
+    )
     return Realism(
         joint=float(np.mean(joint)),
         floor=_floor(first, second),
-        features=tuple(features),
+        features=features.sort_values("auc", ascending=False, kind="stable"),
     )
 
 
-def _table(figures: Figures) -> Windows:
-    return np.column_stack(list(figures.values()))
-
-
-def _floor(first: Windows, second: Windows) -> float:
+def _floor(first: Figures, second: Figures) -> float:
     """Real against real, quarter by quarter in time; NaN where no quarter has windows in both."""
     areas = []
     for quarter in range(4):
@@ -433,18 +401,17 @@ def _floor(first: Windows, second: Windows) -> float:
             _without_quarter(windows, quarter) for windows in (first, second)
         )
         if all(len(part) for part in (first_rest, first_part, second_rest, second_part)):
-            judge = Judge.train(first_rest, second_rest)
-            areas.append(judge.area_under_curve(first_part, second_part))
+            areas.append(_told_apart(_judge(first_rest, second_rest), first_part, second_part))
     return float(np.mean(areas)) if areas else float("nan")
 
 
-def _without_quarter(windows: Windows, quarter: int) -> tuple[Windows, Windows]:
+def _without_quarter(windows: Figures, quarter: int) -> tuple[Figures, Figures]:
     """The windows that share no frame with one quarter of a clip, and that quarter's."""
     start, stop = (len(windows) * q // 4 for q in (quarter, quarter + 1))
-    rest = np.concatenate([windows[: max(start - 1, 0)], windows[stop + 1 :]])
+    rest = pd.concat([windows[: max(start - 1, 0)], windows[stop + 1 :]])
     return rest, windows[start:stop]
 
 
-def _either_way(a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]) -> float:
-    area = _area(a, b)
+def _either_way(a: pd.Series, b: pd.Series) -> float:
+    area = _area(a.to_numpy(), b.to_numpy())
     return max(area, 1 - area)
