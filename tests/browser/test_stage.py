@@ -242,6 +242,10 @@ def test_the_player_can_be_walked_through_by_keyboard(page: Page) -> None:
     wanted += ["Jerk", "Close-up", "All", "Wipe", "Flicker", "Ghost", "More displays and views"]
     assert [name for name in walked[:-1] if not name.startswith("Keys.")] == wanted
 
+    page.get_by_role("button", name="Enlarge global", exact=True).press("Enter")
+    alone = page.get_by_role("button", name="Show all again", exact=True)
+    expect(alone).to_be_focused()  # though names are laid out anew
+    alone.press("Enter")
     for name in ("One frame on", "Ghost"):
         bar.get_by_role("button", name=name, exact=True).focus()
         page.keyboard.press("Enter")

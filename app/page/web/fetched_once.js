@@ -1,15 +1,5 @@
-/** What all parts of a page share, and none fetches twice. */
-
-/**
- * A function that gives the same promise at every call; one that has failed is made anew.
- *
- * @template T
- * @template {unknown[]} Given
- * @param {(...given: Given) => Promise<T>} get
- * @returns {(...given: Given) => Promise<T>}
- */
+/** What all parts of a page share, and none fetches twice: the same promise at every call; one that has failed is made anew. */
 export function fetchedOnce(get) {
-  /** @type {Promise<T> | null} */
   let fetching = null;
   return (...given) => {
     fetching ??= get(...given).catch((error) => {

@@ -135,6 +135,7 @@ class Player {
     this.#press(".seen-start");
     this.#more.hidden = true;
     this.controls.update();
+    this.controls.displayBar.more.focus();
   }
 
   /** A hidden button of the tab. */

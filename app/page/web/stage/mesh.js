@@ -8,7 +8,7 @@ import { fetchedOnce } from "../fetched_once.js";
 
 const BODY_URL = "live/body.glb";
 
-/** The page's one body; a later call asks again where an earlier one failed. */
+/** @type {() => Promise<Mesh>} The page's one body. */
 export const theBody = fetchedOnce(async () => new Mesh(readGlb(await fetched(BODY_URL, new AbortController().signal))));
 
 export class Mesh {

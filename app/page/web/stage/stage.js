@@ -515,19 +515,24 @@ export class Stage {
       return element;
     };
     const named = ({ row }) => make("small", { class: "stage-name", "aria-hidden": "true" }, row.label ?? row.name);
-    const focused = document.activeElement;
-    const isWithin = this.#labels.contains(focused);
+    const focused = /** @type {HTMLElement} */ (this.#labels.contains(document.activeElement) ? document.activeElement : null);
+    const name = focused?.closest("[data-name]")?.getAttribute("data-name");
     this.#labels.replaceChildren(
       ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry), entry, left, top, wide)),
       ...(this.#isNamedBelow ? below : []).map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
     );
-    if (isWithin && focused instanceof HTMLElement) focused.focus({ preventScroll: true }); // what stays keeps it
+    const same = focused?.isConnected ? focused : this.#labels.querySelector(`[data-name="${CSS.escape(name ?? "")}"] .enlarge`);
+    if (focused) /** @type {HTMLElement} */ (same)?.focus({ preventScroll: true });
     this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
   }
 
+  /** Anew where something about it is other than before: a list of it that is open stays so. */
   #tag(entry) {
     const { row, shown } = entry;
-    if (!entry.reading && row.assumed) entry.reading = readingOf(row); // once: what is open stays so
+    const told = [row.label, row.motion, row.frames, row.video, row.plan, !shown, this.#large === row.name, this.#rows.size, this.#isNarrow && this.#at].join();
+    if (entry.told === told) return entry.tag;
+    entry.told = told;
+    if (!entry.reading && row.assumed) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
     if (this.#rows.size > 1) {
@@ -537,6 +542,7 @@ export class Stage {
     }
     const tag = make("div", { class: "stage-tag", "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
+    entry.tag = tag;
     if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
     return tag;
   }
