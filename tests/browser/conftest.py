@@ -205,7 +205,9 @@ def served(
         does: tasks by functions of a test's own, as of `FakeWorker`.
     """
     before = os.environ.get("GRADIO_TEMP_DIR")
-    page = launch(config, is_warmed_up, partial(fakes.FakeWorker, does=does))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.page.queue.worker.Worker", partial(fakes.FakeWorker, does=does))
+        page = launch(config, is_warmed_up)
     assert page.local_url is not None
     yield page.local_url
     page.close()
