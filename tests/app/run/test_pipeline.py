@@ -155,7 +155,7 @@ def test_a_whole_run_records_what_made_it_and_follows_the_point_that_was_asked_f
     with Image.open(result.out / "figure6.png") as picture:
         assert picture.info["Description"].startswith(f"Left elbow, frames 5 to {SHORT - 1}")
     with Image.open(result.out / "jitter.png") as picture:
-        assert "global has a left elbow jerk of" in picture.info["Description"]
+        assert "Left elbow jerk in m/s³: global " in picture.info["Description"]
 
 
 @pytest.fixture
