@@ -25,7 +25,7 @@ from typing import IO, Any, cast
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
-from app.run.output.result_folder import UNFINISHED, require_free_space
+from app.run.output.result_folder import UNFINISHED, list_bytes, require_free_space
 from app.run.upload_check import PACKED
 from conventions.names import printable
 from model.storage.files import write_error
@@ -39,8 +39,6 @@ _MAX_HEADER_BYTES = 1 << 20
 _MAX_NAME_BYTES, _MAX_PATH_CHARS, _MAX_DEPTH = 200, 1000, 16
 _BYTES_AN_ENTRY = 1024
 """Of the list of files at the end of a zip; usual entries have a tenth."""
-_END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
-_END_BYTES, _END_64_BYTES, _LOCATOR_BYTES, _MAX_COMMENT = 22, 56, 20, 65535
 _DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError),
     *(RuntimeError, UnicodeDecodeError, struct.error, ValueError, tarfile.TarError),
@@ -273,23 +271,7 @@ class _Entry:
 
 def _check_list(file: IO[bytes], name: str, limits: UnpackLimits) -> None:
     """See that the list of files is no longer than so many files need, before it is read whole."""
-    size = file.seek(0, os.SEEK_END)
-    start = max(0, size - _MAX_COMMENT - _END_BYTES - _LOCATOR_BYTES - _END_64_BYTES)
-    file.seek(start)
-    tail = file.read()
-    end = len(tail) - _END_BYTES
-    if tail[end : end + 4] != _END or tail[-2:] != b"\0\0":  # behind it stands a comment
-        end = tail.rfind(_END)
-    if end < 0 or len(tail) - end < _END_BYTES:
-        raise RunError(f"{name} is no readable zip; pack it again.")
-    (length,) = struct.unpack("<L", tail[end + 12 : end + 16])
-    locator = end - _LOCATOR_BYTES
-    if tail[max(0, locator) : max(0, locator) + 4] == _LOCATOR:
-        big = locator - _END_64_BYTES
-        if big < 0 or tail[big : big + 4] != _END_64:
-            raise RunError(f"{name} is no readable zip; pack it again.")
-        (length,) = struct.unpack("<Q", tail[big + 40 : big + 48])
-    if length > _BYTES_AN_ENTRY * limits.files:
+    if list_bytes(file) > _BYTES_AN_ENTRY * limits.files:
         raise RunError(f"{name} holds more files than the {limits.files} that are read; split it.")
 
 

@@ -7,7 +7,7 @@ import fcntl
 import hashlib
 import os
 import re
-import struct
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from app.errors import RunError
 from app.run.ask import MAX_CLIPS, Ask
-from app.run.output.result_folder import zip_files
+from app.run.output.result_folder import list_bytes, zip_files
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
 from model.storage.files import written_atomically
 
@@ -37,7 +37,7 @@ _OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_fra
 """Of an ask, what is nobody's business or no choice."""
 _MAX_STEM_BYTES = 200
 _MAX_LIST_BYTES = 300_000
-"""Of the list of files at the end of a zip that is looked at."""
+"""Of the list of files of a zip that is looked at."""
 
 Name = Annotated[str, Field(min_length=1, max_length=520), AfterValidator(printable)]
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(printable)]
@@ -351,24 +351,12 @@ def is_run_zip(path: Path) -> bool:
     tells; nothing is unpacked."""
     try:
         with path.open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            start = max(0, size - _MAX_LIST_BYTES)
-            file.seek(start)
-            tail = file.read()
-    except OSError:
+            if list_bytes(file) > _MAX_LIST_BYTES:
+                return False
+            names = zipfile.ZipFile(file).namelist()
+    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
         return False
-    end = tail.rfind(b"PK\x05\x06")
-    if end < 0 or len(tail) < end + 22:
-        return False
-    length, at = struct.unpack_from("<II", tail, end + 12)
-    at, found = at - start, 0
-    if at < 0 or at + length > end:
-        return False
-    while at + 46 <= end and tail[at : at + 4] == b"PK\x01\x02":
-        name_bytes, *others = struct.unpack_from("<HHH", tail, at + 28)
-        name = tail[at + 46 : at + 46 + name_bytes]
-        found += name.split(b"/")[-1] == RUN.encode() and name.count(b"/") <= 2
-        at += 46 + name_bytes + sum(others)
+    found = sum(name.split("/")[-1] == RUN and name.count("/") <= 2 for name in names)
     return 0 < found <= MAX_CLIPS
 
 
