@@ -16,14 +16,13 @@ from pathlib import Path
 
 from app import text
 from app.errors import RunError
-from app.live.live_body import body_glb, builds
 from app.page.player.player import Showing
 from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import RowKind, runs_in
-from app.run.pieces import MAX_FRAMES
+from app.run.pieces import MAX_FRAMES, body_glb, builds
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"

@@ -33,9 +33,9 @@ from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
 from app.errors import visitor_sentence
-from app.live.live_body import body_glb, builds, face_names, reaches_message
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
+from app.run.pieces import body_glb, builds, face_names, reaches_message
 from app.run.videos.export import MARKERS_ENDING, RenderAsk, render_motion, write_plan
 
 MEDIA_ROUTE = "/media"

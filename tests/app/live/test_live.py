@@ -20,10 +20,9 @@ from app.live import sessions as module
 from app.live import sound as sounds
 from app.live.child import Performers
 from app.live.minute import KEPT_FRAMES, LastMinute, LastPlan
-from app.live.session import LiveSession, check_live, live_ask, why_less
+from app.live.session import LiveSession, check_live, live_ask, told_plan, why_less
 from app.live.sessions import LiveSessions, Place
 from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
-from app.live.told_plan import told_plan
 from app.run.ask import Ask
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message

@@ -48,7 +48,7 @@ export class Planned {
     this.#tell();
   }
 
-  /** What the sliders say, as app/live/told_plan.py reads it. */
+  /** What the sliders say, as app/live/session.py reads it. */
   get manner() {
     const excite = Number(this.#sliders.get("excite").value);
     return Object.fromEntries(Object.entries(SLIDERS).map(([name, [, min, max, , base]]) => {
