@@ -21,7 +21,6 @@ from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart
-from model.storage.files import file_sha256
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -103,11 +102,6 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         notes=tuple(notes),
         readings=read.readings,
     )
-
-
-def sha256_of(path: Path | None) -> str:
-    """Of a file that somebody gave; empty of none, or of one that is not there."""
-    return file_sha256(path) if path is not None and path.is_file() else ""
 
 
 def _read_speech(ask: Ask) -> Speech | None:

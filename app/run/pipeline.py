@@ -25,7 +25,7 @@ from app.run.diagnostics import (
     measure_motions,
     write_diagnostics,
 )
-from app.run.given import NO_SPEECH, as_read, given_rows, sha256_of
+from app.run.given import NO_SPEECH, as_read, given_rows
 from app.run.made import made_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE
@@ -37,6 +37,7 @@ from app.run.settings import settings_of, title_of
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
+from model.storage.files import file_sha256
 from processes.job import Cancelled
 
 if TYPE_CHECKING:
@@ -135,7 +136,9 @@ def record_of(ask: Ask) -> RunRecord:
     if ask.opened is not None:
         known = ("title", "settings", "speech_sha256")
         return run.model_copy(update={key: getattr(ask.opened, key) for key in known})
-    return run.model_copy(update={"speech_sha256": sha256_of(ask.speech)} if ask.motions else {})
+    if ask.motions and ask.speech is not None and ask.speech.is_file():
+        run.speech_sha256 = file_sha256(ask.speech)
+    return run
 
 
 def _as_far_as_anything_draws(ask: Ask, run: RunWriter) -> Ask:

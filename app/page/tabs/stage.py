@@ -26,7 +26,7 @@ from app.run.ask import Ask, Event, Grown
 from app.run.output.run_folder import drop_unfinished
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of, locked_of
 from app.run.takes.take import TakeAsk, make_take
-from app.run.videos.seen_video import Seen, SeenRequest, draw_seen
+from app.run.videos.seen_video import Seen, SeenAsk, draw_seen
 from app.run.videos.videos import draw_behind
 from conventions.rates import FPS
 
@@ -142,9 +142,9 @@ class SeenRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = Seen.read(values[0])
-        request = SeenRequest(
-            seen,
-            tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
+        ask = SeenAsk(
+            seen=seen,
+            motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
             speech=self._file(seen.sound, job.cookie, ".wav") if seen.sound else None,
             body=self._services.config.body,
@@ -160,7 +160,7 @@ class SeenRunner(TabRunner):
                 return {}
             return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
-        video = yield from self.done(job, draw_seen, request, told)
+        video = yield from self.done(job, draw_seen, ask, told)
         count = len(seen.shown)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",

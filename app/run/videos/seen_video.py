@@ -191,17 +191,11 @@ _FINE_CRF = 14
 """Of the pictures that are encoded once more."""
 
 
-@dataclass(frozen=True)
-class SeenRequest:
-    """A video of a stage."""
+@dataclass(frozen=True, kw_only=True)
+class SeenAsk(Ask):
+    """A video of a stage, whose bodies move by the motions, in their order."""
 
     seen: Seen
-    motions: tuple[Path, ...]
-    """Of its bodies."""
-    out: Path
-    speech: Path | None = None
-    """A wav; None leaves the video silent."""
-    body: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -214,7 +208,7 @@ class SeenVideo:
     """What the person should know of it."""
 
 
-def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
     """Draw the video.
 
     Raises:
@@ -224,26 +218,26 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
     from model.motion.altered import smooth_motion
     from model.motion.motion import load_motion
 
-    seen = request.seen
+    seen = ask.seen
     run = Reporter(on_event, should_cancel)
     run.share("video")(0.0)
-    motions = [in_register(load_motion(path)) for path in request.motions]
+    motions = [in_register(load_motion(path)) for path in ask.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
     shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
     bases = {
         i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
     }
-    body = get_body(request.body)
-    tip = choose_tip_source(body, request.body, seen.look.point)
+    body = get_body(ask.body)
+    tip = choose_tip_source(body, ask.body, seen.look.point)
     room = _Room.of(seen)
-    with ResultFolder(request.out) as folder:
+    with ResultFolder(ask.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
         jobs: dict[str, RenderJob] = {}
         for i, base in bases.items():
             picture = room.pictures[int(i) if seen.mode != "grid" else 0]
-            drawn = {i: base}, _asked(request), body, tip, lambda name, _: parts / f"{name}.mp4"
+            drawn = {i: base}, _as_seen(ask), body, tip, lambda name, _: parts / f"{name}.mp4"
             try:
                 made = jobs_of(*drawn, staged=motions, layout=picture, crf=_FINE_CRF)
             except RunError as error:
@@ -252,7 +246,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
         draw_videos(jobs, run.share("video", _DRAWN))
         _compose(
-            request,
+            ask,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
             *(room, folder, run.share("video", 1 - _DRAWN, _DRAWN)),
@@ -279,15 +273,14 @@ def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...
     )
 
 
-def _asked(request: SeenRequest) -> Ask:
+def _as_seen(ask: SeenAsk) -> Ask:
     """How bodies are drawn."""
-    look = request.seen.look
-    return Ask(
-        out=request.out,
+    look = ask.seen.look
+    return replace(
+        ask,
         display=look.display,
         framing="whole" if look.is_whole else "knees",
-        look=LOOKS[0] if request.body else f"{look.build}-{look.tone}",
-        body=request.body,
+        look=LOOKS[0] if ask.body else f"{look.build}-{look.tone}",
     )
 
 
@@ -372,7 +365,7 @@ class _Room:
 
 
 def _compose(
-    request: SeenRequest,
+    ask: SeenAsk,
     videos: Sequence[Path],
     labels: Sequence[str],
     room: _Room,
@@ -382,15 +375,15 @@ def _compose(
     """All of them in one video, under their names."""
     from renderer.video.compose import Pair, compose_videos
 
-    mode, pair = request.seen.mode, None
+    mode, pair = ask.seen.mode, None
     if mode != "grid":
         body, *beside = room.pictures[1]
-        edge = round(request.seen.wipe * body.width)
-        inks = [request.seen.bodies[number].color for number in request.seen.shown]
+        edge = round(ask.seen.wipe * body.width)
+        inks = [ask.seen.bodies[number].color for number in ask.seen.shown]
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
     compose_videos(
-        *(videos, labels, folder.path(NAME), request.speech),
+        *(videos, labels, folder.path(NAME), ask.speech),
         on_progress=on_progress,
         num_columns=room.columns,
         pair=pair,

@@ -26,9 +26,9 @@ from app.run.videos.seen_video import (
     NAME,
     Mode,
     Seen,
+    SeenAsk,
     SeenBody,
     SeenPanel,
-    SeenRequest,
     draw_seen,
 )
 from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
@@ -229,15 +229,15 @@ def with_arms_down(num_frames: int = 1) -> Motion:
     return motion
 
 
-def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None) -> SeenRequest:
+def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None) -> SeenAsk:
     paths = []
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
         paths.append(tmp_path / f"{i}.npz")
         save_motion(motion, paths[-1])
-    return SeenRequest(seen, tuple(paths), tmp_path / "out", speech)
+    return SeenAsk(seen=seen, motions=tuple(paths), out=tmp_path / "out", speech=speech)
 
 
-def drawn(request: SeenRequest) -> np.ndarray:
+def drawn(request: SeenAsk) -> np.ndarray:
     """The pictures under the band with the names."""
     video = draw_seen(request, lambda event: None, lambda: False)
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]

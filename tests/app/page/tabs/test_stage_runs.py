@@ -19,7 +19,7 @@ from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import edits_of, locked_of
 from app.run.takes.take import MadeTake, TakeAsk
-from app.run.videos.seen_video import Seen, SeenRequest, SeenVideo
+from app.run.videos.seen_video import Seen, SeenAsk, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import made_services
@@ -109,7 +109,7 @@ class Stage:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
 
 
-def draw(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+def draw(request: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
     on_event(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
@@ -118,9 +118,9 @@ def draw(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -
 
 
 def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
-    got: list[SeenRequest] = []
+    got: list[SeenAsk] = []
 
-    def noted(request: SeenRequest, *how: Any) -> SeenVideo:
+    def noted(request: SeenAsk, *how: Any) -> SeenVideo:
         got.append(request)
         return draw(request, *how)
 
