@@ -82,24 +82,24 @@ def do(
         if words.need_speech and ask.speech is None:
             raise RunError(NO_SPEECH)
         try:
-            return _do(_as_far_as_anything_draws(ask, run), words, folder, run, started)
+            return _do(_as_far_as_anything_draws(ask, run), words, run, started)
         except Cancelled as error:
             raise CancelledRun from error
 
 
-def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, started: float) -> Done:
+def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
     run.progress("speech", 0.0)
     rows = (given_rows if ask.motions else made_rows)(ask, words, run)
     said = given_words(ask.transcript) if ask.opened is None else ask.opened.said
     run.timeline(rows.timeline, said)
     for name, motion in rows.staged.items():
         run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
-    diagnostics = _measure(ask, rows, folder, run)
+    diagnostics = _measure(rows, run)
     run.find_plans(rows.staged)
-    snapshots = _draw_videos(ask, rows, folder, run) if ask.has_video else None
+    snapshots = _draw_videos(ask, rows, run) if ask.has_video else None
     beside = nullcontext()
     if ask.has_video and rows.is_made:
-        beside = joined_side_by_side(list(rows.drawn), rows.sound, folder, run)
+        beside = joined_side_by_side(list(rows.drawn), rows.sound, run.folder, run, run.file)
     with beside:
         if ask.has_figures:
             _draw_figures(ask, rows, snapshots, diagnostics, run)
@@ -109,9 +109,9 @@ def _do(ask: Ask, words: SpokenWords, folder: ResultFolder, run: RunWriter, star
         run.note(*notes)
         if said.origin != given.origin:
             run.timeline(rows.timeline, said)
-    run.file(*write_diagnostics(diagnostics, folder, said))
+    run.file(*write_diagnostics(diagnostics, run.folder, said))
     if rows.is_made:
-        path = folder.path(PROVENANCE)
+        path = run.folder.path(PROVENANCE)
         words_of = {"origin": said.origin, "count": len(said.words)} if said.words else None
         speech = {**rows.origin["speech"], "words": words_of}
         record = {**rows.origin, "speech": speech, "notes": run.notes}
@@ -150,7 +150,7 @@ def _as_far_as_anything_draws(ask: Ask, run: RunWriter) -> Ask:
     return replace(ask, has_video=False, has_poses=False) if missing else ask
 
 
-def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diagnostics:
+def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
     """All numbers."""
     on_share = run.share("numbers")
     on_share(0.0)
@@ -167,7 +167,7 @@ def _measure(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Diag
     return diagnostics
 
 
-def _draw_videos(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> Snapshots | None:
+def _draw_videos(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots | None:
     """Of each motion; with poses for Figure 6 where they were made here."""
     is_made = rows.is_made
     placed = {name: in_register(each) if is_made else each for name, each in rows.staged.items()}
@@ -175,7 +175,7 @@ def _draw_videos(ask: Ask, rows: Rows, folder: ResultFolder, run: RunWriter) -> 
     on_share(0.0)
     snapshots = draw_rows(
         *(placed, ask, rows.body, rows.tip, on_share),
-        folder=folder,
+        folder=run.folder,
         speech=rows.sound,
         frames=_pose_frames(ask, placed) if is_made else (),
         on_file=run.file,

@@ -141,7 +141,11 @@ class RunWriter(Reporter):
         return row
 
     def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
-        """Note files that are whole."""
+        """Note files that are whole.
+
+        Args:
+            row: that shows them, as what ``kind`` says.
+        """
         of = self.record.row(row)
         for path in paths:
             whole = self.folder.whole(path)

@@ -291,7 +291,7 @@ def changed(folder: Path) -> Iterator[RunRecord]:
 
 
 def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = None) -> None:
-    """Take a file that was made after a run had ended into its folder; see `Reporter.file`."""
+    """Take a file that was made after a run had ended into its folder; see `RunWriter.file`."""
     own = path.name
     with changed(folder) as record:
         (folder / own).unlink(missing_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from app.errors import CancelledRun
 from app.run.ask import (
@@ -12,7 +11,6 @@ from app.run.ask import (
     ShouldCancel,
     Stage,
 )
-from app.run.output.run_folder import RowKind
 
 
 class Reporter:
@@ -41,13 +39,6 @@ class Reporter:
             self.progress(stage, before + part * share)
 
         return on_share
-
-    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
-        """Take files that are whole.
-
-        Args:
-            row: that shows it, as what ``kind`` says.
-        """
 
     def note(self, *sentences: str) -> None:
         """Keep what the person should read; each sentence once."""

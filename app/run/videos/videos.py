@@ -38,7 +38,7 @@ PARALLEL_VIDEOS = 2
 _POLL_S = 0.1
 Key = TypeVar("Key", bound=Hashable)
 OnFile = Callable[..., None]
-"""As `Reporter.file`."""
+"""As `app.run.run_writer.RunWriter.file`."""
 
 
 def picture_of(
@@ -259,7 +259,11 @@ def _round_up(value: float) -> float:
 
 @contextmanager
 def joined_side_by_side(
-    names: Sequence[str], wav: Path | None, folder: ResultFolder, reporter: Reporter
+    names: Sequence[str],
+    wav: Path | None,
+    folder: ResultFolder,
+    reporter: Reporter,
+    on_file: OnFile,
 ) -> Iterator[None]:
     """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
     does something else; whole when it is left.
@@ -291,21 +295,8 @@ def joined_side_by_side(
             is_given_up.set()
             raise
     joining.result()
-    reporter.file(out)
+    on_file(out)
     reporter.progress("comparison", 1.0)
-
-
-class _Adding(Reporter):
-    """Takes files into the folder of a run that has ended."""
-
-    def __init__(self, run: Path, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-        super().__init__(on_event, should_cancel)
-        self._run = run
-
-    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
-        for path in paths:
-            add_file(self._run, path, row, kind)
-        self._on_event(Grown(self._run))
 
 
 def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
@@ -322,7 +313,12 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
     from model.motion.motion import load_motion
 
     (run,) = ask.motions
-    record, reporter = read_run(run), _Adding(run, on_event, should_cancel)
+    record, reporter = read_run(run), Reporter(on_event, should_cancel)
+
+    def add(path: Path, row: str = "", kind: RowKind | None = None) -> None:
+        add_file(run, path, row, kind)
+        on_event(Grown(run))
+
     motions = {
         row.name: load_motion(file)
         for row in record.rows
@@ -336,9 +332,9 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
             *(choose_tip_source(body, ask.body, record.point), reporter.share("video")),
             folder=folder,
             speech=speech,
-            on_file=reporter.file,
+            on_file=add,
         )
         if len(motions) > 1:
             names = names_that_fit(list(motions), reporter)
-            with joined_side_by_side(names, speech, folder, reporter):
+            with joined_side_by_side(names, speech, folder, reporter, add):
                 pass

@@ -138,7 +138,8 @@ def test_all_bodies_of_a_run_are_in_register(
     for is_plain in (True, False):
         asked = replace(ask, framing="whole", display=Display(has_trail=not is_plain))
         with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-            _draw_videos(asked, rows, folder, run)
+            run.folder, run.file = folder, None
+            _draw_videos(asked, rows, run)
         mine, theirs = (
             body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
         )
