@@ -46,6 +46,7 @@ from app.run.timeline import (
     waveform_peaks,
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
+from model.storage.harmless import csv_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -154,6 +155,13 @@ class RunWriter(Reporter):
             if of is not None and kind is not None:
                 of.files[kind] = whole
         self.tell()
+
+    def table(self, name: str, told: object, rows: Iterable[Iterable[object]]) -> None:
+        """What was measured, as JSON and as CSV."""
+        numbers, table = (self.folder.path(f"{name}.{ending}") for ending in ("json", "csv"))
+        numbers.write_text(json.dumps(told, indent=1) + "\n")
+        table.write_text(csv_text(rows), "utf-8", newline="")
+        self.file(numbers, table)
 
     def figure(self, name: str, draw: Callable[[Path], Iterable[Path]]) -> None:
         """One that is drawn, in all its forms, by what takes the stem of its files."""

@@ -6,7 +6,6 @@ should not; where a system is deaf, the bodies of one seed move alike instead.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -149,7 +148,12 @@ def measure_hearing(
         told = {system: _numbers(system, made, ask.speakers) for system, made in of_system.items()}
         labels = short_names(told)
         run.note(*(_sentence(labels[system], numbers) for system, numbers in told.items()))
-        _write_numbers(told, run)
+        table = [
+            (system, part, *shares.values())
+            for system, numbers in told.items()
+            for part, shares in numbers["parts"].items()
+        ]
+        run.table("hearing", told, [("system", "part", *_COLUMNS), *table])
         _draw(told, of_system, run)
         run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
 
@@ -309,21 +313,6 @@ def _sentence(system: str, numbers: Mapping[str, Any]) -> str:
         f" speech their rotations correlate {manner['arm_rotations_same_noise']:.2f}, and"
         f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast."
     )
-
-
-def _write_numbers(told: Mapping[str, Mapping[str, Any]], run: RunWriter) -> None:
-    from model.storage.harmless import csv_text
-
-    rows: list[list[object]] = [["system", "part", *_COLUMNS]]
-    rows += [
-        [system, part, *shares.values()]
-        for system, numbers in told.items()
-        for part, shares in numbers["parts"].items()
-    ]
-    numbers, table = (run.folder.path(f"hearing.{ending}") for ending in ("json", "csv"))
-    numbers.write_text(json.dumps(told, indent=1) + "\n")
-    table.write_text(csv_text(rows), newline="")
-    run.file(numbers, table)
 
 
 def _draw(

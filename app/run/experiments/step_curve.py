@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
@@ -19,7 +18,6 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
 from conventions.names import short_names
-from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
@@ -117,12 +115,8 @@ def measure_step_curve(
             points += _points_of(system, speech, ask, run.share("numbers", part, number * part))
         run.share("numbers")(1.0)
         run.note(*_sentences(points))
-        numbers, table = (folder.path(f"steps.{ending}") for ending in ("json", "csv"))
-        numbers.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
-        names = [field.name for field in fields(StepPoint)]
-        rows = [names, *(asdict(point).values() for point in points)]
-        table.write_text(csv_text(rows), "utf-8", newline="")
-        run.file(numbers, table)
+        told = list(map(asdict, points))
+        run.table("steps", told, [told[0], *(point.values() for point in told)])
         run.figure("steps", lambda stem: step_curve_figure(DataFrame(points), stem))
         run.finish(MEASURED.format(count=len(points)))
 
