@@ -8,6 +8,8 @@ out of the tables, and told of.
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -30,15 +32,16 @@ from app.run.many.distances import (
     why_left_out,
 )
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
-from app.run.many.record import is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
+from app.run.many.speeches import stamp_of
 from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import UnpackLimits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, printable
 from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Assumptions, Reading
-from model.storage.files import file_sha256
+from model.storage.cards import BUNDLED_WEIGHTS, load_card
+from model.storage.files import file_sha256, written_atomically
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -214,7 +217,7 @@ def _diagnose_clips(
     notes += [f"Left out: {clip}: {sentence}" for clip, sentence in left_out.items()]
     clips = [clip for clip in clips if clip not in failed]
     records = {clip: records[clip] for clip in clips}
-    numbers = list(read_records(records).values())
+    numbers = [json.loads(path.read_text()) for path in records.values()]
     notes += [sentence for each in numbers for sentence in each["unread"]]
     above = Above(told_above(files, numbers), left_out)
     notes[:0] = above.notes
@@ -222,7 +225,7 @@ def _diagnose_clips(
     if ask.emage_weights is not None:
         frames = [each["frames"] for each in numbers]
         by_emage = emage_distances(list(files), dict(zip(records.values(), frames, strict=True)))
-    origin = origin_of(list(files), clips, numbers, FORMAT, ask.mean_speeds)
+    origin = _origin_of(list(files), clips, numbers, ask.mean_speeds)
     written = write_tables(ask.out, list(files), clips, numbers, origin, by_emage.rows, above)
     notes += filter(None, (why_left_out(numbers), by_emage.note))
     drawn, said = draw_spread(ask.out, list(files), numbers)
@@ -300,9 +303,13 @@ class _Beside:
         }
 
 
-def _is_measured(record: Path, stamp: dict[str, Any], beside: _Beside) -> bool:
-    has_codes = beside.emage_weights is None or codes_path(record).is_file()
-    return has_codes and is_kept(record, stamp)
+def _is_measured(record: Path, stamp: str, beside: _Beside) -> bool:
+    """Whether a clip's record is there, whole, and of this very stamp."""
+    try:
+        is_kept = json.loads(record.read_text()).get("stamp") == stamp
+    except (OSError, ValueError, AttributeError):
+        return False
+    return is_kept and (beside.emage_weights is None or codes_path(record).is_file())
 
 
 def _measure_clip(
@@ -310,7 +317,7 @@ def _measure_clip(
     beside: _Beside,
     asked: tuple[Assumptions, Path | None],
     out: Path,
-    stamp: dict[str, Any],
+    stamp: str,
 ) -> None:
     """All systems of one clip beside its reference, over the frames that all have; of each the mean
     over its samples.
@@ -350,7 +357,9 @@ def _measure_clip(
     if beside.emage_weights is not None:
         keep_codes(out, beside.emage_weights, motions)
     out.parent.mkdir(parents=True, exist_ok=True)
-    keep(out, stamp, {"frames": shortest, "systems": systems, "unread": unread})
+    record = {"stamp": stamp, "frames": shortest, "systems": systems, "unread": unread}
+    with written_atomically(out) as part:
+        part.write_text(json.dumps(record, allow_nan=False) + "\n")
 
 
 def _readings(
@@ -376,3 +385,40 @@ def _readings(
     if why is not None and not found:
         raise why
     return found
+
+
+def _origin_of(
+    systems: list[str],
+    clips: list[str],
+    numbers: list[dict[str, Any]],
+    mean_speeds: Path | None,
+) -> dict[str, Any]:
+    """What stands in ``many.json`` as ``provenance``.
+
+    Args:
+        numbers: of each clip, in ``systems`` by name the ``sha256`` of its file.
+        mean_speeds: published ones that BeatAlign was measured with.
+    """
+    from model.systems.autoencoders.config import FGD_ENCODER
+    from model.training.loop import revision
+
+    digests = {
+        name: _digest(
+            [clip, each["systems"][name]["sha256"]]
+            for clip, each in zip(clips, numbers, strict=True)
+        )
+        for name in systems
+    }
+    return {
+        "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "project": revision(),
+        "systems": digests,
+        "reference": digests.get(REFERENCE_NAME),
+        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256},
+        "mean_speeds": mean_speeds and file_sha256(mean_speeds),
+        "measures": FORMAT,
+    }
+
+
+def _digest(parts: Any) -> str:
+    return hashlib.sha256(json.dumps(list(parts)).encode()).hexdigest()

@@ -17,7 +17,6 @@ from typing import Any
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_over_clips
 from app.run.ask import Ask, Done
-from app.run.many.record import stamp_of
 from app.run.many.table import Above, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.run_folder import RUN, RunRecord, read_run
@@ -215,8 +214,17 @@ def _stamp(ask: Ask) -> str:
     read = {"speech": ask.speech, "plan": ask.plan, "style": ask.style}
     files = {name: path for name, path in read.items() if path is not None}
     files |= {path.name: path for path in sorted(ask.weights.glob("*.safetensors"))}
-    stamp = stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
-    return hashlib.sha256(json.dumps(stamp).encode()).hexdigest()
+    return stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
+
+
+def stamp_of(files: Mapping[str, Path], said: object) -> str:
+    """Digest of what a clip's results depend on: files, by what they are, and what was asked."""
+    of_files = {}
+    for name, path in files.items():
+        found = path.stat()
+        of_files[name] = [path.name, found.st_size, found.st_mtime_ns]
+    told = json.dumps({"said": said, "files": of_files}, default=str)
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 def _do_clip(

@@ -95,7 +95,7 @@ def write_tables(
     Args:
         numbers: of each clip in ``systems`` by name the ``numbers`` of its motion as it is, by the
             keys of `MEASURES`, and its ``findings`` by kind.
-        origin: where they come from, as `app.run.many.record.origin_of` tells it.
+        origin: where they come from.
         more: rows of measures that are taken of whole sets.
     """
     above = above or Above()
