@@ -97,9 +97,6 @@ else:
         *("out", *_SYSTEMS, "guidance", "seeds", "speakers"),
         speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
         systems=(Names, usual_systems("hearing")),
-        has_video=_videos(
-            "videos", "The bodies of the first two speeches and seeds, under either's sound."
-        ),
     )
     Mechanism = part_of(
         MechanismAsk,

@@ -1,7 +1,6 @@
-"""Does it hear? Several speeches with several noise seeds, what each decides, and videos of it.
+"""Does it hear? Several speeches with several noise seeds, and what each decides.
 
-Under the sound of one speech, the two bodies that were made of it should fit and the two others
-should not; where a system is deaf, the bodies of one seed move alike instead.
+Where a system is deaf, the bodies of one seed move alike, whatever the speech.
 """
 
 from __future__ import annotations
@@ -15,14 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from app.errors import RunError
 from app.flags import written
 from app.run.ask import Ask, OnEvent, ShouldCancel
-from app.run.body_motion import in_register
-from app.run.followed_point import choose_tip_source
 from app.run.made import options_of
-from app.run.models import get_body, get_system
+from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
-from app.run.videos.videos import draw_videos, jobs_of
 from conventions.names import file_stem, short_names
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -31,16 +27,10 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.speech.audio import Speech
 
-SHOWN_S = 20.0
-SIZE_PX = 480
-EACH_WAY = 2
-"""Speeches and seeds that are shown."""
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 MAX_S = 60.0
 """Of each speech; the rest is not heard."""
 COMPARED = "Compared {count} system{s}."
-_GENERATED_BEFORE_VIDEOS = 0.3
-"""Share of the work."""
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = ("same_speech", "same_noise", "neither", "by_speech", "by_noise")
 
@@ -59,8 +49,7 @@ TwoSpeakers = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class HearingAsk(Ask):
-    """A run of which speech and noise vary; its videos are of the first two speeches and seeds,
-    under the sound of either."""
+    """A run of which speech and noise vary."""
 
     speeches: tuple[Path, ...]
     """Two sound files or more; or one folder of anyone's motions, whose files are called
@@ -81,8 +70,8 @@ class HearingAsk(Ask):
         """
         super().check()
         if self.is_of_motions:
-            if self.speakers or self.has_video:
-                raise RunError("A folder of motions tells no speakers and no sound to draw with.")
+            if self.speakers:
+                raise RunError("A folder of motions tells no speakers.")
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
             raise RunError(
@@ -132,18 +121,12 @@ def measure_hearing(
         if ask.is_of_motions:
             of_system = {name: _Made(grid) for name, grid in _read(ask.speeches[0]).items()}
         else:
-            generated = _GENERATED_BEFORE_VIDEOS if ask.has_video else 1.0
-            speeches = _speeches(ask)
-            of_system = _generated(ask, speeches, run.share("numbers", generated))
+            of_system = _generated(ask, _speeches(ask), run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     path = folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.file(path)
-            if ask.has_video:
-                _draw_videos(
-                    of_system, speeches, run, run.share("numbers", 1 - generated, generated)
-                )
         run.share("numbers")(1.0)
         told = {system: _numbers(system, made, ask.speakers) for system, made in of_system.items()}
         labels = short_names(told)
@@ -219,46 +202,6 @@ def _read(folder: Path) -> dict[str, Grid]:
     if not 1 <= len(grids) <= MAX_SYSTEMS:
         raise RunError(f"{folder} must hold 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
     return dict(grids)
-
-
-def _draw_videos(
-    of_system: Mapping[str, _Made],
-    speeches: Mapping[str, Speech],
-    run: RunWriter,
-    on_share: Callable[[float], None],
-) -> None:
-    """``SYSTEM__SPEECH.mp4`` for each system and each of the first two speeches, of which it has
-    the sound."""
-    from conventions.rates import FPS, SAMPLE_RATE
-    from model.motion.motion import first_frames
-    from model.speech.audio import write_wav
-    from renderer.video.compose import compose_videos
-
-    names = list(speeches)[:EACH_WAY]
-    seconds = min(SHOWN_S, *(speeches[name].duration_s for name in names))
-    drawn = run.folder.scratch("bodies")
-    drawn.mkdir()
-    shown, files = {}, {}
-    for system, made in of_system.items():
-        for (speech, seed), motion in made.grid.items():
-            if speech in names and seed < EACH_WAY:
-                name = f"{file_stem(system)}__{speech}__{seed}"
-                part = first_frames(motion, min(motion.num_frames, round(seconds * FPS)))
-                shown[name] = in_register(part)
-                files[system, speech, seed] = drawn / f"{name}.mp4"
-    body, seen = get_body(None), Ask(out=drawn, size=SIZE_PX, close_ups=())
-    tip = choose_tip_source(body, None)
-    jobs = jobs_of(shown, seen, body, tip, lambda name, _: drawn / f"{name}.mp4")
-    draw_videos(jobs, on_share)
-    for sounding in names:
-        sound = drawn / f"{sounding}.wav"
-        write_wav(sound, speeches[sounding].waveform[: round(seconds * SAMPLE_RATE)])
-        for system in of_system:
-            own = {key: path for key, path in files.items() if key[0] == system}
-            labels = [f"{speech}, seed {seed}" for _, speech, seed in own]
-            out = run.folder.path(f"{file_stem(system)}__{sounding}.mp4")
-            compose_videos(list(own.values()), labels, out, sound)
-            run.file(out)
 
 
 def _numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:

@@ -24,7 +24,6 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import load_speech, write_wav
-from renderer.video.encoder import read_facts
 from tests.app.heard import Heard
 from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
@@ -111,26 +110,13 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     assert "two names, CALM,LIVELY; got 'bob'" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.gl
-def test_bodies_are_drawn_under_either_speech(
-    speeches: tuple[Path, ...], weights: Path, tmp_path: Path
-) -> None:
-    asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "has_video": True}
-    measure_hearing(HearingAsk(out=tmp_path, speeches=speeches, **asked))
-    for stem in ("one", "two"):
-        facts = read_facts(tmp_path / f"globaldiff-global__{stem}.mp4")
-        assert facts.num_frames == 90
-        assert facts.width > 2 * facts.height, "four bodies side by side"
-
-
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     for changes, sentence in [
         ({"speeches": ("one.wav",)}, "Two to 8 speeches are compared; got 1"),
         ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
-        ({"speeches": (tmp_path,), "has_video": True}, "tells no speakers and no sound"),
+        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "tells no speakers"),
     ]:
         asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
         asked["speeches"] = tuple(map(Path, asked["speeches"]))
