@@ -223,7 +223,7 @@ def stamp_of(files: Mapping[str, Path], said: object) -> str:
     for name, path in files.items():
         found = path.stat()
         of_files[name] = [path.name, found.st_size, found.st_mtime_ns]
-    told = json.dumps({"said": said, "files": of_files}, default=str)
+    told = json.dumps({"said": said, "files": of_files}, default=str, sort_keys=True)
     return hashlib.sha256(told.encode()).hexdigest()
 
 
