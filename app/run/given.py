@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,23 +35,6 @@ NO_SPEECH = (
 )
 
 
-@dataclass(frozen=True)
-class _Read:
-    """The motions as they are, and the notes of reading them."""
-
-    files: dict[str, Path]
-    motions: dict[str, Motion]
-    reference: Motion | None
-    notes: list[str]
-    readings: dict[str, Reading]
-
-    @property
-    def all(self) -> dict[str, Motion]:
-        """The reference comes last."""
-        reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
-        return self.motions | reference
-
-
 def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     """Read the files, and have them on the stage.
 
@@ -65,15 +48,17 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     body = get_body(ask.body)
     tip = choose_tip_source(body, ask.body, ask.joint)
-    read = _read_motions(ask, run)
-    windows = _windows(ask, read)
-    shown = _shown(ask, read)
-    check_start(ask, min(motion.num_frames for motion in read.all.values()))
+    files = _files_of(ask)
+    readings = _read_motions(ask, files, run)
+    motions = {name: each.motion for name, each in readings.items()}
+    windows = _windows(ask, motions)
+    shown = _shown(ask, motions)
+    check_start(ask, min(motion.num_frames for motion in motions.values()))
     speech = _read_speech(ask)
-    notes = list(read.notes)
+    notes = apart(readings) + [note for each in readings.values() for note in each.notes]
     if speech is not None:
         words.begin(speech.waveform)
-        durations = {name: motion.duration_s for name, motion in read.all.items()}
+        durations = {name: motion.duration_s for name, motion in motions.items()}
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations)]
     run.progress("speech", 1.0)
     pictured = picture_motions(shown)
@@ -81,14 +66,14 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     timeline = run.show(pictured.motions, speech, tip, ask.weights, plans)
     run.note(*pictured.notes)
     for row in run.record.rows:
-        row.ending = ending_of(read.files[row.name])
-    if len(shown) < len(read.all) and not ask.shown:
+        row.ending = ending_of(files[row.name])
+    if len(shown) < len(motions) and not ask.shown:
         run.note(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
         )
     return Rows(
-        measured=read.all,
+        measured=motions,
         staged=pictured.motions,
         drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
         timeline=timeline,
@@ -100,7 +85,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         mean_speeds=None if ask.mean_speeds is None else read_mean_speeds(ask.mean_speeds),
         windows=windows,
         notes=tuple(notes),
-        readings=read.readings,
+        readings=readings,
     )
 
 
@@ -112,25 +97,23 @@ def _read_speech(ask: Ask) -> Speech | None:
     return load_speech(ask.speech, SpeechLimits(channel=ask.channel))
 
 
-def _shown(ask: Ask, read: _Read) -> dict[str, Motion]:
+def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
     """As many motions as a figure holds, the reference among them.
 
     Raises:
         RunError: if there is no motion of a name that was asked for, or too many were.
     """
-    limit = MAX_COMPARED - (read.reference is not None)
+    others = [name for name in motions if name != REFERENCE_NAME]
+    limit = MAX_COMPARED - (REFERENCE_NAME in motions)
     asked = dict.fromkeys(map(printable, ask.shown))
     names = [name for name in asked if name != REFERENCE_NAME]
-    unknown = [name for name in names if name not in read.motions]
+    unknown = [name for name in names if name not in others]
     if unknown:
-        raise RunError(
-            f"There is no motion {unknown[0]!r} to show; there are {', '.join(read.motions)}."
-        )
+        raise RunError(f"There is no motion {unknown[0]!r} to show; there are {', '.join(others)}.")
     if len(names) > limit:
         raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
-    systems = {name: read.motions[name] for name in names or list(read.motions)[:limit]}
-    reference = {} if read.reference is None else {REFERENCE_NAME: read.reference}
-    return systems | reference
+    chosen = [*(names or others[:limit]), *(name for name in motions if name == REFERENCE_NAME)]
+    return {name: motions[name] for name in chosen}
 
 
 def _on_the_floor(motion: Motion) -> Motion:
@@ -158,27 +141,26 @@ def _check_names(names: Sequence[str]) -> None:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
 
 
-def _read_motions(ask: Ask, run: RunWriter) -> _Read:
-    from model.formats.read import read_any_motion
-
+def _files_of(ask: Ask) -> dict[str, Path]:
+    """By name, the reference last."""
     names = names_of_motions(ask)
     _check_names(names)
     files = dict(zip(names, ask.motions, strict=True))
-    files |= {REFERENCE_NAME: ask.reference} if ask.reference else {}
-    ask.told.check(list(files.values()), *names)
-    notes: list[str] = []
-    motions: dict[str, Motion] = {}
+    return files | {REFERENCE_NAME: ask.reference} if ask.reference else files
+
+
+def _read_motions(ask: Ask, files: Mapping[str, Path], run: RunWriter) -> dict[str, Reading]:
+    from model.formats.read import read_any_motion
+
+    ask.told.check(list(files.values()), *(name for name in files if name != REFERENCE_NAME))
     readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(files.items()):
         run.stop_if_asked()
         run.progress("speech", done / len(files), name)
         kind = REFERENCE_NAME if name == REFERENCE_NAME else MOTIONS
-        readings[name] = found = read_any_motion(path, ask.told, ask.body, kind, name)
-        motions[name] = found.motion
-        notes += found.notes
-        _check_frames(ask, motions.values())
-    reference = motions.pop(REFERENCE_NAME, None)
-    return _Read(files, motions, reference, [*apart(readings), *notes], readings)
+        readings[name] = read_any_motion(path, ask.told, ask.body, kind, name)
+        _check_frames(ask, (each.motion for each in readings.values()))
+    return readings
 
 
 def _check_frames(ask: Ask, motions: Iterable[Motion]) -> None:
@@ -221,7 +203,7 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
             yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
 
 
-def _windows(ask: Ask, read: _Read) -> dict[str, Windowing]:
+def _windows(ask: Ask, motions: Iterable[str]) -> dict[str, Windowing]:
     """What the user says of how the motions were cut.
 
     Raises:
@@ -237,4 +219,4 @@ def _windows(ask: Ask, read: _Read) -> dict[str, Windowing]:
         windows = Windowing(ask.window, ask.overlap)
     except ValueError as error:
         raise RunError(str(error)) from error
-    return dict.fromkeys(read.all, windows)
+    return dict.fromkeys(motions, windows)
