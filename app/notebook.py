@@ -25,9 +25,9 @@ from app.run.ask import Ask
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
-from app.run.output.bars import Bars
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
+from app.run.output.telling import Bars
 from app.run.pipeline import do
 from app.run.planning import make_plan
 from app.run.run_writer import RunWriter

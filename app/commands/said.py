@@ -8,7 +8,7 @@ import logging
 import sys
 from pathlib import Path
 
-from app.run.output.bars import Bars
+from app.run.output.telling import Bars
 from conventions.names import printable
 
 

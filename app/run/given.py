@@ -15,8 +15,7 @@ from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import ending_of
-from app.run.rows import Rows
-from app.run.run_writer import RunWriter
+from app.run.run_writer import Rows, RunWriter
 from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable

@@ -15,10 +15,10 @@ from app.run.output.provenance import origin_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
 from app.run.output.telling import Reporter
-from app.run.rows import Rows, names_that_fit
-from app.run.run_writer import RunWriter
+from app.run.run_writer import Rows, RunWriter
 from app.run.settings import title_of
 from app.run.timeline import heard_accents, make_timeline
+from app.run.videos.videos import names_that_fit
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
 

@@ -31,8 +31,7 @@ from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, begun
-from app.run.rows import Rows
-from app.run.run_writer import RunWriter
+from app.run.run_writer import Rows, RunWriter
 from app.run.settings import settings_of, title_of
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words

@@ -54,10 +54,13 @@ if TYPE_CHECKING:
     from app.run.followed_point import TipSource
     from model.diagnostics import Diagnostics
     from model.faults.evidence import Finding
+    from model.formats.read import Reading
+    from model.generation.base import Windowing
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
+    from renderer.body.body import Body
 
 _GROWN = 1.2
 """So many times as long, a motion may stand elsewhere among the others."""
@@ -84,6 +87,40 @@ class _Growing:
             self.register = register_of(put_together(self.parts))
             self.register_at = self.end
         return self.register
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The motions of one run, generated or given, and what is known of them before they are
+    measured; all by name, the reference last."""
+
+    measured: Mapping[str, Motion]
+    staged: Mapping[str, Motion]
+    """As the stage plays them: of the given no more than fit, laid onto each other; of the
+    generated behind the filter."""
+    drawn: Mapping[str, Motion]
+    """As figures have them: no more than fit."""
+    timeline: dict[str, Any]
+    body: Body
+    tip: TipSource
+    sound: Path | None
+    """Of videos; None where there is no speech."""
+    onsets_s: np.ndarray | None
+    windows: Mapping[str, Windowing]
+    """How each was cut, where that is known."""
+    heard: np.ndarray | None = None
+    """Of the speech frame by frame, for how late given motions are."""
+    mean_speeds: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+    """Of reading the given ones; they go to the numbers."""
+    readings: Mapping[str, Reading] = field(default_factory=dict)
+    """Of the given."""
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    """What made the generated, for the record."""
+
+    @property
+    def is_made(self) -> bool:
+        return bool(self.origin)
 
 
 class RunWriter(Reporter):

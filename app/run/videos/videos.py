@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from app.errors import CancelledRun, RunError
-from app.run.ask import Ask, Grown, OnEvent, ShouldCancel
+from app.run.ask import MAX_COMPARED, Ask, Grown, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion, picture_motions
 from app.run.display import Display, displayed, marks_of
 from app.run.followed_point import choose_tip_source
@@ -21,8 +21,7 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run
 from app.run.output.telling import Reporter
-from app.run.rows import names_that_fit
-from conventions.names import file_stem
+from conventions.names import REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 
 if TYPE_CHECKING:
@@ -255,6 +254,20 @@ def _round_up(value: float) -> float:
     """The next of 1, 2 and 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
+
+
+def names_that_fit(names: list[str], reporter: Reporter) -> list[str]:
+    """All, or where they are too many the first sample of each system and the reference."""
+    if len(names) <= MAX_COMPARED:
+        return names
+    reference = [name for name in names if name == REFERENCE_NAME]
+    first = [name for name in names if name not in reference and SampleName.parse(name).number == 1]
+    fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
+    reporter.note(
+        f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
+        f"{', '.join(fitting)}."
+    )
+    return fitting
 
 
 @contextmanager

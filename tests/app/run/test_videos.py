@@ -19,7 +19,6 @@ from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_videos
-from app.run.rows import names_that_fit
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import (
     MAX_SHOWN,
@@ -31,7 +30,7 @@ from app.run.videos.seen_video import (
     SeenPanel,
     draw_seen,
 )
-from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
+from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, names_that_fit
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME
 from model.motion.kinematics import open_body_skeleton

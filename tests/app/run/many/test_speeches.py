@@ -14,8 +14,8 @@ from app.findings.verdict import over_clips
 from app.run.ask import Ask, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import find_speeches, generate_many, is_many
-from app.run.output.bars import Bars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
+from app.run.output.telling import Bars
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
