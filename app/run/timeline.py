@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, Field
 
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
+from app.run.output.run_folder import RunRecord, Text, file_of
+from model.speech.transcript import (
+    NOTHING_SAID,
+    Accent,
+    GestureTier,
+    Interval,
+    Origin,
+    Transcript,
+    Word,
+)
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conventions.names import Version
     from model.motion.motion import Motion
     from model.speech.audio import Speech
-    from model.speech.transcript import Interval, Transcript
 
 NUM_SECONDS = 6
 
@@ -134,6 +143,43 @@ def tiers_of(said: Transcript) -> dict[str, Any]:
 
 def _times(interval: Interval) -> tuple[float, float, str]:
     return interval.start_s, interval.end_s, interval.text
+
+
+_MAX_LINE_BYTES = 20_000_000
+Seconds = Annotated[float, Field(ge=0, le=1e5)]
+Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
+
+
+class _Line(BaseModel):
+    """What was said, of a time line."""
+
+    words_origin: Origin = "given"
+    words: Parts = []
+    phones: Parts = []
+    accents: Annotated[list[tuple[Seconds, Seconds]], Field(max_length=50_000)] = []
+    gestures: Annotated[dict[Text, Parts], Field(max_length=20)] = {}
+
+    @property
+    def said(self) -> Transcript:
+        tiers = self.gestures.items()
+        return Transcript(
+            tuple(Word(*part) for part in self.words),
+            tuple(GestureTier(name, tuple(Interval(*each) for each in of)) for name, of in tiers),
+            self.words_origin,
+            tuple(Interval(*part) for part in self.phones),
+            tuple(Accent(*accent) for accent in self.accents),
+        )
+
+
+def said_in(folder: Path, record: RunRecord) -> Transcript:
+    """What `tiers_of` left in the time line of a run's folder; nothing where that is damaged."""
+    path = file_of(folder, record.timeline)
+    if path is None or path.stat().st_size > _MAX_LINE_BYTES:
+        return NOTHING_SAID
+    try:
+        return _Line.model_validate_json(path.read_bytes()).said
+    except ValueError:
+        return NOTHING_SAID
 
 
 def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:

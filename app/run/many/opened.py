@@ -7,9 +7,6 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-from pydantic import BaseModel, Field, ValidationError
 
 from app.errors import RunError
 from app.run.ask import (
@@ -27,8 +24,6 @@ from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
     NO_RUN,
     RUN,
-    RunRecord,
-    Text,
     file_of,
     files_of,
     is_run_zip,
@@ -36,17 +31,9 @@ from app.run.output.run_folder import (
     runs_in,
 )
 from app.run.pipeline import do
+from app.run.timeline import said_in
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
-from model.speech.transcript import (
-    NOTHING_SAID,
-    Accent,
-    GestureTier,
-    Interval,
-    Origin,
-    Transcript,
-    Word,
-)
 from processes.pool import JobPool
 
 LIMITS = UnpackLimits(files=2_000, total_bytes=10**9)
@@ -55,30 +42,6 @@ SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pd
 """With all that is only looked at."""
 SPEECHES = "form"
 """Folder beside the results in which several clips lie."""
-_MAX_LINE_BYTES = 20_000_000
-Seconds = Annotated[float, Field(ge=0, le=1e5)]
-Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
-
-
-class _Line(BaseModel):
-    """What was said, of a time line."""
-
-    words_origin: Origin = "given"
-    words: Parts = []
-    phones: Parts = []
-    accents: Annotated[list[tuple[Seconds, Seconds]], Field(max_length=50_000)] = []
-    gestures: Annotated[dict[Text, Parts], Field(max_length=20)] = {}
-
-    @property
-    def said(self) -> Transcript:
-        tiers = self.gestures.items()
-        return Transcript(
-            tuple(Word(*part) for part in self.words),
-            tuple(GestureTier(name, tuple(Interval(*each) for each in of)) for name, of in tiers),
-            self.words_origin,
-            tuple(Interval(*part) for part in self.phones),
-            tuple(Accent(*accent) for accent in self.accents),
-        )
 
 
 def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
@@ -156,7 +119,7 @@ def _of_run(ask: Ask, folder: Path) -> Ask:
         joint=record.point,
         opened=Opened(
             *(record.title, record.settings, record.speech_sha256),
-            *(_said(folder, record), plans),
+            *(said_in(folder, record), plans),
         ),
     )
 
@@ -193,13 +156,3 @@ def copied_run(path: Path, into: Path) -> Path:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
     return into / "results"
-
-
-def _said(folder: Path, record: RunRecord) -> Transcript:
-    path = file_of(folder, record.timeline)
-    if path is None or path.stat().st_size > _MAX_LINE_BYTES:
-        return NOTHING_SAID
-    try:
-        return _Line.model_validate_json(path.read_bytes()).said
-    except (ValidationError, ValueError):
-        return NOTHING_SAID

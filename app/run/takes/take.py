@@ -25,6 +25,7 @@ from app.run.output.run_folder import (
 )
 from app.run.run_writer import RunWriter
 from app.run.takes.edits import Edit, Locked, Offer, edited, offers_for
+from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
@@ -97,7 +98,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
     performed = start and file_of(ask.out, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan(performed), words_of(ask.out, record)
+    plan, words = read_plan(performed), said_in(ask.out, record).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
@@ -239,13 +240,6 @@ def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
     known = (*SAMPLING, "post_filter", "joint")
     told = {name: record.asked[name] for name in known if name in record.asked}
     return replace(ask, speech=speech, systems=systems, **told)
-
-
-def words_of(folder: Path, record: RunRecord) -> tuple[Word, ...]:
-    """What is said, as the time line of a run has it."""
-    path = file_of(folder, record.timeline)
-    told = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
-    return tuple(Word(*word) for word in told.get("words", ()))
 
 
 def row_of(name: str, systems: Sequence[str], samples: int) -> tuple[str, int]:
