@@ -177,18 +177,6 @@ class Take:
     """That the motion performs, as long as it, of a system that performs plans."""
 
 
-@dataclass(frozen=True)
-class Opened:
-    """What is known of the run that given motions are from."""
-
-    title: str
-    settings: Mapping[str, str]
-    speech_sha256: str
-    said: Transcript
-    plans: Mapping[str, Path]
-    """That motions performed, by name."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Ask:
     """What one run is asked for: motion of several systems for some speech, all with the same
@@ -296,8 +284,8 @@ class Ask:
     is_kept: bool = False
     """Whether each file is there as soon as it is whole, and stays where the run fails; by default
     all are there in the end, or none."""
-    opened: Opened | None = None
-    """The run that given motions are from, where they are measured anew to be shown."""
+    opened: Path | None = None
+    """Folder of the run that given motions are from, where they are measured anew to be shown."""
 
     def check(self) -> None:
         """Refuse what needs no file to be seen as wrong.

@@ -14,7 +14,7 @@ from app.run.diagnostics import check_start, onsets_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.run_folder import SPEECH as HEARD
-from app.run.output.run_folder import ending_of
+from app.run.output.run_folder import ending_of, row_files
 from app.run.run_writer import Rows, RunWriter
 from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
@@ -61,7 +61,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations)]
     run.progress("speech", 1.0)
     pictured = picture_motions(shown)
-    plans = {} if ask.opened is None else ask.opened.plans
+    plans = {} if ask.opened is None else row_files(ask.opened, "performed")
     timeline = run.show(pictured.motions, speech, tip, ask.weights, plans)
     run.note(*pictured.notes)
     for row in run.record.rows:

@@ -30,9 +30,10 @@ from app.run.made import made_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RunRecord, begun
+from app.run.output.run_folder import RunRecord, begun, read_run
 from app.run.run_writer import Rows, RunWriter
 from app.run.settings import settings_of, title_of
+from app.run.timeline import said_in
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
@@ -89,7 +90,7 @@ def do(
 def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
     run.progress("speech", 0.0)
     rows = (given_rows if ask.motions else made_rows)(ask, words, run)
-    said = given_words(ask.transcript) if ask.opened is None else ask.opened.said
+    said = given_words(ask.transcript) if ask.opened is None else said_in(ask.opened)
     run.timeline(rows.timeline, said)
     for name, motion in rows.staged.items():
         run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
@@ -133,8 +134,9 @@ def record_of(ask: Ask) -> RunRecord:
     kind = "given" if ask.motions else "generated"
     run = begun(ask, kind, title_of(ask, ask.systems), settings_of(ask))
     if ask.opened is not None:
+        before = read_run(ask.opened)
         known = ("title", "settings", "speech_sha256")
-        return run.model_copy(update={key: getattr(ask.opened, key) for key in known})
+        return run.model_copy(update={key: getattr(before, key) for key in known})
     if ask.motions and ask.speech is not None and ask.speech.is_file():
         run.speech_sha256 = file_sha256(ask.speech)
     return run

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
-from app.run.output.run_folder import RunRecord, Text, file_of
+from app.run.output.run_folder import Text, file_of, read_run
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
@@ -171,9 +171,9 @@ class _Line(BaseModel):
         )
 
 
-def said_in(folder: Path, record: RunRecord) -> Transcript:
+def said_in(folder: Path) -> Transcript:
     """What `tiers_of` left in the time line of a run's folder; nothing where that is damaged."""
-    path = file_of(folder, record.timeline)
+    path = file_of(folder, read_run(folder).timeline)
     if path is None or path.stat().st_size > _MAX_LINE_BYTES:
         return NOTHING_SAID
     try:

@@ -15,7 +15,6 @@ from app.run.ask import (
     Done,
     Event,
     OnEvent,
-    Opened,
     Progress,
     ShouldCancel,
 )
@@ -28,10 +27,10 @@ from app.run.output.run_folder import (
     files_of,
     is_run_zip,
     read_run,
+    row_files,
     runs_in,
 )
 from app.run.pipeline import do
-from app.run.timeline import said_in
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
@@ -95,21 +94,12 @@ def opened(ask: Ask, into: Path) -> dict[str, Ask]:
 def _of_run(ask: Ask, folder: Path) -> Ask:
     """As many of its motions as fit, with its speech, words and plans."""
     record, name = read_run(folder), printable(ask.motions[0].name)
-    motions = {
-        row.name: file
-        for row in record.rows
-        if (file := file_of(folder, row.files.get("motion"))) is not None
-    }
+    motions = row_files(folder, "motion")
     others = [each for each in motions if each != REFERENCE_NAME]
     if not others:
         raise RunError(NO_RUN.format(name=name, why="it has no motion"))
     shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
     speech = file_of(folder, record.sound) if record.speech_sha256 else None
-    plans = {
-        row.name: file
-        for row in record.rows
-        if (file := file_of(folder, row.files.get("performed"))) is not None
-    }
     return replace(
         ask,
         motions=tuple(motions[each] for each in shown),
@@ -117,10 +107,7 @@ def _of_run(ask: Ask, folder: Path) -> Ask:
         reference=motions.get(REFERENCE_NAME),
         speech=speech,
         joint=record.point,
-        opened=Opened(
-            *(record.title, record.settings, record.speech_sha256),
-            *(said_in(folder, record), plans),
-        ),
+        opened=folder,
     )
 
 

@@ -273,6 +273,16 @@ def file_of(folder: Path, name: str | None) -> Path | None:
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
+def row_files(folder: Path, kind: RowKind) -> dict[str, Path]:
+    """Those of a run's rows, by name.
+
+    Raises:
+        RunError: as `read_run`.
+    """
+    found = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
+    return {name: path for name, path in found if path is not None}
+
+
 @contextmanager
 def changed(folder: Path) -> Iterator[RunRecord]:
     """What a run's folder says, to be changed while no other process or thread does.

@@ -98,7 +98,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
     performed = start and file_of(ask.out, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan(performed), said_in(ask.out, record).words
+    plan, words = read_plan(performed), said_in(ask.out).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
