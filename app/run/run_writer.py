@@ -307,16 +307,9 @@ class RunWriter(Reporter):
         path = self.folder.path(f"{file_stem(name)}.plan.json")
         plan.write(path)
         written = read_plan(path)
-        self.plan(name, written, "planned")
+        self._row(name).files["plan"] = path.name
         self.file(path, row=name, kind="performed")
         return written
-
-    def plan(self, name: str, plan: GesturePlan, origin: str) -> None:
-        """What a player shows of a row."""
-        path = self.folder.path(shown_file(name, ".tiers.json"))
-        told = {"origin": origin, **json.loads(plan.as_json())}
-        path.write_text(json.dumps(told, allow_nan=False, separators=(",", ":")))
-        self.file(path, row=name, kind="plan")
 
     def find_plans(self, motions: Mapping[str, Motion]) -> None:
         """What those rows seem to follow that performed no plan."""
@@ -325,7 +318,9 @@ class RunWriter(Reporter):
 
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
-                self.plan(name, found_plan(motion, open_body_skeleton()), "found")
+                path = self.folder.path(shown_file(name, ".plan.json"))
+                found_plan(motion, open_body_skeleton()).write(path)
+                self.file(path, row=name, kind="plan")
 
     def measured(self, diagnostics: Diagnostics) -> None:
         """Numbers that nothing will change any more, and what they say."""

@@ -152,8 +152,7 @@ PLAN_ENDINGS = {
     "markers": MARKERS_ENDING,
 }
 """The same of a plan."""
-PLAN_SUFFIX = ".tiers.json"
-"""Of plans as the page shows them."""
+PLAN_SUFFIX = ".plan.json"
 
 
 class _Modules(StaticFiles):

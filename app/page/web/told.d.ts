@@ -74,7 +74,7 @@ export interface HandPhase {
   word: string;
 }
 
-/** app/run/run_writer.py: what model/plan/plan.py writes, and where it comes from. */
+/** What model/plan/plan.py writes, and, as the player adds, where it comes from. */
 export interface Plan {
   origin: "planned" | "found";
   duration_s: number;

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,11 +151,7 @@ def write_plan(ask: RenderAsk, *_: object) -> None:
     from model.plan.files import markers_csv, write_plan_file
     from model.plan.plan import read_plan
 
-    told = json.loads(ask.motions[0].read_text(encoding="utf-8"))
-    told.pop("origin", None)
-    bare = ask.out.with_name(f".{ask.out.name}.bare")
-    bare.write_text(json.dumps(told), encoding="utf-8")
-    plan = read_plan(bare)
+    plan = read_plan(ask.motions[0])
     if ask.out.name.endswith(MARKERS_ENDING):
         ask.out.write_text(markers_csv(plan), encoding="utf-8")
     else:

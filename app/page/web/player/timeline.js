@@ -162,6 +162,7 @@ export class Timeline {
   know(rows) {
     const known = rows.filter(({ plan }) => plan);
     this.plans = new Map([["", ""], ...known.map(({ name, plan }) => [name, plan])]);
+    this.planned = new Set(known.filter((row) => row.is_planned).map(({ name }) => name));
     if ([...this.plans.keys()].join() !== [...this.bodies.options].map(({ value }) => value).join()) {
       this.bodies.replaceChildren(make("option", { value: "" }, "No gestures"), ...known.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
     }
@@ -181,7 +182,7 @@ export class Timeline {
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer
     /** @type {import("../told").Plan} */
-    const plan = await response.json();
+    const plan = { ...(await response.json()), origin: this.planned.has(name) ? "planned" : "found" };
     if (url === this.#planUrl) this.#showPlan(plan, this.onplan(name, plan));
   }
 
