@@ -37,9 +37,15 @@ MAX_COMPARED = 6
 
 Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
-OF_SYSTEMS = ("steps", "face_steps", "sampler", "guidance")
+OF_SYSTEMS: Mapping[str, str] = {
+    "steps": "steps",
+    "face_steps": "steps of the face",
+    "sampler": "sampler",
+    "guidance": "strength of the speech",
+}
 SAMPLING = ("speaker", "seed", "samples", *OF_SYSTEMS)
-"""Fields of an ask that say how systems draw; the last each takes as it can."""
+"""Fields of an ask that say how systems draw; the last, here with their titles, each takes as it
+can."""
 Steps = int | Mapping[str, int] | None
 """Of all systems or by name; a system that is not named has its usual ones."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from app.findings.comparison import point_title
-from app.run.ask import Ask, Steps
+from app.run.ask import OF_SYSTEMS, Ask, Steps
 from conventions.names import printable, short_names
 from model.systems.registry import sampler_title
 
@@ -40,10 +40,7 @@ def settings_of(ask: Ask) -> Settings:
         "speaker": ask.speaker or USUAL,
         SEED: str(ask.seed),
         "samples": str(ask.samples),
-        "steps": _steps(ask.steps),
-        "steps of the face": _steps(ask.face_steps),
-        "sampler": sampler_title(ask.sampler) if ask.sampler else USUAL,
-        "strength of the speech": USUAL if ask.guidance is None else f"{ask.guidance:g}",
+        **{title: _of_systems(getattr(ask, name)) for name, title in OF_SYSTEMS.items()},
         "filter": _FILTERS[ask.post_filter],
         "reference": reference,
         "words": words,
@@ -93,8 +90,10 @@ def _words(ask: Ask) -> str:
     return "recognised" if ask.words == "recognise" else NONE
 
 
-def _steps(asked: Steps) -> str:
+def _of_systems(asked: Steps | float | str) -> str:
     if isinstance(asked, Mapping):
         names = short_names(asked)
         return ", ".join(f"{names[name]} {count}" for name, count in asked.items()) or USUAL
-    return USUAL if asked is None else str(asked)
+    if isinstance(asked, str):
+        return sampler_title(asked)
+    return USUAL if asked is None else f"{asked:g}"
