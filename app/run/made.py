@@ -17,13 +17,12 @@ from app.run.output.run_folder import cut
 from app.run.output.telling import Reporter
 from app.run.run_writer import Rows, RunWriter
 from app.run.settings import title_of
-from app.run.timeline import heard_accents, make_timeline
+from app.run.timeline import make_timeline
 from app.run.videos.videos import names_that_fit
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
 
 if TYPE_CHECKING:
-    from app.run.followed_point import TipSource
     from model.generation.base import System, Windowing
     from model.generation.windows import GenerateOptions, MotionPiece
     from model.motion.motion import Motion
@@ -94,12 +93,13 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         made = {name: told(name, _taken(ask.take, name, run))}
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
+    version: Version = "savgol" if ask.post_filter == "savgol" else "raw"
     fitting = names_that_fit(list(staged), run) if ask.has_video or ask.has_figures else []
     return Rows(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,
         drawn={name: staged[name] for name in fitting},
-        timeline=_timeline(ask, staged, recorded, speech, tip),
+        timeline=make_timeline(speech, staged | recorded, version, tip, ask.weights),
         body=body,
         tip=tip,
         sound=sound,
@@ -114,22 +114,6 @@ def row_names(ask: Ask, systems: Sequence[str]) -> list[str]:
     samples = range(1, ask.samples + 1)
     names = [str(SampleName(system, sample)) for system in systems for sample in samples]
     return [*names, REFERENCE_NAME] if ask.reference is not None else names
-
-
-def _timeline(
-    ask: Ask,
-    staged: Mapping[str, Motion],
-    recorded: Mapping[str, Motion],
-    speech: Speech,
-    tip: TipSource,
-) -> dict[str, Any]:
-    """What is seen under the bodies; of the recorded motion also as it is."""
-    shown: Version = "savgol" if ask.post_filter == "savgol" else "raw"
-    systems = {name: motion for name, motion in staged.items() if name not in recorded}
-    timeline = make_timeline(speech, systems, shown, tip)
-    timeline["heard_accents"] = heard_accents(speech, ask.weights)
-    timeline["curves"] |= make_timeline(None, recorded, "raw", tip)["curves"]
-    return timeline
 
 
 def _taken(take: Take, name: str, run: RunWriter) -> Motion:

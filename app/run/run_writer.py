@@ -38,12 +38,9 @@ from app.run.output.run_folder import (
 from app.run.output.telling import Reporter
 from app.run.pieces import MAX_FRAMES, frames_message
 from app.run.timeline import (
-    heard_accents,
-    longest_s,
     make_timeline,
     tiers_of,
     waveform_of,
-    waveform_peaks,
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
 from model.storage.harmless import csv_text
@@ -277,19 +274,12 @@ class RunWriter(Reporter):
         from model.plan.plan import read_plan
 
         self.rows(motions)
-        waveform = waveform_of(speech, motions)
-        self.sound(waveform)
+        self.sound(waveform_of(speech, motions))
         for name in sorted(motions.keys() & (plans or {}).keys()):
             self.performed(name, read_plan((plans or {})[name]))
         for name, motion in motions.items():
             self.motion(name, motion)
-        timeline = make_timeline(speech, motions, "raw", tip)
-        timeline["duration_s"] = round(max(longest_s(motions), timeline["duration_s"]), 4)
-        timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
-        if speech is not None:
-            timeline["peaks"] = waveform_peaks(waveform)
-            timeline["heard_accents"] = [] if weights is None else heard_accents(speech, weights)
-        return timeline
+        return make_timeline(speech, motions, "raw", tip, weights)
 
     def timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
         """What is seen under the bodies; also again, with words that were looked for."""

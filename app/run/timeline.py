@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
 from app.run.output.run_folder import Text, file_of, read_run
+from conventions.names import REFERENCE_NAME, Version
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
@@ -23,7 +24,6 @@ from model.speech.transcript import (
 )
 
 if TYPE_CHECKING:
-    from conventions.names import Version
     from model.motion.motion import Motion
     from model.speech.audio import Speech
 
@@ -87,42 +87,44 @@ Curve = dict[str, Any]
 
 
 def make_timeline(
-    speech: Speech | None, motions: Mapping[str, Motion], shown: Version, tip: TipSource
+    speech: Speech | None,
+    motions: Mapping[str, Motion],
+    shown: Version,
+    tip: TipSource,
+    weights: Path | None = None,
 ) -> dict[str, Any]:
     """Everything that the time line shows.
 
     Args:
         speech: what is heard; None for motion without sound.
-        motions: as shown in the videos.
-        shown: what they are: as generated, or filtered already.
+        motions: as shown in the videos; the recorded one, as `REFERENCE_NAME`, as it is.
+        shown: what the others are: as generated, or filtered already.
         tip: the point whose curves are drawn, the same that Figure 6 and the numbers follow.
+        weights: where the speech encoder is whose accents are told; None tells none.
 
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
         person), and by the name of a motion ``curves``: for ``raw`` and ``savgol`` each of
-        `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it.
-        No accents are heard here (`heard_accents`).
+        `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it,
+        of those that were not recorded.
     """
     from conventions.rates import FPS
     from model.motion.altered import smooth_motion
 
-    num_frames = max((motion.num_frames for motion in motions.values()), default=0)
-    duration_s = num_frames / FPS if speech is None else speech.duration_s
-    tracks = {name: tip.track(motion) for name, motion in motions.items()}
+    tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     curves = {}
     for name, motion in motions.items():
-        versions: dict[Version, Motion] = {shown: motion}
-        if shown == "raw":
+        version: Version = "raw" if name == REFERENCE_NAME else shown
+        versions: dict[Version, Motion] = {version: motion}
+        if version == "raw":
             versions["savgol"] = smooth_motion(motion)
-        curves[name] = {
-            version: point_curves(tip.track(each)) for version, each in versions.items()
-        }
+        curves[name] = {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
     return {
-        "duration_s": round(duration_s, 4),
+        "duration_s": round(max(longest_s(motions), speech.duration_s if speech else 0.0), 4),
         "fps": FPS,
-        "peaks": [] if speech is None else waveform_peaks(speech.waveform),
+        "peaks": [] if speech is None else waveform_peaks(waveform_of(speech, motions)),
         "onsets_s": [] if speech is None else onset_times(speech),
-        "heard_accents": [],
+        "heard_accents": heard_accents(speech, weights) if speech and weights else [],
         "point": tip.title,
         "curves": curves,
         "worst": worst_seconds(tracks),

@@ -211,9 +211,7 @@ def make_generate(
                 raise late_error
             tip = choose_tip_source(load_body(), None)
             said = RECOGNISED if request.words == "recognise" else given_words(request.transcript)
-            timeline = make_timeline(speech, motions, "raw", tip)
-            timeline["curves"] |= make_timeline(None, recorded, "raw", tip)["curves"]
-            run.timeline(timeline, said)
+            run.timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
             run.find_plans(motions | recorded)
             reference = measures(104.0) if request.reference else None
             jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
