@@ -20,10 +20,6 @@ from tests.model.made import made_waveform
 
 BODY = load_body()
 TIP = choose_tip_source(BODY, None)
-LOOK = {
-    "factor": 6.5, "hasTrail": True, "hasHeat": True, "cutoff": 4, "trailFrames": 60,
-    "heatScale": 300, "tone": "dark",
-}  # fmt: skip
 MAX_S = 2.0
 
 
