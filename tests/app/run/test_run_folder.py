@@ -28,6 +28,7 @@ from app.run.output.run_folder import (
 from app.run.pieces import HEADER
 from app.run.pipeline import do, record_of
 from app.run.run_writer import RunWriter, findings_told
+from app.run.timeline import said_in
 from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
@@ -219,7 +220,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     assert is_run_zip(packed)
     asked = Ask(motions=(packed,), out=tmp_path / "again", has_poses=False)
     anew = opened(asked, tmp_path / "opened")[""]
-    assert anew.names == ("gan/5",) and anew.opened is not None and anew.opened.said == SAID
+    assert anew.names == ("gan/5",) and anew.opened is not None and said_in(anew.opened) == SAID
     assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
     told = record_of(anew)
     assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
