@@ -22,7 +22,6 @@ from app.live.session import live_ask
 from app.live.sessions import LiveSessions, Place
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
-from app.run.pieces import body_glb
 
 SPEAK_ROUTE = "/live/speak"
 EXAMPLE_ROUTE = "/live/example"
