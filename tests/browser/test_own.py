@@ -152,7 +152,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     expect(page.locator("#own-numbers thead th[data-name]")).to_have_text(["mine", "theirs"])
     for figure in page.locator("#own-figures figure img").all():
         page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
-    expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
+    expect(page.locator("#own-figures")).to_contain_text("Right middle fingertip jerk")
     expect(page.locator("#own-downloads")).to_contain_text("figure6")
     page.wait_for_function(OWN_STAGED, arg=2)
     lanes = page.locator("#own-player .lane:has(.words)")  # gestures below the words, no rest
