@@ -111,8 +111,8 @@ def _seams(diagnostics: Diagnostics) -> str:
     limit = SEAM_STANDS_OUT * max(1.0, reference or 0.0)
     out = [system for system, samples in raw.items() if mean(samples) > limit]
     return (
-        f"Where windows join, every {diagnostics.windows.advance} frames, peak jerk is in times"
-        f" that elsewhere: {told_of(raw, reference)}."
+        f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, over that"
+        f" elsewhere: {told_of(raw, reference)}."
         f" {f'Joins of {listed(out)}' if out else 'No joins'} stand out."
     )
 
@@ -147,11 +147,11 @@ def _beats(diagnostics: Diagnostics) -> str:
         for name, each in beats.items()
         if each.beat_align > each.beat_align_chance_highest
     ]
-    rest = "the others" if told else "all motions"
-    parts = [f"BeatAlign above chance: {', '.join(told)}"] if told else []
-    if len(told) < len(beats):
-        parts.append(f"BeatAlign of {rest} is what the same speech gives them shifted in time")
-    return f"{'; '.join(parts)}." if parts else ""
+    if not told:
+        at_chance = "BeatAlign is at chance: the same speech shifted in time gives as much."
+        return at_chance if beats else ""
+    rest = "; the others are at chance" if len(told) < len(beats) else ""
+    return f"BeatAlign above chance: {', '.join(told)}{rest}."
 
 
 def _step(diagnostics: Diagnostics) -> str:

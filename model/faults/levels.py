@@ -138,7 +138,7 @@ class Level:
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.1f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
+    return f"{ratio:.{0 if ratio >= 10 else 1}f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
 
 
 def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
