@@ -244,17 +244,16 @@ def _sentence(system: str, numbers: Mapping[str, Any]) -> str:
         f"{system}: speech decides {_percent(arms['by_speech'])} of the arms' speed and"
         f" chance {_percent(arms['by_noise'])}; with the same noise and other speech their"
         f" rotations correlate {numbers['arm_rotations_same_noise']:.2f}."
-        f" {hears} than chance."
     )
     if "speakers" not in numbers:
-        return told
+        return f"{told} {hears} than chance."
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
         f"{told} Of {calm} and {both['lively']}, the speaker decides"
         f" {_percent(manner['by_speaker'])} of the arms' speed; with the same noise and"
         f" speech their rotations correlate {manner['arm_rotations_same_noise']:.2f}, and"
-        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast."
+        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast. {hears} than chance."
     )
 
 
