@@ -18,17 +18,15 @@ from app import text
 from app.errors import RunError
 from app.page.player.player import Showing
 from app.page.results.tables import clips_html, title_of
-from app.page.routes.media import stage_facts
+from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import RowKind, runs_in
-from app.run.pieces import MAX_FRAMES, body_glb, builds
+from app.run.pieces import MAX_FRAMES
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
 """The module that the file starts."""
-BODY, FACTS, BUILDS = "live/body.glb", "stage/facts.json", "stage/builds.bin"
-"""Where the page has what every player asks for."""
 _PLAYED: tuple[RowKind, ...] = ("frames", "plan", "performed")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
@@ -103,7 +101,7 @@ def player_alone(folder: Path, title: str = "") -> str:
         head += f"<b>{escape(first.verdict.numbers)}</b> {escape(first.verdict.judgement)}"
     if (path := next(iter(runs.values())) / PROVENANCE).is_file():
         head += f"<p>{text.WEIGHTS.format(are=escape(str(json.loads(path.read_bytes())[ARE])))}</p>"
-    files |= {BODY: body_glb(), FACTS: stage_facts(), BUILDS: builds()}
+    files |= {name: make() for name, (make, _) in OF_STAGES.items()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
     modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}
     style = theme_variables(make_theme()) + "".join(path.read_text() for path in PLAYER_CSS)

@@ -70,7 +70,8 @@ def _read(part: Any, value: Any, hint: Any, of: Field[Any] | None) -> Any:
     if of is not None and of.default_factory is not MISSING:
         usual = of.default_factory()
     if isinstance(part, gr.File | gr.Audio):
-        return tuple(map(Path, value or ())) if _kind(part) != str | None else _a_path(value)
+        paths = tuple(map(Path, [value] if isinstance(value, str) else value or ()))
+        return paths if _kind(part) != str | None else next(iter(paths), None)
     if isinstance(value, list):
         value = tuple(value)
     if isinstance(value, str):
@@ -86,10 +87,6 @@ def _read(part: Any, value: Any, hint: Any, of: Field[Any] | None) -> Any:
             if isinstance(spec, PrimitiveConstructorSpec):
                 return spec.instance_from_str([value])
     return value
-
-
-def _a_path(value: str | None) -> Path | None:
-    return Path(value) if value else None
 
 
 def _has(hint: Any, kind: type) -> bool:

@@ -199,9 +199,7 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
     return [
         APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),
         Mount(WEB_ROUTE, _Modules(directory=WEB_FOLDER)),
-        _route("/live/body.glb", body_glb, "model/gltf-binary"),
-        _route("/stage/facts.json", stage_facts, "application/json"),
-        _route("/stage/builds.bin", builds, "application/octet-stream"),
+        *(_route(f"/{name}", make, kind) for name, (make, kind) in OF_STAGES.items()),
     ]
 
 
@@ -276,3 +274,11 @@ def stage_facts() -> bytes:
         "builds": {"names": BUILDS, "step": STEP_M},
     }
     return json.dumps(told, separators=(",", ":")).encode()
+
+
+OF_STAGES: Mapping[str, tuple[Callable[[], bytes], str]] = {
+    "live/body.glb": (body_glb, "model/gltf-binary"),
+    "stage/facts.json": (stage_facts, "application/json"),
+    "stage/builds.bin": (builds, "application/octet-stream"),
+}
+"""What every stage asks for once."""
