@@ -65,11 +65,10 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
         return f"{title}Too few clips to say.\n"
     realism = judge_realism(real, corpus)
     rows = []
-    for name, told in realism.features[:TOLD].iterrows():
+    for told in realism.features.head(TOLD).reset_index(names="name").to_dict("records"):
         medians = [_short(told[which]) for which in ("first", "second", "corpus")]
-        rows.append(
-            [str(name), *medians, f"{told.auc:.2f}", f"{told.real_auc:.2f}", f"{told.share:.0%}"]
-        )
+        areas = [f"{told[which]:.2f}" for which in ("auc", "real_auc")]
+        rows.append([told["name"], *medians, *areas, f"{told['share']:.0%}"])
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
         f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"

@@ -375,14 +375,17 @@ def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
     ]
     both, every = pd.concat([first, second]), pd.concat(halves)
     apart = every.mean() - both.mean()
-    gaps = [apart / judge[0].scale_ * judge[1].coef_[0] for judge in judges]
+    gaps = []
+    for judge in judges:
+        (_, scaler), (_, regression) = judge.steps
+        gaps.append(apart / scaler.scale_ * regression.coef_[0])
     features = pd.DataFrame(
         {
             "first": first.median(),
             "second": second.median(),
             "corpus": every.median(),
-            "auc": [_either_way(both[name], every[name]) for name in first],
-            "real_auc": [_either_way(first[name], second[name]) for name in first],
+            "auc": _by_themselves(both, every),
+            "real_auc": _by_themselves(first, second),
             "share": np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0),
         }
     )
@@ -408,10 +411,11 @@ def _floor(first: Figures, second: Figures) -> float:
 def _without_quarter(windows: Figures, quarter: int) -> tuple[Figures, Figures]:
     """The windows that share no frame with one quarter of a clip, and that quarter's."""
     start, stop = (len(windows) * q // 4 for q in (quarter, quarter + 1))
-    rest = pd.concat([windows[: max(start - 1, 0)], windows[stop + 1 :]])
-    return rest, windows[start:stop]
+    rest = windows.take([*range(max(start - 1, 0)), *range(stop + 1, len(windows))])
+    return rest, windows.take(list(range(start, stop)))
 
 
-def _either_way(a: pd.Series, b: pd.Series) -> float:
-    area = _area(a.to_numpy(), b.to_numpy())
-    return max(area, 1 - area)
+def _by_themselves(low: Figures, high: Figures) -> list[float]:
+    """Area under the curve by each figure alone, whichever way it tells."""
+    areas = [_area(low[name].to_numpy(), high[name].to_numpy()) for name in low]
+    return [max(area, 1 - area) for area in areas]
