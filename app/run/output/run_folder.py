@@ -54,10 +54,9 @@ _ENDING, _SHA256 = r"^(\.[a-z0-9]{1,8})?$", r"^([0-9a-f]{64})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
-RowKind = Literal["motion", "frames", "plan", "performed", "video", "poster", "told", "windows"]
+RowKind = Literal["motion", "frames", "plan", "performed", "video", "told", "windows"]
 """``plan`` is what a player shows, ``performed`` what the system was given; ``told`` is what an
-editor of it shows, and ``windows``, which stay in their folder, what a take goes on from;
-``poster`` is of runs of before."""
+editor of it shows, and ``windows``, which stay in their folder, what a take goes on from."""
 Kind = Literal["generated", "given"]
 State = Literal["running", "done", "failed", "cancelled"]
 
@@ -94,8 +93,6 @@ class Row(_Strict):
     name: Name
     label: Name
     color: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-    dashes: Annotated[list[Number], Field(max_length=8, exclude=True)] = []
-    """Of runs of before: no line is dashed any more."""
     files: dict[RowKind, FileName] = {}
     there: There | None = None
     take: TakeOf | None = None
@@ -139,8 +136,6 @@ class RunRecord(_Strict):
     """Of one of several clips, at last: of all that decides what the files hold."""
     point: Name
     """The fingertip or joint that the numbers follow."""
-    layout: Annotated[dict[Name, Any], Field(max_length=8, exclude=True)] = {}
-    """Of runs of before, whose videos were cut to it."""
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     sound: FileName | None = None
     timeline: FileName | None = None
