@@ -259,6 +259,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     # Another speech: either sounds under all bodies, from the same moment on.
     brief = tmp_path / "brief.wav"
     write_wav(brief, made_waveform(24_000))
+    fake.seconds = 1.5
     page.locator("#speech").get_by_label("Clear").click()
     start(page, brief)
     page.get_by_role("link", name=text.COMPARE_OTHER, exact=True).wait_for()
