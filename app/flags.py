@@ -94,6 +94,11 @@ def some_of(
     return written(read, metavar, none, ",".join)
 
 
+def no(name: str, about: str) -> Any:
+    """Marks a switch that is on by default, whose flag ``--no-NAME`` leaves something out."""
+    return arg(name=name, help=about, help_behavior_hint="")
+
+
 def a_count(told: str) -> int:
     """Raises `RunError` if it is none."""
     if not told.isdecimal() or int(told) < 1:

@@ -15,7 +15,17 @@ from tyro.conf import Positional, arg
 from app.commands.said import bars, name_file, say
 from app.config import default_body
 from app.errors import RunError
-from app.flags import Count, File, Names, family_files, part_of, use_family_files, whole, written
+from app.flags import (
+    Count,
+    File,
+    Names,
+    family_files,
+    no,
+    part_of,
+    use_family_files,
+    whole,
+    written,
+)
 from app.run.ask import SAMPLING, Ask, OnEvent, ShouldCancel
 from app.run.display import Display
 from app.run.experiments.hearing import HearingAsk, measure_hearing
@@ -43,10 +53,6 @@ def _motion(about: str) -> tuple[Any]:
     return (Annotated[Positional[tuple[Path, ...]], arg(metavar="MOTION", help=about)],)
 
 
-def _videos(name: str, about: str, is_usual: bool = False) -> tuple[Any, bool]:
-    return Annotated[bool, arg(name=name, help=about)], is_usual
-
-
 if TYPE_CHECKING:
     Generate = Ask
     Diagnose = Ask
@@ -69,7 +75,7 @@ else:
             "Any sound file; or many: a folder of them, or a .txt with one path a line."
         ),
         body=_BODY,
-        has_video=_videos("video", "No videos.", is_usual=True),
+        has_video=(Annotated[bool, no("video", "No videos.")], True),
     )
     Diagnose = part_of(
         Ask,
@@ -81,9 +87,16 @@ else:
             "folders or zips of them, paired by name, for numbers over many clips."
         ),
         body=_BODY,
-        has_video=_videos(
-            "videos",
-            "A video of each motion that figures show, with close-ups and trail, in register.",
+        has_video=(
+            Annotated[
+                bool,
+                arg(
+                    name="videos",
+                    help="A video of each motion that figures show, with close-ups and trail, in "
+                    "register.",
+                ),
+            ],
+            False,
         ),
     )
     Steps = part_of(

@@ -125,7 +125,15 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     if config.opened is not None:
         opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
     services = Services(
-        *(config, catalogue, jobs, worker, videos, gate, kept, LiveSessions(config.weights), media),
+        config=config,
+        catalogue=catalogue,
+        jobs=jobs,
+        worker=worker,
+        videos=videos,
+        gate=gate,
+        kept=kept,
+        live=LiveSessions(config.weights),
+        media=media,
         first_look=first_look(media) if is_warmed_up and config.opened is None else None,
         opened=opened,
     )

@@ -11,7 +11,18 @@ from tyro.conf import arg
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.flags import File, Minutes, Names, Text, a_count, names_of, one_of, some_of, written
+from app.flags import (
+    File,
+    Minutes,
+    Names,
+    Text,
+    a_count,
+    names_of,
+    no,
+    one_of,
+    some_of,
+    written,
+)
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
@@ -281,9 +292,9 @@ class Ask:
     """What the videos show beyond the body as it moves."""
     has_video: Annotated[bool, arg(name="video")] = False
     """A video of each motion."""
-    has_poses: Annotated[bool, arg(name="pictures")] = True
+    has_poses: Annotated[bool, no("pictures", "No poses in Figure 6.")] = True
     """Poses in Figure 6, where no videos are drawn, too."""
-    has_figures: Annotated[bool, arg(name="figures")] = True
+    has_figures: Annotated[bool, no("figures", "Neither Figure 6 nor jitter.")] = True
     """Figure 6 and jitter."""
     title: str = ""
     """What the run is called; by default after what it is made of."""

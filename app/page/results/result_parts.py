@@ -69,7 +69,14 @@ def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
             elem_id=prefix + "seen-cancel",
         )
     return ResultParts(
-        *(message, status, look, clips, clip, player, seen, seen_cancel),
+        message=message,
+        status=status,
+        look=look,
+        clips=clips,
+        clip=clip,
+        player=player,
+        seen=seen,
+        seen_cancel=seen_cancel,
         seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
         take_start=gr.Button(elem_classes="take-start told-elsewhere"),
         verdict=told_part(prefix + "verdict"),

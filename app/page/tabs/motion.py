@@ -189,13 +189,22 @@ def build_form(services: Services) -> FormParts:
             min_width=120,
         )
         of["seed"] = gr.Number(
-            value=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
-            info=text.SEED_HELP, min_width=100,
-        )  # fmt: skip
+            value=0,
+            minimum=0,
+            maximum=SEED_LIMIT,
+            label=text.SEED_LABEL,
+            info=text.SEED_HELP,
+            min_width=100,
+        )
     of["samples"] = gr.Slider(
-        *(1, MAX_SAMPLES), value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP,
+        minimum=1,
+        maximum=MAX_SAMPLES,
+        value=1,
+        step=1,
+        label=text.SAMPLES_LABEL,
+        info=text.SAMPLES_HELP,
         buttons=[],
-    )  # fmt: skip
+    )
     of["guidance"] = gr.Dropdown(
         choices=strength_choices(1.0, 1.5, 2.0, 2.5, 3.0, 4.0),
         value="",
@@ -204,9 +213,16 @@ def build_form(services: Services) -> FormParts:
         elem_id="guidance",
     )
     of["face_steps"] = gr.Slider(
-        *(0, 50), value=0, step=1, label=text.FACE_STEPS_LABEL, buttons=[], visible=False,
-        info=face_steps_help(catalogue.with_face_steps), elem_id="face-steps",
-    )  # fmt: skip
+        minimum=0,
+        maximum=50,
+        value=0,
+        step=1,
+        label=text.FACE_STEPS_LABEL,
+        buttons=[],
+        visible=False,
+        info=face_steps_help(catalogue.with_face_steps),
+        elem_id="face-steps",
+    )
     of["systems"].change(
         lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
         of["systems"],
@@ -219,9 +235,13 @@ def build_form(services: Services) -> FormParts:
     )
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
         of["steps"] = gr.Textbox(
-            "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
-            max_lines=1, elem_id="steps",
-        )  # fmt: skip
+            "",
+            label=text.STEPS_LABEL,
+            info=text.STEPS_HELP,
+            placeholder=catalogue.usual_steps,
+            max_lines=1,
+            elem_id="steps",
+        )
         of["sampler"] = gr.Dropdown(
             choices=[
                 (text.USUAL_SAMPLER, ""),

@@ -218,9 +218,13 @@ class MechanismRunner(FigureRunner):
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         noise = gr.Slider(
-            *NOISE_RAD, value=MechanismAsk.noise_rad, step=0.005, buttons=[],
-            label="Noise on every joint, radians about each axis", elem_id="mechanism-noise",
-        )  # fmt: skip
+            *NOISE_RAD,
+            value=MechanismAsk.noise_rad,
+            step=0.005,
+            buttons=[],
+            label="Noise on every joint, radians about each axis",
+            elem_id="mechanism-noise",
+        )
         return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}
 
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
