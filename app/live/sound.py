@@ -68,6 +68,8 @@ class Microphone:
             RunError: if it is no sound, too much or too fast, or if next to none has come lately.
         """
         samples = read_sound(content)
+        if not self._samples:  # the models may have taken long to be read
+            self._watched_since = self._clock()
         self._samples += len(samples)
         spoken_s = self._samples / SAMPLE_RATE
         if spoken_s > MAX_S:

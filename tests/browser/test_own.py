@@ -290,6 +290,7 @@ def test_several_clips_are_one_run_each_is_seen_and_all_are_kept_as_one_page(
     short, talk = tmp_path / "short.wav", tmp_path / "talk.wav"
     write_wav(short, made_waveform(16_000 * 2))
     write_wav(talk, made_waveform(16_000 * 4))
+    page.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     page.get_by_role("button", name=text.CLIPS_LABEL).first.click()
     give(page, "#several", talk, short)
     tick(page, ["local", "global"])

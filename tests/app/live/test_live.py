@@ -154,6 +154,7 @@ def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
     [
         # Seconds, a block each so many.
         ("word", [(180, 3.0)], ""),  # a third of the time, as over a bad connection
+        ("word", [(60, 60.0), (30, 1.0)], ""),  # its models took a minute to be read
         ("word", [(180, 3.0), (100, 5.0)], "needs all of it"),
         ("sample", [(81, 9.0)], r"Only 0\.0 s of sound came in the last 27 s"),
         ("silence", [(180, 1.0)], ""),

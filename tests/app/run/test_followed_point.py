@@ -54,7 +54,7 @@ def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
         ("right_middle", None, 4100, 2),
         ("right_wrist", None, 4100, 2),
         ("right_wrist", OWN, 4100, 2),
-        ("right_middle", OWN, 130, 3),
+        ("right_middle", OWN, 130, 9),
     ],
 )
 def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
