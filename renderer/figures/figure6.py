@@ -282,7 +282,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     style.draw_keys(figure, contents.styles if contents.is_in_one_plot else {}, marks)
     titles = {
         "a": contents.point,
-        "b": "Snapshots",
+        "b": "Snapshots by frame",
         "c": "Path in space (m)",
         "d": f"Tremble: what is faster than {CUT_OFF_HZ:g} Hz",
     }
@@ -537,25 +537,13 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0, labeltop=row.is_first and axes is rows[0], labelbottom=False)
         places = step * np.arange(cells.count)
-        axes.set_xticks(places + width / 2, _frame_labels(contents, row, cells))
+        axes.set_xticks(places + width / 2, [str(n) for n in contents.snapshot_frames])
         axes.set_yticks([])
         if len(row.names) > 1:
             axes.set_title(style.cut_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
         joints = cells.pixels[name] + np.stack([places, 0 * places], axis=1)[:, None]
         values = np.asarray(contents.marks.values[name]) / contents.marks.full_scale
         _draw_marks(axes, joints.reshape(-1, 2), values.ravel(), 0.045 * height_pt)
-
-
-def _frame_labels(contents: Figure6, row: PanelRow, cells: Cells) -> list[str]:
-    """Frame numbers called so: all where there is room, else the first, else none."""
-    labels = [f"frame {frame}" for frame in contents.snapshot_frames]
-    by_height = cells.aspect * (row.height_mm / len(row.names) - _KEY_MM)
-    room = 0.72 * min(row.widths_mm[row.panels.index("b")] / len(labels), by_height) - 1.0
-    if max(style.text_width_mm(label, SMALL_PT) for label in labels) < room:
-        return labels
-    numbers = [*map(str, contents.snapshot_frames)]
-    first, *others = (style.text_width_mm(each, SMALL_PT) for each in (labels[0], *numbers[1:]))
-    return [labels[0], *numbers[1:]] if first + max(others, default=0.0) < 2 * room else numbers
 
 
 def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray, largest_pt: float) -> None:

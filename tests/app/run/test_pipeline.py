@@ -375,7 +375,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
     result = do(asked)
     assert not [path for path in result.files if path.suffix in (".mp4", ".jpg")]
     drawn = (asked.out / "figure6.svg").read_text()
-    assert drawn.count("<image") == 1 and "frame 9" in drawn and "time (s)" not in drawn
+    assert drawn.count("<image") == 1 and "Snapshots by frame" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
     late = replace(asked, figure=FigureAsked(frames=(3, SHORT)), out=asked.out / "late")
     with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
