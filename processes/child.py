@@ -60,7 +60,8 @@ class Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             pass_fds=(theirs.fileno(),),
-            start_new_session=True,
+            # In no session of its own: Linux shares out the processor by sessions before niceness.
+            process_group=0,
         )
         theirs.close()
         assert self._process.stdout is not None

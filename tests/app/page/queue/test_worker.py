@@ -88,6 +88,8 @@ def test_only_the_process_that_is_to_be_nice_is():
     try:
         assert polite.do(ends.niceness, "") == 19
         assert os.getpriority(os.PRIO_PROCESS, 0) < 19
+        pid = pid_of(polite)
+        assert os.getpgid(pid) == pid and os.getsid(pid) == os.getsid(0), "or it has a like share"
     finally:
         polite.close()
 
