@@ -67,16 +67,15 @@ class Microphone:
         Raises:
             RunError: if it is no sound, too much or too fast, or if next to none has come lately.
         """
-        samples = read_sound(content)
+        samples, now = read_sound(content), self._clock()
         if not self._samples:  # the models may have taken long to be read
-            self._watched_since = self._clock()
+            self._watched_since = now
         self._samples += len(samples)
         spoken_s = self._samples / SAMPLE_RATE
         if spoken_s > MAX_S:
             raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
-        if spoken_s > self._clock() - self._begun + AHEAD_S:
+        if spoken_s > now - self._begun + AHEAD_S:
             raise RunError(TOO_FAST)
-        now = self._clock()
         if np.abs(samples).max() > AUDIBLE:
             self._heard_at = now
         elif now - self._heard_at > QUIET_S:
