@@ -168,8 +168,6 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
 ) -> None:
     expect(page.locator("#status")).to_contain_text(f"{round(30 * LONG_S)} frames each")
     expect(page.locator("#numbers thead th[data-name]")).to_have_text(["planned"])
-    figure = page.locator("#figures img").first
-    page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     lasts = "seconds => document.querySelector('#player audio').duration === seconds"
     page.wait_for_function(lasts, arg=LONG_S)
     expect(page.locator("#downloads li")).to_contain_text(["diagnostics"])
