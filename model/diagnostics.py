@@ -7,8 +7,8 @@ once more behind one and the same filter, the official GlobalDiff inference's
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -37,7 +37,7 @@ from model.measures.lag import find_lag
 from model.measures.point import point_measures
 from model.measures.posture import posture_measures
 from model.measures.results import BeatMeasures, BeatSpeeds, Measures
-from model.measures.seams import Period, find_period, seam_measures
+from model.measures.seams import find_period, seam_measures
 from model.motion.altered import smooth_motion
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
@@ -47,56 +47,6 @@ OWN_WINDOWS = Windowing(frames=60, overlap=8)
 """Of GlobalDiff's systems: 60 frames, of which two windows share 8."""
 TIP = "right_middle"
 """The fingertip of the paper's Figure 6."""
-
-
-def measure_motion(
-    motion: Motion,
-    skeleton: RestSkeleton,
-    tip: str = TIP,
-    windows: Windowing | None = OWN_WINDOWS,
-) -> Measures:
-    """The numbers of one motion as it is.
-
-    Args:
-        tip: the fingertip or joint that the ``tip_`` measures follow.
-        windows: how it was cut, if that is known.
-    """
-    tracks = track_points(motion, skeleton)
-    period = find_period(tracks)
-    return measure_tracks(tracks, tracks.point(tip), tip, skeleton, windows, period)
-
-
-def measures(motion: Motion, skeleton: RestSkeleton, tip: str = TIP) -> dict[str, Any]:
-    """What `measure_motion` finds, by the keys of ``diagnostics.json``."""
-    return measure_motion(motion, skeleton, tip).as_json()
-
-
-def measure_tracks(
-    tracks: Tracks,
-    point: Float[np.ndarray, "T 3"],
-    name: str,
-    skeleton: RestSkeleton,
-    windows: Windowing | None,
-    period: Period | None,
-) -> Measures:
-    """What `measure_motion` returns, where forward kinematics has been done.
-
-    Args:
-        point: positions of the followed point in metres, which is called ``name``.
-        period: what `find_period` finds in the motion as it is, before any filter.
-    """
-    return Measures(
-        point_measures(point, tracks, moving_chain(name)),
-        fingertip_measures(tracks),
-        position_measures(tracks),
-        rotation_measures(tracks),
-        seam_measures(tracks, windows, period),
-        posture_measures(tracks),
-        range_measures(tracks, skeleton),
-        diversity(tracks.joints),
-    )
-
-
 JERK_FRAMES = 4
 
 
@@ -163,10 +113,9 @@ def diagnose(
     skeleton: RestSkeleton,
     reference: Motion | None = None,
     windows: Mapping[str, Windowing] | None = None,
-    tip: str = TIP,
+    point: str = TIP,
     tip_track: TipTrack | None = None,
     tip_source: str | None = None,
-    joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     heard: Float[np.ndarray, "frames bands"] | None = None,
     mean_speeds: Float[np.ndarray, " 13"] | None = None,
@@ -180,11 +129,10 @@ def diagnose(
         motions: by the name that the file shall give them.
         windows: how motions were cut, by name (also of `REFERENCE_NAME`), where that is known.
             The seam measures of another motion are folded on the period that is found in it.
-        tip: the fingertip that the ``tip_`` measures follow.
+        point: the fingertip or joint that the ``tip_`` measures follow.
         tip_track: gives its positions in place of the rigid fingertip, of a motion and its tracks.
         tip_source: what ``tip_track`` follows, such as 'vertex 7794'; without it 'rigid' for a
             fingertip and 'joint' for a joint.
-        joint: a fingertip or joint to follow in place of ``tip``.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
         heard: of the speech by frame (`lag.heard_of`), for how late the motion is.
         mean_speeds: published ones for BeatAlign (`beats.read_mean_speeds`).
@@ -192,14 +140,11 @@ def diagnose(
     Raises:
         ValueError: if there is no such fingertip or joint.
     """
-    settings = _Settings(
-        skeleton=skeleton,
-        point=_known_point(joint or tip),
-        tip_track=tip_track,
-        onsets_s=onsets_s,
-        heard=heard,
-        mean_speeds=mean_speeds,
-    )
+    if point not in POINT_NAMES:
+        raise ValueError(
+            f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
+        )
+    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, mean_speeds)
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
     notes += [
@@ -208,37 +153,26 @@ def diagnose(
         for name, motion in motions.items()
         if motion.num_frames < JERK_FRAMES
     ]
-    recorded = None if reference is None else dict(_versions(reference, settings))
-    findings: dict[str, list[Finding]] = {}
-    faults: list[Finding] = []
-    measured_reference = evidence = None
-    if recorded is not None and reference is not None:
-        measured_reference, faults, evidence = _measured(
-            reference,
-            iter(recorded.items()),
-            None,
-            settings,
-            windows.get(REFERENCE_NAME),
-            None,
-            True,
-        )
-    systems = {}
-    for name, motion in motions.items():
-        systems[name], findings[name], _ = _measured(
-            motion, _versions(motion, settings), recorded, settings, windows.get(name), evidence
-        )
-    if measured_reference is not None:
-        findings[REFERENCE_NAME] = faults
-    named = [*systems, REFERENCE_NAME] if measured_reference else [*systems]
+    recorded: tuple[Evidence, ...] = ()
+    if reference is not None:
+        recorded = tuple(_versions(reference, ways, windows.get(REFERENCE_NAME)))
+    measured = {
+        name: _measured(_versions(motion, ways, windows.get(name), recorded))
+        for name, motion in motions.items()
+    }
+    found = None
+    if recorded:
+        found = measured[REFERENCE_NAME] = _measured(iter(recorded))
+    of_all = {windows.get(name) for name in measured}
     return Diagnostics(
-        point=settings.point,
-        tip_source=tip_source or ("rigid" if settings.point in FINGERTIP_NAMES else "joint"),
-        windows=_common_windows([windows.get(name) for name in named]),
+        point=point,
+        tip_source=tip_source or ("rigid" if point in FINGERTIP_NAMES else "joint"),
+        windows=of_all.pop() if len(of_all) == 1 else None,
         num_frames={name: motion.num_frames for name, motion in motions.items()},
         notes=notes,
-        findings=findings,
-        reference=measured_reference,
-        systems=systems,
+        findings={name: faults for name, (_, faults) in measured.items()},
+        reference=found and found[0],
+        systems={name: measured[name][0] for name in motions},
     )
 
 
@@ -258,22 +192,14 @@ def raw_evidence(
     Args:
         onsets_s, heard, mean_speeds: see `diagnose`.
     """
-    tracks = track_points(motion, skeleton)
-    period = find_period(tracks)
-    numbers = measure_tracks(tracks, tracks.point(point), point, skeleton, windows, period)
-    if reference is not None:
-        numbers = replace(numbers, errors=error_to_reference(tracks, reference.tracks))
-    if onsets_s is not None:
-        recorded = None if reference is None else reference.tracks
-        usual_speed = _usual_speed(mean_speeds, recorded, tracks)
-        numbers = replace(numbers, beats=_measure_beats(tracks, *usual_speed, onsets_s))
-    if heard is not None:
-        numbers = replace(numbers, lag=find_lag(motion, heard))
-    return Evidence(motion, tracks, numbers, point, reference)
+    ways = _Ways(skeleton, point, None, onsets_s, heard, mean_speeds)
+    return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
 @dataclass(frozen=True)
-class _Settings:
+class _Ways:
+    """How all motions are measured; see `diagnose`."""
+
     skeleton: RestSkeleton
     point: str
     tip_track: TipTrack | None
@@ -282,73 +208,47 @@ class _Settings:
     mean_speeds: Float[np.ndarray, " 13"] | None
 
 
-class _Version(NamedTuple):
-    tracks: Tracks
-    point: Float[np.ndarray, "T 3"]
-
-
-def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Version, _Version]]:
-    """The motion as it is and filtered, one after the other: a long clip's tracks are large."""
-    for kind in VERSIONS:
-        version = motion if kind == "raw" else smooth_motion(motion)
-        tracks = track_points(version, settings.skeleton)
-        if settings.tip_track is None:
-            point = tracks.point(settings.point)
+def _versions(
+    motion: Motion, ways: _Ways, windows: Windowing | None, recorded: Sequence[Evidence] = ()
+) -> Iterator[Evidence]:
+    """The motion as it is, then filtered, beside the reference as it is and filtered: like is
+    compared with like. Periods, lag and usual speeds are those of the motion as it is."""
+    tracks = track_points(motion, ways.skeleton)
+    period = find_period(tracks)
+    lag = None if ways.heard is None else find_lag(motion, ways.heard)
+    usual_speed = _usual_speed(ways.mean_speeds, recorded[0].tracks if recorded else None, tracks)
+    for k in range(len(VERSIONS)):
+        if k > 0:
+            motion = smooth_motion(motion)
+            tracks = track_points(motion, ways.skeleton)
+        if ways.tip_track is None:
+            point = tracks.point(ways.point)
         else:
-            point = np.asarray(settings.tip_track(version, tracks), dtype=np.float64)
-        yield kind, _Version(tracks, point)
-        del tracks, point
-
-
-def _measured(
-    motion: Motion,
-    versions: Iterator[tuple[Version, _Version]],
-    recorded: dict[Version, _Version] | None,
-    settings: _Settings,
-    windows: Windowing | None,
-    reference: Evidence | None,
-    is_reference: bool = False,
-) -> tuple[Versions, list[Finding], Evidence | None]:
-    """Measures by version, the faults, and, of the reference itself, what others are held against.
-
-    Like is compared with like, a filtered motion with the filtered reference.
-    """
-    found: list[Measures] = []
-    faults: list[Finding] = []
-    period = evidence = None
-    usual_speed = None
-    lag = None if settings.heard is None else find_lag(motion, settings.heard)
-    for kind, version in versions:
-        if kind == "raw":  # it comes first
-            period = find_period(version.tracks)
-            of_recorded = None if recorded is None else recorded["raw"].tracks
-            usual_speed = _usual_speed(settings.mean_speeds, of_recorded, version.tracks)
-        numbers = measure_tracks(
-            version.tracks,
-            version.point,
-            settings.point,
-            settings.skeleton,
-            windows,
-            period,
+            point = np.asarray(ways.tip_track(motion, tracks), dtype=np.float64)
+        onsets_s = ways.onsets_s
+        numbers = Measures(
+            point_measures(point, tracks, moving_chain(ways.point)),
+            fingertip_measures(tracks),
+            position_measures(tracks),
+            rotation_measures(tracks),
+            seam_measures(tracks, windows, period),
+            posture_measures(tracks),
+            range_measures(tracks, ways.skeleton),
+            diversity(tracks.joints),
+            error_to_reference(tracks, recorded[k].tracks) if recorded else None,
+            None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
+            lag,
         )
-        errors = beats = None
-        if recorded is not None:
-            errors = error_to_reference(version.tracks, recorded[kind].tracks)
-        if settings.onsets_s is not None and usual_speed is not None:
-            beats = _measure_beats(version.tracks, *usual_speed, settings.onsets_s)
-        numbers = replace(numbers, errors=errors, beats=beats, lag=lag)
-        found.append(numbers)
-        if kind == "raw":
-            evidence = Evidence(motion, version.tracks, numbers, settings.point, reference)
-            faults = find_faults(evidence)
-            if not is_reference:
-                evidence = None  # a long clip's tracks are large
-        del version  # before the next one is made
-    return Versions(*found), faults, evidence
+        yield Evidence(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
+        del tracks, point  # a long clip's are large
 
 
-def _common_windows(windows: Sequence[Windowing | None]) -> Windowing | None:
-    return windows[0] if len(set(windows)) == 1 else None
+def _measured(versions: Iterator[Evidence]) -> tuple[Versions, list[Finding]]:
+    """Measures by version, and the faults of the motion as it is."""
+    evidence = next(versions)
+    raw, faults = evidence.raw, find_faults(evidence)
+    del evidence  # before the next one is made
+    return Versions(raw, next(versions).raw), faults
 
 
 def _measure_beats(
@@ -388,14 +288,6 @@ def _mean_speed(tracks: Tracks) -> Float[np.ndarray, " joints"]:
 
 def _rooted(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:
     return tracks.joints - tracks.joints[:, :1]
-
-
-def _known_point(name: str) -> str:
-    if name not in POINT_NAMES:
-        raise ValueError(
-            f"{name} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
-        )
-    return name
 
 
 def _cut_alike(

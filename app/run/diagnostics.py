@@ -81,7 +81,7 @@ def measure_motions(
         mean_speeds=mean_speeds,
         tip_track=follow,
         tip_source=tip.name,
-        joint=tip.point,
+        point=tip.point,
         onsets_s=onsets_s,
     )
 

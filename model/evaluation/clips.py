@@ -14,7 +14,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, speaker_of
-from model.diagnostics import measures
+from model.diagnostics import OWN_WINDOWS, raw_evidence
 from model.evaluation import frechet
 from model.evaluation.frechet import window_diversity
 from model.evaluation.judges import (
@@ -68,7 +68,7 @@ def clip_measures(
     Args:
         joints: see `rooted_positions`.
     """
-    found = measures(motion, open_body_skeleton())
+    found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())

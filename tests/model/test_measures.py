@@ -20,7 +20,7 @@ from conventions.joints import (
     MIRROR_PERMUTATION,
     chain_to_root,
 )
-from model.diagnostics import diagnose, measures, raw_evidence
+from model.diagnostics import OWN_WINDOWS, diagnose, raw_evidence
 from model.generation.base import Windowing
 from model.measures import point, posture, smoothness
 from model.measures.beats import read_mean_speeds
@@ -35,7 +35,7 @@ from model.motion.kinematics import (
     joint_positions_from_local,
     open_body_skeleton,
 )
-from model.motion.motion import load_motion
+from model.motion.motion import Motion, load_motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.motion.tracks import moving_chain, point_words, track_points
 from model.storage.npz import MotionError
@@ -43,6 +43,11 @@ from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 from tests.model.motion.made import about, along, posed
 
 SKELETON = open_body_skeleton()
+
+
+def measures(motion: Motion, **options: Any) -> dict[str, Any]:
+    """Of one, as the file tells them."""
+    return raw_evidence(motion, SKELETON, windows=OWN_WINDOWS, **options).raw.as_json()
 
 
 def told(*motions: Any, **options: Any) -> dict[str, Any]:
@@ -139,12 +144,12 @@ def test_movement_smoothness_does_not_depend_on_the_clip_s_length():
 def test_measures_of_a_body_that_moves_as_one():
     # Positions reach 53 m, where float32 steps are 4 micrometres: 0.1 m/s^3 each.
     t = seconds(90)
-    result = measures(posed(90, along(0, 2 * t**3)), SKELETON)
+    result = measures(posed(90, along(0, 2 * t**3)))
     assert abs(result["tip_jerk_m_s3"] - 12) < 0.5
     np.testing.assert_allclose(result["joint_jerk_m_s3"], result["tip_jerk_m_s3"], rtol=1e-6)
     np.testing.assert_allclose(result["jerk_by_depth_m_s3"], result["tip_jerk_m_s3"], rtol=1e-6)
     assert len(result["jerk_by_depth_m_s3"]) == 11
-    walking = measures(posed(90, along(0, 0.25 * t)), SKELETON)
+    walking = measures(posed(90, along(0, 0.25 * t)))
     assert abs(walking["tip_path_m_s"] - 0.25) < 1e-5
     assert abs(walking["foot_slide_m_s"] - 0.25) < 1e-5
     np.testing.assert_allclose(walking["fingertips_path_m_s"], 0.25, atol=1e-5)
@@ -156,7 +161,7 @@ def test_tip_measures_of_a_turning_wrist_follow_its_radius():
     tip = rest[45] + SKELETON.tip_offsets[6].double().numpy()
     radius = np.linalg.norm((tip - rest[21])[[0, 2]])
     step = 2 * radius * np.sin(rate / 30 / 2)  # a chord of the circle
-    result = measures(posed(120, right_wrist=about(1, rate * seconds(120))), SKELETON)
+    result = measures(posed(120, right_wrist=about(1, rate * seconds(120))))
     assert abs(result["tip_path_m_s"] - 30 * step) < 1e-5
     assert abs(result["tip_acceleration_m_s2"] - 900 * step * 2 * np.sin(rate / 60)) < 1e-3
     moved = {joint for joint in range(55) if result["joint_jerk_m_s3"][joint] > 0.05}
@@ -165,20 +170,20 @@ def test_tip_measures_of_a_turning_wrist_follow_its_radius():
 
 def test_joint_noise_grows_with_depth():
     noise = (0.02 * np.random.default_rng(0).standard_normal((300, 165))).astype(np.float32)
-    result = measures(replace(posed(300), poses=noise), SKELETON)
+    result = measures(replace(posed(300), poses=noise))
     arm = [result["joint_jerk_m_s3"][joint] for joint in (9, 17, 19, 21, 43, 45)]
     assert arm == sorted(arm) and result["tip_jerk_m_s3"] > arm[-1]
 
 
 def test_angular_speed_and_acceleration_of_a_steady_and_of_a_faster_turn():
     elbow, frames = JOINT_INDEX["left_elbow"], np.arange(90)
-    steady = measures(posed(90, left_elbow=about(1, 0.05 * frames)), SKELETON)
+    steady = measures(posed(90, left_elbow=about(1, 0.05 * frames)))
     speeds = steady["joint_angular_speed_deg_s"]
     assert speeds[elbow] == pytest.approx(np.degrees(0.05) * 30, rel=1e-4)
     assert max(np.delete(speeds, elbow)) == 0
     assert steady["joint_angular_acceleration_deg_s2"][elbow] < 0.1
     rate = 2.0  # rad/s^2
-    faster = measures(posed(60, left_elbow=about(1, rate / 2 * seconds(60) ** 2)), SKELETON)
+    faster = measures(posed(60, left_elbow=about(1, rate / 2 * seconds(60) ** 2)))
     acceleration = faster["joint_angular_acceleration_deg_s2"][elbow]
     assert acceleration == pytest.approx(np.degrees(rate), rel=1e-3)
 
@@ -227,7 +232,7 @@ def test_attribution_is_forward_kinematics_with_one_joint_smoothed():
 def test_jitter_of_the_translation_is_told_apart_and_a_joint_has_its_ancestors_only():
     motion = smooth_motion_example(200)
     jitter = 0.02 * np.random.default_rng(0).standard_normal((200, 3)).astype(np.float32)
-    trembling = measures(replace(motion, trans=motion.trans + jitter), SKELETON, tip="left_wrist")
+    trembling = measures(replace(motion, trans=motion.trans + jitter), point="left_wrist")
     found = trembling["tip_jerk_attribution"]
     assert found["translation_share"] > 0.5 and max(found["share"]) < 0.1
     assert found["joints"] == [
@@ -254,8 +259,8 @@ def test_tracks_do_not_depend_on_chunks(monkeypatch):
 
 
 def test_spine_tilt_is_the_angle_of_a_leaning_body():
-    upright = measures(posed(3), SKELETON)["spine_tilt_deg"]["mean"]
-    leaning = measures(posed(3, pelvis=about(0, math.radians(20))), SKELETON)["spine_tilt_deg"]
+    upright = measures(posed(3))["spine_tilt_deg"]["mean"]
+    leaning = measures(posed(3, pelvis=about(0, math.radians(20))))["spine_tilt_deg"]
     spine = (SKELETON.rest_joints[12] - SKELETON.rest_joints[0]).double().numpy()
     at_rest = math.degrees(math.atan2(spine[2], spine[1]))  # forwards is +z
     assert upright == pytest.approx(abs(at_rest), abs=1e-3)
@@ -408,7 +413,7 @@ def test_filter_keeps_slow_motion_and_removes_noise():
     assert np.median(np.abs(before - after)) < 0.001
     noise = 0.03 * np.random.default_rng(0).standard_normal(motion.poses.shape)
     noisy = replace(motion, poses=motion.poses + noise.astype(np.float32))
-    raw, filtered = (measures(m, SKELETON) for m in (noisy, smooth_motion(noisy)))
+    raw, filtered = (measures(m) for m in (noisy, smooth_motion(noisy)))
     assert filtered["tip_jerk_m_s3"] < 0.35 * raw["tip_jerk_m_s3"]
     assert filtered["tip_velocity_power_above_5hz"] < raw["tip_velocity_power_above_5hz"]
 
@@ -467,7 +472,7 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
     assert "beat_align" not in alone["systems"]["other"]["raw"]
     for kind, version in (("raw", other), ("savgol", smooth_motion(other))):
         assert set(result["systems"]["other"]) == {"raw", "savgol"}
-        own = measures(version, SKELETON)
+        own = measures(version)
         for found in (result["systems"]["other"][kind], result["reference"][kind]):
             for name in ("tip_jerk_m_s3", "joint_jerk_m_s3", "foot_slide_m_s"):
                 assert found[name] == own[name]
@@ -483,12 +488,12 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
 
 def test_a_joint_another_tip_or_a_given_track_is_followed():
     motion = smooth_motion_example(40)
-    result = told({"a": motion}, SKELETON, joint="left_wrist")
+    result = told({"a": motion}, SKELETON, point="left_wrist")
     assert (result["tip"], result["joint"], result["tip_source"]) == (None, "left_wrist", "joint")
     raw = result["systems"]["a"]["raw"]
     wrist_jerk = raw["joint_jerk_m_s3"][JOINT_INDEX["left_wrist"]]
     assert raw["tip_jerk_m_s3"] == pytest.approx(wrist_jerk)
-    tip = told({"a": motion}, SKELETON, joint="left_thumb")
+    tip = told({"a": motion}, SKELETON, point="left_thumb")
     assert (tip["tip"], tip["joint"], tip["tip_source"]) == ("left_thumb", "left_thumb", "rigid")
     tips = track_points(motion, SKELETON).fingertips
     expected = smoothness.derivative_magnitudes(tips[:, FINGERTIP_NAMES.index("left_thumb")], 3)
@@ -498,7 +503,7 @@ def test_a_joint_another_tip_or_a_given_track_is_followed():
     assert given["tip_jerk_m_s3"] == pytest.approx(6, rel=1e-6)
     assert given["joint_jerk_m_s3"] == raw["joint_jerk_m_s3"]
     with pytest.raises(ValueError, match="nose is neither a fingertip nor a joint; choose one of"):
-        diagnose({}, SKELETON, tip="nose")
+        diagnose({}, SKELETON, point="nose")
 
 
 def test_a_longer_reference_is_cut_and_said_so():
@@ -518,7 +523,7 @@ def test_a_longer_reference_is_cut_and_said_so():
 def test_real_motion_has_the_known_smoothness():
     """Reference values for this clip's tip: jerk about 152 m/s^3, acceleration 8.6 m/s^2."""
     motion = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_1_1.npz")
-    result = measures(motion, SKELETON)
+    result = measures(motion)
     assert 120 < result["tip_jerk_m_s3"] < 185
     assert 7 < result["tip_acceleration_m_s2"] < 10.5
     assert 0.003 < result["tip_velocity_power_above_5hz"] < 0.012

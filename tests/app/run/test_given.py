@@ -240,7 +240,7 @@ def test_the_point_is_the_one_that_the_measures_follow_of_themselves() -> None:
     motions = {"a": smooth_motion_example(40)}
     for point in ("left_index", "right_wrist"):
         found = measure_motions(motions, choose_tip_source(load_body(), None, point))
-        assert found.as_json() == diagnose(motions, open_body_skeleton(), joint=point).as_json()
+        assert found.as_json() == diagnose(motions, open_body_skeleton(), point=point).as_json()
 
 
 def test_onsets_are_those_of_the_clip() -> None:

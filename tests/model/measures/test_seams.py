@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX, LOWER_BODY
-from model.diagnostics import measure_motion
+from model.diagnostics import raw_evidence
 from model.formats.read import read_any_motion
 from model.generation.base import Windowing
 from model.measures.seams import (
@@ -141,13 +141,13 @@ def test_what_repeats_nothing_has_no_period():
 
 def test_seams_are_folded_on_what_is_known_or_found():
     jumps = with_jumps(rough(900), 64, first=0)
-    found = measure_motion(jumps, SKELETON, windows=None).seams
+    found = raw_evidence(jumps, SKELETON).raw.seams
     assert found.folded_on_frames == len(found.jerk_by_window_phase_m_s3) == 64
     assert found.jerk_by_window_phase_m_s3.argmax() in (0, 1, 63)
     assert np.isnan(found.seam_jerk_ratio)  # a period has no first frame of its own
-    known = measure_motion(jumps, SKELETON, windows=Windowing(64, 0)).seams
+    known = raw_evidence(jumps, SKELETON, windows=Windowing(64, 0)).raw.seams
     assert known.seam_jerk_ratio > 1.5 and known.folded_on_frames == 64
-    nothing = measure_motion(rough(900), SKELETON, windows=None).seams
+    nothing = raw_evidence(rough(900), SKELETON).raw.seams
     assert nothing.folded_on_frames is None and not len(nothing.jerk_by_window_phase_m_s3)
     hip = track_points(with_jumps(rough(900), 30, "left_hip", first=7), SKELETON)
     assert part_jerk_by_phase(hip, "legs", 30).argmax() in (6, 7, 8)
