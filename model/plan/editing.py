@@ -350,26 +350,6 @@ def without_event(plan: GesturePlan, event: Body) -> Edited:
     return Edited(replace(plan, **{name: tuple(events)}))
 
 
-def keeping(locked: Sequence[Gesture], before: GesturePlan, edited: Edited) -> Edited:
-    """What was edited, if all that is locked stayed."""
-    for gesture in locked:
-        old = _moves_of(before, gesture)
-        if old != _moves_of(edited.plan, gesture):
-            raise PlanError(
-                f"The {gesture.side} hand's gesture at {gesture.lands_s:.2f} s is locked; unlock "
-                "it to change it."
-            )
-    return edited
-
-
-def _moves_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase] | None:
-    stroke = _found(plan, gesture)
-    if stroke is None:
-        return None
-    phases = plan.hand(gesture.side)[stroke.first : stroke.last + 1]
-    return [phase for phase in phases if phase.phase != "hold"]
-
-
 def _around_span(event: Any, start_s: float, end_s: float) -> list[Any]:
     """What is left of a span beside another."""
     parts = []

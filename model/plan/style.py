@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -114,28 +114,22 @@ def excited(style: Style, by: float) -> Style:
     }))  # fmt: skip
 
 
-def with_style(
-    plan: GesturePlan,
-    style: Style,
-    words: Sequence[Spoken] = (),
-    locked: Collection[Gesture] = (),
-) -> Edited:
+def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) -> Edited:
     """The plan with another style, as far as there are gestures, words and time for it.
 
     Args:
         words: where more gestures go: beats on those that have none. Without words there are no
             more gestures than before.
-        locked: gestures that stay as they are.
     """
     notes: list[str] = []
     now = style_of(plan)
     if _differs(style.gestures_per_min, now.gestures_per_min):
-        plan = _as_often(plan, style.gestures_per_min, words, locked)
+        plan = _as_often(plan, style.gestures_per_min, words)
         got = style_of(plan).gestures_per_min
         if abs(got - style.gestures_per_min) * plan.duration_s / 60 > 1:
             notes.append(f"There is room for {got:.0f} gestures a minute.")
     if _differs(style.both, now.both):
-        plan = _with_both(plan, style.both, locked)
+        plan = _with_both(plan, style.both)
     now = style_of(plan)
     changes: list[Callable[[GesturePlan, Gesture], Edited]] = []
     if _differs(style.stroke_s, now.stroke_s):
@@ -145,10 +139,10 @@ def with_style(
         size = float(np.clip(style.size_m / now.size_m, 0.1, 4))
         changes.append(lambda each, gesture: sized(each, gesture, size))
     for change in changes:
-        plan = _each(plan, change, locked)
+        plan = _each(plan, change)
     by_m = style.height_m - style_of(plan).height_m
     if _differs(style.height_m, now.height_m) and abs(by_m) > 1e-3:
-        plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m), locked)
+        plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m))
     if _differs(style.smile, now.smile):
         plan = replace(plan, smiles=_smiles(plan, style.smile, now.smile))
     return Edited(plan, tuple(notes))
@@ -177,14 +171,11 @@ def _spread(count: int, most: int) -> list[int]:
     return [int((k + 0.5) * most / count) for k in range(min(count, most))]
 
 
-def _as_often(
-    plan: GesturePlan, per_min: float, words: Sequence[Spoken], locked: Collection[Gesture]
-) -> GesturePlan:
+def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Spoken]) -> GesturePlan:
     there = together(plan)
     wanted = round(per_min * plan.duration_s / 60)
-    free = [group for group in there if not set(group) & set(locked)]
-    for k in _spread(max(0, len(there) - wanted), len(free)):
-        for gesture in free[k]:
+    for k in _spread(max(0, len(there) - wanted), len(there)):
+        for gesture in there[k]:
             plan = deleted(plan, gesture).plan
     missing = wanted - len(there)
     for word in sorted(words, key=lambda w: w.start_s - w.end_s):  # long ones first
@@ -198,11 +189,11 @@ def _as_often(
     return plan
 
 
-def _with_both(plan: GesturePlan, share: float, locked: Collection[Gesture]) -> GesturePlan:
+def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
     groups = together(plan)
-    both = [group for group in groups if len(group) == 2 and not set(group) & set(locked)]
-    single = [group for group in groups if len(group) == 1 and not set(group) & set(locked)]
-    missing = round(share * len(groups)) - sum(len(group) == 2 for group in groups)
+    both = [group for group in groups if len(group) == 2]
+    single = [group for group in groups if len(group) == 1]
+    missing = round(share * len(groups)) - len(both)
     for k in _spread(max(0, -missing), len(both)):
         plan = with_hands(plan, both[k][1], "right").plan
     done = 0
@@ -217,13 +208,9 @@ def _with_both(plan: GesturePlan, share: float, locked: Collection[Gesture]) -> 
     return plan
 
 
-def _each(
-    plan: GesturePlan,
-    change: Callable[[GesturePlan, Gesture], Edited],
-    locked: Collection[Gesture],
-) -> GesturePlan:
+def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], Edited]) -> GesturePlan:
     """Every gesture changed that can be."""
-    for gesture in [g for group in together(plan) for g in group if g not in locked]:
+    for gesture in (each for group in together(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
         except PlanError:

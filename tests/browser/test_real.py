@@ -273,14 +273,6 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     shorter = right_hand(page, tmp_path)
     assert abs(shorter[0] - landed + 0.11) < 0.02 and shorter[1] == 6.5
 
-    stroke(page, "offer").click()
-    palette(page).locator("summary").click()
-    press(palette(page), "Lock")
-    page.keyboard.press("Escape")
-    press(palette(page), "Delete")
-    said(page, "is locked; unlock it to change it")
-    assert right_hand(page, tmp_path) == shorter
-
     # On a phone a gesture is added.
     turn_to(page, (390, 844, "dark"))
     add(page, 1, "left")

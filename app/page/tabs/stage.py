@@ -24,7 +24,7 @@ from app.page.tabs.services import Services
 from app.page.visitors.visitors import visitor_of
 from app.run.ask import Ask, Event, Grown
 from app.run.output.run_folder import drop_unfinished
-from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of, locked_of
+from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of
 from app.run.takes.take import TakeAsk, make_take
 from app.run.videos.seen_video import Seen, SeenAsk, draw_seen
 from app.run.videos.videos import draw_behind
@@ -43,7 +43,6 @@ class Asked(BaseModel):
     """The row whose plan is changed."""
     edits: Any = None
     """See `edits_of`. None only gets the row ready to be edited."""
-    locked: Any = None
 
     @classmethod
     def of(cls, told: object) -> Asked:
@@ -100,7 +99,6 @@ class TakesRunner(TabRunner):
                 weights=self._services.config.weights,
                 start=asked.start,
                 edits=edits_of(asked.edits),
-                locked=locked_of(asked.locked),
             )
             take = yield from self.done(job, make_take, wanted, coming)
         except Exception as error:

@@ -21,7 +21,6 @@ from model.speech.transcript import Word
 
 MAX_EDITS = 60
 """At once."""
-MAX_LOCKED = 2000
 MAX_PLAN_CHARACTERS = 2_000_000
 NOD_DEG = 8.0
 LOOK_S = 1.0
@@ -29,11 +28,9 @@ AT_S = 0.05
 """An event that is to be removed is found by its time, to so much."""
 STEP_S = 0.1
 """By which the nearest free place is searched."""
-Locked = tuple[str, float]
-"""A hand, and when its gesture lands."""
 Values = Mapping[str, Any]
 Said = Sequence[Word]
-Does = Callable[[GesturePlan, Values, Said, Sequence[Gesture]], Edited]
+Does = Callable[[GesturePlan, Values, Said], Edited]
 
 
 @dataclass(frozen=True)
@@ -77,19 +74,7 @@ def edits_of(told: object) -> tuple[Edit, ...]:
     return tuple(_edit(one) for one in told)
 
 
-def locked_of(told: object) -> tuple[Locked, ...]:
-    """Gestures that shall stay; arguments and errors as of `edits_of`."""
-    if not isinstance(told, list) or len(told) > MAX_LOCKED:
-        raise RunError(f"Locked gestures come as a list of at most {MAX_LOCKED}.")
-    try:
-        return tuple(_LOCKED.validate_python(told))
-    except ValidationError as error:
-        raise RunError(f"A locked gesture is a hand and a time: {_why(error)}") from error
-
-
-def edited(
-    plan: GesturePlan, edits: Sequence[Edit], words: Said, locked: Sequence[Locked]
-) -> Edited:
+def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Edited:
     """The plan after all of them, in their order, and what was mended.
 
     Args:
@@ -98,30 +83,27 @@ def edited(
     Raises:
         PlanError, RunError: with one sentence, if one cannot be done; then none is.
     """
-    kept = tuple(Gesture(cast(Side, side), lands_s) for side, lands_s in locked)
-    before, notes = plan, []
+    notes: list[str] = []
     for edit in edits:
-        done = KINDS[edit.do].does(plan, edit.values, words, kept)
+        done = KINDS[edit.do].does(plan, edit.values, words)
         plan = done.plan
         notes += done.notes
-    return editing.keeping(kept, before, Edited(plan, tuple(dict.fromkeys(notes))))
+    return Edited(plan, tuple(dict.fromkeys(notes)))
 
 
-def offers_for(
-    plan: GesturePlan, edit: Edit, words: Said, locked: Sequence[Locked]
-) -> tuple[Offer, ...]:
+def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
     """Where there is no time for a gesture, the nearest place that has, and to take the place of
     the one that is there; as far as either can be done. None where nothing is in the way."""
 
     def can_be(*edits: Edit) -> bool:
         try:
-            edited(plan, edits, words, locked)
+            edited(plan, edits, words)
         except (PlanError, RunError):
             return False
         return True
 
     try:
-        edited(plan, (edit,), words, locked)
+        edited(plan, (edit,), words)
     except NoTimeError as error:
         offers = []
         if edit.do in ("add", "move"):
@@ -201,7 +183,7 @@ def _said_at(words: Said, at_s: float) -> str:
 def _of_both(change: Callable[[GesturePlan, Gesture, Values], Edited]) -> Does:
     """A change of a gesture, and of the other hand's part in it."""
 
-    def does(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+    def does(plan: GesturePlan, told: Values, words: Said) -> Edited:
         gesture = _gesture(told)
         partner = editing.partner_of(plan, gesture)
         done = change(plan, gesture, told)
@@ -213,21 +195,21 @@ def _of_both(change: Callable[[GesturePlan, Gesture, Values], Edited]) -> Does:
     return does
 
 
-def _move(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _move(plan: GesturePlan, told: Values, words: Said) -> Edited:
     lands_s, word = _place(told, words)
     if word is None:
         word = _said_at(words, lands_s)
     by_s = lands_s - told["lands"]
     moved = _of_both(lambda each, one, _: editing.moved(each, one, one.lands_s + by_s, word))
-    return moved(plan, told, words, locked)
+    return moved(plan, told, words)
 
 
-def _add(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _add(plan: GesturePlan, told: Values, words: Said) -> Edited:
     lands_s, word = _place(told, words)
     return editing.added(plan, told["kind"], lands_s, told.get("hands"), word or "")
 
 
-def _end(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _end(plan: GesturePlan, told: Values, words: Said) -> Edited:
     """Another end of a phase, of both hands where they make it together; strokes that end at
     another time tell the word of that time."""
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
@@ -249,14 +231,14 @@ def _end(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]
     return Edited(new, tuple(dict.fromkeys(notes)))
 
 
-def _look(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _look(plan: GesturePlan, told: Values, words: Said) -> Edited:
     end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
     if end_s <= told["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
     return editing.with_event(plan, Gaze(told["at"], end_s, told["yaw"], told["pitch"]))
 
 
-def _remove(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _remove(plan: GesturePlan, told: Values, words: Said) -> Edited:
     def off(event: Any) -> float:
         at = event.start_s if hasattr(event, "start_s") else event.time_s
         return abs(at - told["at"])
@@ -267,15 +249,15 @@ def _remove(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gestu
     return editing.without_event(plan, nearest)
 
 
-def _style(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _style(plan: GesturePlan, told: Values, words: Said) -> Edited:
     wish = style_of(plan)
     wish = replace(wish, **{name: value for name, value in told.items() if name != "excite"})
     if "excite" in told:
         wish = excited(wish, told["excite"])
-    return with_style(plan, wish, words, locked)
+    return with_style(plan, wish, words)
 
 
-def _plan(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture]) -> Edited:
+def _plan(plan: GesturePlan, told: Values, words: Said) -> Edited:
     """Another plan in place of this one, as long as the speech."""
     ending = Path(told["name"]).suffix
     if ending.lower() not in {each.lower() for each in ENDINGS}:
@@ -288,7 +270,6 @@ def _plan(plan: GesturePlan, told: Values, words: Said, locked: Sequence[Gesture
 
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _Second = Annotated[float, Field(ge=0, le=3600, strict=True)]
-_LOCKED = TypeAdapter(list[tuple[Side, _Second]])
 
 
 def _kind(does: Does, **values: Any) -> Kind:

@@ -24,7 +24,7 @@ from app.run.output.run_folder import (
     shown_file,
 )
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import Edit, Locked, Offer, edited, offers_for
+from app.run.takes.edits import Edit, Offer, edited, offers_for
 from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
@@ -52,7 +52,6 @@ class TakeAsk(Ask):
     """The row whose plan is changed."""
     edits: tuple[Edit, ...] = ()
     """None only gets the row ready to be edited."""
-    locked: tuple[Locked, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,9 +117,9 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
             if not ask.edits:
                 return MadeTake(0)
             try:
-                done = edited(plan, ask.edits, words, ask.locked)
+                done = edited(plan, ask.edits, words)
             except PlanError as error:
-                offers = offers_for(plan, ask.edits[-1], words, ask.locked)
+                offers = offers_for(plan, ask.edits[-1], words)
                 if len(ask.edits) > 1 or not offers:
                     raise
                 return MadeTake(0, (str(error),), offers)

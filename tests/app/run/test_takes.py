@@ -13,7 +13,7 @@ from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
-from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, locked_of, offers_for
+from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
 from app.run.takes.take import MadeTake, TakeAsk, make_take, row_of
 from model.motion.motion import load_motion
 from model.plan import editing
@@ -40,8 +40,8 @@ def plan() -> GesturePlan:
     return added(made, "frame", 6.0, "both", "all").plan
 
 
-def done(plan, *told, locked=()):
-    return edited(plan, edits_of(list(told)), WORDS, locked_of(list(locked)))
+def done(plan, *told):
+    return edited(plan, edits_of(list(told)), WORDS)
 
 
 def lands(plan, side):
@@ -117,14 +117,11 @@ def test_head_and_eyes_are_edited_alike(plan):
         done(plan, {"do": "remove", "list": "nods", "at": 8.0})
 
 
-def test_sliders_change_the_whole_and_leave_what_is_locked(plan):
-    large = done(plan, {"do": "style", "size_m": 0.5}, locked=[["right", 2.0]]).plan
+def test_sliders_change_the_whole(plan):
+    large = done(plan, {"do": "style", "size_m": 0.5}).plan
     assert style_of(large).size_m > style_of(plan).size_m
-    assert large.right[1:3] == plan.right[1:3]
     calm = done(plan, {"do": "style", "excite": -1.0}).plan
     assert style_of(calm).size_m < style_of(plan).size_m
-    with pytest.raises(PlanError, match=r"right hand's gesture at 2.00 s is locked"):
-        done(plan, {"do": "delete", **FIRST}, locked=[["right", 2.0]])
 
 
 def test_a_plan_from_a_file_takes_its_place(plan):
@@ -147,8 +144,8 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
     ):
         (edit,) = edits_of([told])
         with pytest.raises(PlanError, match="there is no time"):
-            edited(plan, (edit,), WORDS, ())
-        nearest, instead = offers_for(plan, edit, WORDS, ())
+            edited(plan, (edit,), WORDS)
+        nearest, instead = offers_for(plan, edit, WORDS)
         assert (
             nearest.label == f"At {at} s, the nearest free place"
             and instead.label == "In place of frame"
@@ -156,10 +153,8 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
         assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
         made = done(plan, *(each.told() for each in instead.edits)).plan
         assert (lands(made, "right"), lands(made, "left")) == (left, [])
-        kept = locked_of([["right", 6.0]])
-        assert [each.label for each in offers_for(plan, edit, WORDS, kept)] == [nearest.label]
     (fits,) = edits_of([{"do": "add", "kind": "you", "at": 9.0}])
-    assert offers_for(plan, fits, WORDS, ()) == ()
+    assert offers_for(plan, fits, WORDS) == ()
 
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
@@ -199,8 +194,6 @@ def test_there_is_an_end_to_how_much_comes_at_once():
     for told in ({"do": "nod"}, None, "x" * 100):
         with pytest.raises(RunError, match="a list"):
             edits_of(told)
-    with pytest.raises(RunError, match="A locked gesture"):
-        locked_of([["left"]])
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from model.plan.editing import (
     gestures,
     hastened,
     held,
-    keeping,
     moved,
     on_word,
     raised,
@@ -156,10 +155,6 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         (lambda p: hastened(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
         (lambda p: without_event(p, Nod(1.0, 3.0)), "has no such nod"),
-        (
-            lambda p: keeping((MIDDLE,), p, sized(p, MIDDLE, 1.5)),
-            "right hand's gesture at 4.50 s is locked",
-        ),
         (lambda p: ended(p, "right", 4.0, 4.2), "right hand does nothing that ends at 4.00 s"),
         (lambda p: ended(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
         (
@@ -170,17 +165,11 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
             lambda p: ended(ended(p, "right", 2.0, 4.0).plan, "right", 2.2, 3.0),
             "the hold after it needs 0.1 s",
         ),
-        (lambda p: keeping([Gesture("right", 2.0)], p, ended(p, "right", 2.0, 2.1)), "is locked"),
     ],
 )
 def test_what_cannot_be_is_refused(edit, says):
     with pytest.raises(PlanError, match=says):
         edit(BUSY)
-
-
-def test_what_leaves_locked_gestures_is_let_through():
-    for edited in (sized(BUSY, Gesture("right", 2.0), 1.5), ended(BUSY, "right", 4.8, 5.0)):
-        assert keeping((MIDDLE,), BUSY, edited) is edited
 
 
 def test_nods_looks_smiles_and_blinks():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.plan.editing import Edited, Gesture, added, gestures, keeping, on_word
+from model.plan.editing import Edited, Gesture, added, gestures, on_word
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import (
     AWAY_S,
@@ -21,7 +21,7 @@ from model.plan.style import (
     with_style,
 )
 from tests.model.plan.made import Said, resting
-from tests.model.plan.test_editing import BUSY, MIDDLE, lands
+from tests.model.plan.test_editing import BUSY, lands
 
 FEW_WORDS = [Said(f"w{k}", 0.5 + k * 0.9, 1.0 + k * 0.9) for k in range(10)]
 WORDS = [Said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
@@ -50,10 +50,9 @@ def test_sliders_bring_what_they_say(name, values):
         assert getattr(style_of(new), name) == pytest.approx(value, rel=0.12, abs=0.02)
 
 
-def test_sliders_leave_locked_gestures_and_say_where_there_is_no_room():
-    none = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=0.0), locked=(MIDDLE,))
-    assert lands(none.plan) == [4.5] and lands(none.plan, "left") == []
-    assert keeping((MIDDLE,), BUSY, none)
+def test_sliders_say_where_there_is_no_room():
+    none = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=0.0))
+    assert lands(none.plan) == lands(none.plan, "left") == []
     more = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=60.0))
     assert more.plan == BUSY and more.notes == ("There is room for 18 gestures a minute.",)
 

@@ -50,7 +50,6 @@ export class Editing {
   #toldUrl = null;
   #chosen = null; // a gesture {side, lands}, or {list, at}
   #picked = null; // the phase that was chosen on the time line {list, event}, as it will be
-  #locked = new Map(); // "side lands" -> [side, lands]
   #queue = [];
   #asked = null; // what is being done
   #isBusy = false;
@@ -105,7 +104,6 @@ export class Editing {
     this.deletion = button("Delete", () => this.#delete(), "Delete (Del)");
     this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)));
     this.handButtons = ["left", "right", "both"].map((hands) => make("button", { type: "button", "aria-label": hands === "both" ? "Both hands" : `${capital(hands)} hand`, onclick: () => this.#hands(hands) }, capital(hands)));
-    this.lock = make("button", { type: "button", "aria-pressed": "false", title: "What is locked stays as it is", onclick: () => this.#toggleLock() }, "Lock");
     this.ofGesture = make("span", { class: "row" },
       button("Earlier", () => this.#nudge(-NUDGE_S), "Earlier (Shift+Left)"), button("Later", () => this.#nudge(NUDGE_S), "Later (Shift+Right)"), this.byWord,
       button("Hold shorter", () => this.#hold(-HOLD_S)), button("Hold longer", () => this.#hold(HOLD_S)),
@@ -113,7 +111,7 @@ export class Editing {
       make("span", { class: "switch", role: "group", "aria-label": "Hand" }, ...this.handButtons),
       popUp("menu", make("summary", {}, "More"), make("div", {}, make("span", { class: "row" },
         button("Lower", () => this.#change("height", { by: -HIGHER_M })), button("Higher", () => this.#change("height", { by: HIGHER_M })),
-        button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER })), this.lock))));
+        button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER }))))));
     this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "The gesture that is chosen" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.hint, this.deletion, this.ofGesture, this.endsAt));
   }
 
@@ -207,7 +205,6 @@ export class Editing {
     this.#queue = [];
     this.#redo = [];
     this.#isBusy = false;
-    this.#locked.clear();
     this.#open(false);
   }
 
@@ -321,7 +318,7 @@ export class Editing {
 
   #flush(isOpening = false) {
     if (this.#isBusy || (!this.#queue.length && !isOpening)) return;
-    this.#asked = { run: this.#run, start: this.#start, edits: this.#queue, locked: [...this.#locked.values()] };
+    this.#asked = { run: this.#run, start: this.#start, edits: this.#queue };
     this.#queue = [];
     this.#isBusy = true;
     this.#send();
@@ -411,18 +408,6 @@ export class Editing {
     if (hands === "both") return;
     this.#chosen = { ...this.#chosen, side: hands };
     if (this.#picked) this.#picked = { ...this.#picked, list: hands };
-  }
-
-  #toggleLock() {
-    const { side, lands } = this.#chosen;
-    const key = this.#lockOf(this.#chosen);
-    if (key) this.#locked.delete(key);
-    else this.#locked.set(`${side} ${lands}`, [side, lands]);
-    this.#update();
-  }
-
-  #lockOf({ side, lands }) {
-    return [...this.#locked].find(([, [hand, at]]) => hand === side && Math.abs(at - lands) < 0.01)?.[0] ?? null;
   }
 
   #add() {
@@ -604,9 +589,6 @@ export class Editing {
     this.which.textContent = chosen.side ? `${chosen.lands.toFixed(2)} s: ${kind}, ${hands}` : `${chosen.at.toFixed(2)} s: ${chosen.list.slice(0, -1)}`;
     const now = gesture && gesture.partner !== null ? "both" : chosen.side;
     for (const [i, each] of ["left", "right", "both"].entries()) this.handButtons[i].setAttribute("aria-pressed", String(each === now));
-    const isLocked = !!chosen.side && !!this.#lockOf(chosen);
-    this.lock.setAttribute("aria-pressed", String(isLocked));
-    this.lock.textContent = isLocked ? "Unlock" : "Lock";
   }
 }
 

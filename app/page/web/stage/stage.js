@@ -11,7 +11,6 @@ import { currentFilter, followFilter } from "../filter_switch.js";
 import { FPS } from "../rates.js";
 import { Arrival } from "./arrival.js";
 import { Shown } from "./displays.js";
-import { Difference } from "./difference.js";
 import { theFacts } from "./facts.js";
 import { filesOf } from "./files.js";
 import { derivative } from "./filters.js";
@@ -63,8 +62,6 @@ export class Stage {
   #scales = make("span", {});
   #caption = make("p", { class: "stage-caption", hidden: true });
   #ghostLegend = make("span", { class: "ghost-legend", role: "note", hidden: true });
-  #apart = make("ul", { class: "apart", hidden: true, "aria-label": "By how much the two differ" });
-  #difference = null; // of the two that lie over each other
   #handle;
   #mesh = null;
   #builds = null; // by name, once they are there
@@ -116,7 +113,7 @@ export class Stage {
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
     this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption);
     this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
-    this.element = make("div", { class: "stage" }, this.view, this.under, this.#apart);
+    this.element = make("div", { class: "stage" }, this.view, this.under);
     this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
       this.back.hidden = !this.orbit.isMoved;
@@ -347,7 +344,6 @@ export class Stage {
 
   clear() {
     this.setMode("grid");
-    this.#difference = null;
     this.#rows.clear();
     this.#known.clear();
     this.#framing = null;
@@ -631,7 +627,6 @@ export class Stage {
     if (this.mode === "grid") this.#drawGrid(moment, level, size);
     else this.#drawPair(moment, level, size);
     this.#showCaption();
-    this.#showApart(moment);
     gl.deleteSync(this.#fence);
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
@@ -709,29 +704,6 @@ export class Stage {
     for (const [i, entry] of [first, second].entries()) for (const panel of layout.sides[i]) this.#drawPanel(panel, entry, moment, level);
     Object.assign(this.#handle.style, { left: `${edge / density}px`, top: `${rect[1] / density}px`, height: `${rect[3] / density}px` });
     this.#handle.setAttribute("aria-valuenow", String(Math.round(100 * this.#wipe)));
-  }
-
-  /** By how many degrees the two differ, in each part of the body. */
-  #showApart(moment) {
-    const [first, second] = this.mode === "grid" ? [] : this.pair.map((name) => this.#rows.get(name));
-    const wasTold = !this.#apart.hidden;
-    const isTold = !!first?.shown && !!second?.shown;
-    this.#apart.hidden = !isTold;
-    if (wasTold !== isTold) requestAnimationFrame(() => this.fit()); // it takes or leaves room
-    if (!isTold) return;
-    const { isSmoothed } = this.#motionLook;
-    const [one, other] = [first, second].map(({ shown }) => shown.version(isSmoothed).motion);
-    if (this.#difference?.one !== one || this.#difference.other !== other) {
-      this.#difference = { one, other, told: new Difference(one, other, this.#mesh.names) };
-    }
-    const parts = this.#difference.told.at(moment);
-    while (this.#apart.children.length < parts.length) this.#apart.append(make("li", {}, make("span", {}), " ", make("b", {}), " ", make("small", {})));
-    for (const [i, { part, mean, now }] of parts.entries()) {
-      const [name, all, at] = this.#apart.children[i].children;
-      name.textContent = part;
-      all.textContent = `${round(mean)}°`;
-      at.textContent = `now ${round(now)}°`;
-    }
   }
 
   #castShadow({ number }, { shadow }) {

@@ -17,7 +17,7 @@ from app.run.display import Display
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import edits_of, locked_of
+from app.run.takes.edits import edits_of
 from app.run.takes.take import MadeTake, TakeAsk
 from app.run.videos.seen_video import Seen, SeenAsk, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
@@ -201,7 +201,7 @@ class Editor:
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
-        asked = {"run": "run", "start": start, "edits": list(edits), "locked": []}
+        asked = {"run": "run", "start": start, "edits": list(edits)}
         *_, last = self.runner.run(browser(cookie), json.dumps(asked))
         return last[self.parts.player]
 
@@ -257,22 +257,21 @@ def test_nobody_reaches_the_run_of_another(tmp_path):
 
 
 def edits(**changes: Any) -> str:
-    return json.dumps({"run": "run", "start": ROW, "edits": [], "locked": [], **changes})
+    return json.dumps({"run": "run", "start": ROW, "edits": [], **changes})
 
 
 @pytest.mark.parametrize(
     "value",
     [
         None, 7, "", "nonsense", "[]", "null", "[" * 100_000, "x" * 3_000_000, edits(run=3),
-        edits(run="x" * 300), edits(edits={}), edits(locked=None), edits(edits=[{"do": "rm"}]),
+        edits(run="x" * 300), edits(edits={}), edits(edits=[{"do": "rm"}]),
         edits(edits=[{"do": "nod", "at": float("nan")}]),
     ],
     ids=lambda value: "",
 )  # fmt: skip
 def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
     def read(told: object) -> object:
-        asked = Asked.of(told)
-        return edits_of(asked.edits), locked_of(asked.locked)
+        return edits_of(Asked.of(told).edits)
 
     assert read(edits(edits=[NOD]))
     with pytest.raises(RunError):
