@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import errno
+import inspect
 import logging
 import os
 import shutil
@@ -12,6 +13,8 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +39,8 @@ _is_ending = threading.Event()
 FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
 
+LOOK_S = 0.02
+"""Between two looks at the queue for who waits in it; nothing here tells Gradio of progress."""
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 60.0
 """Memory and time that the check of an upload may take, or a motion in another form."""
@@ -83,6 +88,8 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
+    with without_stubs():
+        import gradio  # noqa: F401
     from app.live.sessions import LiveSessions
     from app.page.alone import save_page
     from app.page.page import build_app
@@ -139,6 +146,8 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     )
     page = build_app(services)
     page.queue(max_size=config.max_waiting, default_concurrency_limit=1)
+    # Gradio would look a thousand times a second, which took a tenth of a core at rest.
+    page._queue.sleep_when_free, page._queue.progress_update_sleep_when_free = LOOK_S, 1.0
     made = MadeFiles(config.temp, gate.do)
     routes = [
         saving_route(kept, made, ".zip", save_run),
@@ -195,6 +204,24 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
     return page
+
+
+@contextmanager
+def without_stubs() -> Iterator[None]:
+    """Gradio's parts believed to be of no file: at every start it would write of each anew how
+    editors see it, which is half of the time that its import takes."""
+    file_of = inspect.getfile
+
+    def none_of_parts(thing: Any) -> str:
+        if type(thing).__name__ == "ComponentMeta":
+            raise OSError
+        return file_of(thing)
+
+    inspect.getfile = none_of_parts
+    try:
+        yield
+    finally:
+        inspect.getfile = file_of
 
 
 def main(argv: list[str] | None = None) -> None:
