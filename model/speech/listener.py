@@ -1,18 +1,16 @@
-"""A child process that hears English words and their phones, by pocketsphinx: ``python -m
-model.speech.listener``.
+"""A child process that hears English words and their phones, by pocketsphinx.
 
 It is a process of its own because the recogniser is C that cannot be interrupted, and since what
-goes wrong there, or takes too long, shall end nothing but this. It reads a line of JSON, ``{"text":
-what is said, or null}``, then 16-bit samples at 16 kHz to their end, and writes one line of JSON:
-``{"words": [[text, start_s, end_s, confidence, [[phone, start_s, end_s], ...]], ...]}``.
+goes wrong there, or takes too long, shall end nothing but this. It takes what is said, or None, and
+16-bit samples at 16 kHz, and gives the words, each with its phones.
 """
 
 from __future__ import annotations
 
-import json
+import ctypes
 import math
 import os
-import sys
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +20,8 @@ from jaxtyping import Int16
 
 from conventions.rates import SAMPLE_RATE
 from model.speech.pronouncing import Sayable, words_to_say
+from model.speech.transcript import Interval, Word
+from processes.child import parent_channel
 
 PIECE_S = (8.0, 16.0)
 """The shortest and longest stretch that is decoded at once: memory and time grow with it."""
@@ -38,6 +38,7 @@ _FIT, _FIT_WIDTH, _FIT_WORDS = -45.0, 8.0, 5
 likely said as not, and how slowly that changes; it is averaged over so many words, since one may be
 said oddly. Spoken ones have -10 to -35 so, others -50 to -130."""
 _NO_FIT = -200.0
+_PARENT_DEATH_SIGNAL = 1
 _FILLERS = "<[+"
 """What names of silence and noise begin with."""
 
@@ -58,13 +59,14 @@ class HeardWord:
         phones = [(name, start + frames, end + frames) for name, start, end in self.phones]
         return HeardWord(self.text, self.start + frames, self.end + frames, self.confidence, phones)
 
-    def as_json(self) -> list[Any]:
-        """As the parent reads it."""
-        phones = [
-            [name, start / FRAMES_PER_S, end / FRAMES_PER_S] for name, start, end in self.phones
-        ]
-        times = (self.start / FRAMES_PER_S, self.end / FRAMES_PER_S)
-        return [self.text, *times, round(self.confidence, 3), phones]
+    def told(self) -> tuple[Word, tuple[Interval, ...]]:
+        """As the parent takes it, in seconds."""
+        phones = tuple(
+            Interval(start / FRAMES_PER_S, end / FRAMES_PER_S, name)
+            for name, start, end in self.phones
+        )
+        start_s, end_s = self.start / FRAMES_PER_S, self.end / FRAMES_PER_S
+        return Word(start_s, end_s, self.text, round(self.confidence, 3)), phones
 
 
 def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
@@ -272,14 +274,14 @@ def _decoder(**options: Any) -> Any:
 
 
 def main() -> None:
-    """Hear what standard input holds."""
+    """Hear what the parent sends."""
     os.nice(10)
-    source = sys.stdin.buffer
-    asked = json.loads(source.readline())
-    waveform = np.frombuffer(source.read(), "<i2")
-    text = asked["text"]
+    # With its parent, however that ends: nothing else runs while the recogniser does.
+    ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    channel, _ = parent_channel()
+    text, waveform = channel.recv()
     words = recognise(waveform) if text is None else align(waveform, text)
-    json.dump({"words": [word.as_json() for word in words]}, sys.stdout)
+    channel.send([word.told() for word in words])
 
 
 if __name__ == "__main__":

@@ -2,9 +2,8 @@
 
 librosa compiles on import: some twenty seconds of a processor where nothing is kept, and numba's
 cache is not for processes that compile at once (the index of one ends beside the code of another,
-which ends whoever calls it). So one process fills a folder under a lock while the others wait, and
-nobody writes there afterwards. The folder is the user's own, named by all that the code depends on;
-one whose files are not what was written is made anew.
+which ends whoever calls it). So they import it in turn until one has compiled all of it, into a
+folder of the user's own that is named by all that the code depends on.
 
     python -m model.speech.prepared_librosa    fills it ahead of time
 """
@@ -12,11 +11,8 @@ one whose files are not what was written is made anew.
 import functools
 import hashlib
 import importlib.metadata
-import json
-import logging
 import os
 import platform
-import shutil
 import stat
 import sys
 import tempfile
@@ -26,10 +22,6 @@ from types import ModuleType
 
 from filelock import FileLock
 
-log = logging.getLogger(__name__)
-
-WHOLE = "whole.json"
-"""In a folder that is whole: the checksum of every other file."""
 _importing = threading.Lock()
 
 
@@ -42,9 +34,18 @@ def librosa() -> ModuleType:
 
 @functools.cache
 def _imported() -> ModuleType:
-    folder = _filled_folder()
-    if folder is not None:
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is first imported
+    place = _own_folder()
+    if place is None:
+        return _import()
+    folder = place / _key()
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is first imported
+    whole = folder / "whole"
+    if not whole.exists():
+        with FileLock(f"{folder}.lock"):
+            library = _import()
+            folder.mkdir(exist_ok=True)  # where numba was there before, it has not
+            whole.touch()
+            return library
     return _import()
 
 
@@ -56,52 +57,6 @@ def _import() -> ModuleType:
     import librosa.onset
 
     return librosa
-
-
-def _filled_folder() -> Path | None:
-    """The folder of compiled code, filled by this process or another; None where none can be."""
-    place = _own_folder()
-    if place is None:
-        return None
-    folder = place / _key()
-    with FileLock(place / f"{folder.name}.lock"):
-        if not _is_whole(folder):
-            try:
-                _fill(folder)
-            except OSError as error:
-                log.warning("What librosa compiles could not be kept in %s (%s).", place, error)
-                return None
-    return folder
-
-
-def _fill(folder: Path) -> None:
-    """By importing, into a folder beside it that then takes its place."""
-    for begun in folder.parent.glob(f"{folder.name}.begun-*"):  # by who was killed
-        shutil.rmtree(begun, ignore_errors=True)
-    shutil.rmtree(folder, ignore_errors=True)
-    begun = Path(tempfile.mkdtemp(prefix=f"{folder.name}.begun-", dir=folder.parent))
-    os.environ["NUMBA_CACHE_DIR"] = str(begun)
-    _import()
-    (begun / WHOLE).write_text(json.dumps(_checksums(begun)))
-    begun.rename(folder)
-
-
-def _is_whole(folder: Path) -> bool:
-    try:
-        return json.loads((folder / WHOLE).read_text()) == _checksums(folder)
-    except FileNotFoundError:
-        return False
-    except (OSError, ValueError):
-        log.warning("%s cannot be read; what librosa compiles is made anew.", folder / WHOLE)
-        return False
-
-
-def _checksums(folder: Path) -> dict[str, str]:
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != WHOLE
-    }
 
 
 def _key() -> str:

@@ -3,20 +3,16 @@ as a recogniser hears them. English only; the work is done in a child process (`
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 
 from conventions.rates import SAMPLE_RATE
 from model.speech.transcript import NOTHING_SAID, Interval, Origin, Transcript, Word
+from processes.child import Child, Gone
+from processes.ended import Ended
 
 SURE = 0.5
 """Confidence under which a word is left out. Of words recognised in clear speech about nine in ten
@@ -32,7 +28,6 @@ MAX_WORDS_A_SECOND = 8
 """Nobody speaks faster for long; a longer text belongs to other speech."""
 PATIENCE = (60.0, 6.0)
 """Seconds that are waited, and for each second of speech. On one free core it takes 0.3."""
-_PROJECT = Path(__file__).resolve().parents[2]
 
 UNSURE_NOTE = (
     "{unsure} of {count} recognised words are unsure: the speech is probably in another language "
@@ -69,95 +64,60 @@ class Hearing:
             waveform: 16 kHz mono, full scale 1.
             text: what is said; None to recognise it.
         """
-        self._text = text
-        duration_s = len(waveform) / SAMPLE_RATE
+        self._is_aligned = text is not None
         self._heard: Heard | None = None
-        self._child: subprocess.Popen[bytes] | None = None
-        self._output = b""
-        self._is_late = False
+        self._child: Child | None = None
+        duration_s = len(waveform) / SAMPLE_RATE
         self._ends = time.monotonic() + PATIENCE[0] + PATIENCE[1] * duration_s
-        most = MAX_WORDS_A_SECOND * (duration_s + 1.0)
-        if text is not None and len(text.split()) > most:
-            count = len(text.split())
+        count = len((text or "").split())
+        if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
             found = f"it has {count} words, more than are said in {duration_s:.1f} s"
             self._heard = Heard(notes=(MISMATCH_NOTE.format(found=found),))
             return
-        asked = json.dumps({"text": text}).encode() + b"\n"
-        sound = (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2").tobytes()
         try:
-            self._child = subprocess.Popen(
-                [sys.executable, "-m", "model.speech.listener"],
-                cwd=_PROJECT,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-            )
+            self._child = Child("model.speech.listener")
         except OSError as error:
-            why = f"no process could be started ({(error.strerror or str(error)).lower()})"
-            self._heard = Heard(notes=(FAILED_NOTE.format(why=why),))
+            why = (error.strerror or str(error)).lower()
+            self._heard = _failed(f"no process could be started ({why})")
             return
-        self._errors = b""
-        self._thread = threading.Thread(
-            target=self._talk, args=(self._child, asked + sound), name="hearing", daemon=True
-        )
-        self._thread.start()
+        self._child.send((text, (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2")))
 
     def __enter__(self) -> Hearing:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._child is not None:
-            self._child.kill()
-            self._thread.join()
+            self._child.end()
 
     def is_over(self, wait_s: float = 0.0) -> bool:
         """Whether all was heard that can be, after at most so many seconds."""
-        if self._heard is not None or self._child is None:
-            return True
-        self._thread.join(wait_s)
-        if self._thread.is_alive() and time.monotonic() > self._ends:
-            self._is_late = True
-            self._child.kill()
-            self._thread.join()
-        return not self._thread.is_alive()
+        if self._heard is None and self._child is not None:
+            try:
+                if self._child.has_message(wait_s):
+                    self._heard = _judged(self._child.receive(), self._is_aligned)
+                elif time.monotonic() > self._ends:
+                    self._heard = _failed("it took too long")
+            except Gone:
+                self._heard = _failed(_reason(self._child.ended()))
+        return self._heard is not None
 
     def heard(self) -> Heard:
         """What was said, waited for. It never raises."""
         while not self.is_over(0.5):
             pass
-        if self._heard is None:
-            self._heard = self._understood()
+        assert self._heard is not None
         return self._heard
 
-    def _talk(self, child: subprocess.Popen[bytes], said: bytes) -> None:
-        try:
-            self._output, self._errors = child.communicate(said)
-        except (OSError, ValueError) as error:  # it has ended before it had heard all
-            self._errors = str(error).encode()
 
-    def _understood(self) -> Heard:
-        assert self._child is not None
-        if self._is_late:
-            return Heard(notes=(FAILED_NOTE.format(why="it took too long"),))
-        try:
-            words = [_word(*each) for each in json.loads(self._output)["words"]]
-        except (ValueError, TypeError, KeyError):
-            return Heard(notes=(FAILED_NOTE.format(why=self._reason()),))
-        return _judged(words, is_aligned=self._text is not None)
-
-    def _reason(self) -> str:
-        assert self._child is not None
-        if b"No module named 'pocketsphinx'" in self._errors:
-            return "the package pocketsphinx is not installed; python -m pip install pocketsphinx"
-        last = self._errors.decode(errors="replace").strip().splitlines()[-1:]
-        return f"the recogniser ended with {self._child.returncode} ({(last or ['no reason'])[0]})"
+def _failed(why: str) -> Heard:
+    return Heard(notes=(FAILED_NOTE.format(why=why),))
 
 
-def _word(
-    text: str, start_s: float, end_s: float, confidence: float, phones: list[Any]
-) -> tuple[Word, tuple[Interval, ...]]:
-    found = tuple(Interval(begin, end, name) for name, begin, end in phones)
-    return Word(start_s, end_s, text, confidence), found
+def _reason(ended: Ended) -> str:
+    last = "".join(ended.said[-1:])
+    if "No module named 'pocketsphinx'" in last:
+        return "the package pocketsphinx is not installed; python -m pip install pocketsphinx"
+    return f"the recogniser ended {ended.how}{last and f' ({last})'}"
 
 
 def _is_sure(word: Word) -> bool:

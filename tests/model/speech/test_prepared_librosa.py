@@ -1,6 +1,5 @@
 """What librosa compiles is made by one process, whole, and read by all others."""
 
-import json
 import os
 import signal
 import subprocess
@@ -37,20 +36,15 @@ def start(cache: Path, code: str) -> subprocess.Popen[str]:
     )
 
 
-def heard(child: subprocess.Popen[str]) -> tuple[str, str]:
-    """What it printed and said; it must have ended well."""
+def heard(child: subprocess.Popen[str]) -> str:
+    """What it printed; it must have ended well."""
     out, said = child.communicate()
     assert child.returncode == 0 and out.startswith("hears"), said
-    return out, said
+    return out
 
 
-def folder_of(cache: Path) -> Path:
-    (whole,) = cache.glob("co-speech-motion/librosa/*/whole.json")
-    return whole.parent
-
-
-def state(cache: Path) -> dict[Path, int]:
-    return {path: path.stat().st_mtime_ns for path in folder_of(cache).rglob("*")}
+def state(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.parametrize(
@@ -61,30 +55,16 @@ def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is
 ):
     first = start(tmp_path, program)
     place = tmp_path / "co-speech-motion" / "librosa"
-    while not list(place.glob("*.begun-*")):
+    while not list(place.glob("*/*")):
         assert first.poll() is None
     first.send_signal(signal.SIGKILL)
     others = [start(tmp_path, program) for _ in range(count)]
     first.communicate()
-    told = {heard(child) for child in others}
-    assert len(told) == 1, told
-    before = state(tmp_path)
+    (told,) = {heard(child) for child in others}
+    before = state(place)
     assert any(path.suffix == ".nbc" for path in before)
-    assert heard(start(tmp_path, program)) in told
-    assert state(tmp_path) == before, "who reads writes nothing"
-    assert not list(place.glob("*.begun-*"))
-
-    # What was damaged is made anew.
-    code, facts = next(folder_of(tmp_path).rglob("*.nbc")), folder_of(tmp_path) / "whole.json"
-    written = json.loads(facts.read_text())
-    damages = [lambda: code.write_bytes(code.read_bytes()[:100])]
-    if count > 2:
-        damages += [code.unlink, lambda: facts.write_text("{")]
-    for damage in damages:
-        damage()
-        assert {heard(start(tmp_path, program))[0]} == {out for out, _ in told}
-        assert json.loads(facts.read_text()).keys() == written.keys()
-    assert heard(start(tmp_path, program)) in told
+    assert heard(start(tmp_path, program)) == told
+    assert state(place) == before, "who reads writes nothing"
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path):
@@ -94,4 +74,4 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path):
     heard(start(tmp_path, f"import tempfile; tempfile.tempdir = {str(tmp_path)!r}" + SMALL))
     assert not list(folder.iterdir())
     (own,) = tmp_path.glob("co-speech-motion-*/librosa")
-    assert own.stat().st_mode & 0o777 == 0o700 and list(own.glob("*/whole.json"))
+    assert own.stat().st_mode & 0o777 == 0o700 and list(own.glob("*/whole"))
