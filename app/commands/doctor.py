@@ -94,20 +94,18 @@ def _python() -> Examined:
 
 def _backends() -> list[Examined]:
     """By which OpenGL pyrender draws here, and what the other one would do."""
-    from renderer.draw.offscreen import GLError
-    from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backends
+    from renderer.draw.offscreen import BACKENDS, GLError
+    from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backend
 
-    reports = probe_backends()
     try:
         used = choose_backend()
     except GLError:
         used = None
     findings = []
-    for report in reports:
+    for report in map(probe_backend, BACKENDS):
         detail = report.error
         if report.works:
-            detail = f"pyrender draws by {report.renderer_string}, "
-            detail += f"{report.ms_per_frame:.0f} ms a picture of 512 x 512"
+            detail = f"pyrender draws by {report.driver}"
             detail += ", used" if report.name == used else ""
         advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
         findings.append(

@@ -191,8 +191,6 @@ class Plan:
     post_to: Address | None = None
     return_to: Address | None = None
     """Where participants go at the end: the completion link of Prolific, SONA or the like."""
-    hosted_at: Address | None = None
-    """Of the folder with `media/`, for the configurations of other tools."""
 
     @property
     def has_sound(self) -> bool:

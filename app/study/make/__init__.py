@@ -1,1 +1,1 @@
-"""The files of a study: videos, page, adapters and records; may import `design`."""
+"""The files of a study: videos, page and records; may import `design`."""

@@ -1,5 +1,6 @@
-"""What stands beside the videos: the page for participants, the same trials for other study tools,
-and what the researcher keeps besides the key. Its texts are the templates beside this file."""
+"""What stands beside the videos: the page for participants, the same trials for the GENEA
+leaderboard, and what the researcher keeps besides the key. Its texts are the templates beside
+this file."""
 
 from __future__ import annotations
 
@@ -36,8 +37,6 @@ _SHARED_WORDS = (
     *("attention", "buttons", "slider", "consent", "headphones", "practice", "preview"),
     *("progress", "finish", "problems"),
 )
-Shown = Sequence[tuple[str, list[str]]]
-"""Trials of a list with the blind ids of what they show."""
 
 
 @functools.cache
@@ -116,8 +115,7 @@ def write_records(
     options: ExportOptions,
     workspace: Workspace,
 ) -> None:
-    """Write adapters, ``manifest.json``, ``provenance.json``, ``README.md`` and
-    ``preregistration.md``."""
+    """Write what the researcher keeps besides the key."""
     balance = measure_balance(design)
     lists = blind_lists(design, key)
     manifest = {
@@ -156,9 +154,6 @@ def write_records(
     for name, template in (("README.md", "researcher"), ("preregistration.md", "preregistration")):
         text = templates().get_template(f"{template}.md.j2").render(about)
         workspace.write_text(private / name, text)
-    for number, pages in enumerate(lists):
-        path = private / "adapters" / "hemvip" / f"subj_{number:03d}.json"
-        workspace.write_json(path, hemvip(plan, pages))
     for name, table in genea_tables(plan, design, key).items():
         workspace.write_text(private / "adapters" / "genea" / name, table)
 
@@ -198,22 +193,6 @@ def _provenance(plan: Plan, sources: Sequence[Source], options: ExportOptions) -
 
 def _file_names(files: Any) -> dict[str, str] | None:
     return None if files is None else {clip: path.name for clip, path in files.items()}
-
-
-def hemvip(plan: Plan, shown: Shown) -> Any:
-    """One participant's configuration of HEMVIP, with the same blind ids as everywhere. It stays
-    with the researcher, as the tool has a server and pages of its own; attention checks are not
-    part of it, as it wants special videos for them."""
-    folder = (plan.hosted_at or "").rstrip("/")
-    about = {
-        "plan": plan,
-        "shown": [(trial, videos) for trial, videos in shown if videos],
-        "questions": questions_of(plan.protocol),
-        "words": wording(),
-        "consent": plan.consent or wording()["consent"]["text"].strip(),
-        "media": f"{folder}/media/" if folder else "media/",
-    }
-    return json.loads(templates().get_template("hemvip.json.j2").render(about))
 
 
 def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:

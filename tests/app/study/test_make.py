@@ -1,7 +1,6 @@
 """What a study is made of: generated motion, equal videos, and files for other tools."""
 
 import csv
-import json
 import subprocess
 import zlib
 from dataclasses import replace
@@ -12,12 +11,12 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.design.blinding import blind_lists, make_key
+from app.study.design.blinding import make_key
 from app.study.design.key import Key
 from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
-from app.study.make.bundle import genea_tables, hemvip
+from app.study.make.bundle import genea_tables
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.windows import GenerateOptions, generate_motion
@@ -234,32 +233,9 @@ def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp
 
 
 def blinded(folder: Path, protocol: str) -> tuple[Plan, Design, Key]:
-    settings = f'protocol = "{protocol}"\nhosted_at = "https://host.org/study/"'
-    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], settings))
+    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], f'protocol = "{protocol}"'))
     design = make_design(plan)
     return plan, design, make_key(plan, design)
-
-
-def test_hemvip_gets_blind_videos_and_no_name(tmp_path):
-    for protocol, page_type, per_trial in [
-        ("pairwise", "videopc", 1),
-        ("matched", "videopc", 1),
-        ("ranking", "video", 3),
-        ("rating", "video", 1),
-    ]:
-        plan, design, key = blinded(tmp_path, protocol)
-        shown = [(trial, videos) for trial, videos in blind_lists(design, key)[0] if videos]
-        config = hemvip(plan, shown)
-        assert config.keys() == {"testname", "stopOnErrors", "remoteService", "pages"}
-        first, *pages, last = config["pages"]
-        assert (first["type"], last["type"]) == ("generic", "finish")
-        assert {page["type"] for page in pages} == {page_type}
-        assert len(pages) == per_trial * len(shown)
-        for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
-            assert name in key.videos
-            assert address == f"https://host.org/study/media/{name}.mp4"
-        text = json.dumps(config) + "".join(genea_tables(plan, design, key).values())
-        assert not [name for name in (*SYSTEMS, *CLIPS[:2]) if name in text]
 
 
 def test_genea_gets_pairs_and_mismatches(tmp_path):

@@ -12,23 +12,11 @@ from renderer.draw.probe import BackendReport, choose_backend, probe_backend
 from tests.helpers import ROOT
 
 
-@pytest.mark.parametrize(
-    ("drivers", "chosen"),
-    [
-        ({"egl": ("NVIDIA H100/PCIe/SSE2", 30.0), "osmesa": ("llvmpipe", 20.0)}, "egl"),
-        ({"egl": ("llvmpipe (LLVM 15.0.6)", 30.0), "osmesa": ("llvmpipe", 20.0)}, "osmesa"),
-        ({"egl": ("llvmpipe (LLVM 15.0.6)", 20.0), "osmesa": ("llvmpipe", 30.0)}, "egl"),
-        ({"egl": ("llvmpipe (LLVM 15.0.6)", 30.0)}, "egl"),
-        ({"osmesa": ("softpipe", 300.0)}, "osmesa"),
-    ],
-)
-def test_a_graphics_processor_draws_and_else_whichever_is_quicker(monkeypatch, drivers, chosen):
-    def report(name):
-        driver, cost_ms = drivers.get(name, ("", None))
-        return BackendReport(name, name in drivers, driver, cost_ms, "")
-
+@pytest.mark.parametrize("working", [("egl", "osmesa"), ("osmesa",)])
+def test_the_first_that_works_draws(monkeypatch, working):
+    report = lambda name: BackendReport(name, error="" if name in working else "none")  # noqa: E731
     monkeypatch.setattr(probe, "probe_backend", report)
-    assert choose_backend.__wrapped__() == chosen
+    assert choose_backend.__wrapped__() == working[0]
 
 
 @pytest.mark.parametrize(
