@@ -1,43 +1,19 @@
-"""The report measures what it says: closed forms, planted differences, and a page from a corpus."""
+"""A page from a corpus: which clips it tells of, and what it says of them."""
 
 import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from model.motion.motion import save_motion
-from model.speech.audio import wav_bytes
 from tests.helpers import smooth_motion_example
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.report import __main__ as report
 from tools.corpus.report.__main__ import list_clips, measure_clips
 from tools.corpus.report.page import report_page
-from tools.corpus.report.realism import (
-    ReportError,
-    alignment_scores,
-    ridge_weights,
-    sound_features,
-)
-
-
-def test_speech_that_drives_a_motion_is_told_from_shifted_speech(tmp_path):
-    rng = np.random.default_rng(1)
-    features, targets = [], []
-    for k in range(4):
-        loudness = np.repeat(rng.uniform(0, 1, 40), 12)  # 0.4 s each, 16 s
-        samples = 0.2 * np.repeat(loudness, 533) * rng.normal(size=480 * 533)
-        path = tmp_path / f"{k}.wav"
-        path.write_bytes(wav_bytes(np.clip(samples, -1, 1)))
-        features.append(sound_features(path, 480))
-        targets.append((loudness - loudness.mean()) / loudness.std())
-    assert features[0].shape[0] == 480
-    weights = ridge_weights(features[:2], targets[:2])
-    right, shifted = alignment_scores(weights, features[2:], targets[2:], 7.0)
-    assert right.min() > 0.8
-    assert np.abs(shifted).max() < 0.5
+from tools.corpus.report.realism import ReportError
 
 
 def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
@@ -63,7 +39,7 @@ def test_the_page_names_every_speaker_and_shows_pictures(corpus, tmp_path, capsy
     page = out.read_text()
     assert "2 clips of seed 3 by 2 speakers" in page
     assert "| figure | 1_anna_0_0_0 | 2_ben_0_1_1 | corpus |" in page
-    assert page.count("Too few clips to say.") == 1
+    assert "Too few clips to say." not in page
     assert "(figures/corpus_gestures.png)" in page
     picture = out.parent / "figures" / "corpus_gestures.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -73,17 +49,17 @@ def test_clips_that_cannot_be_used_are_named_and_left_out(corpus, tmp_path, capl
     names = ["1_a_0_1_1", "1_a_0_2_2", "1_a_0_3_3", "1_a_0_4_4", "1_a_0_5_5"]
     root = copies_of(corpus, tmp_path / "real", names)
     (root / "smplxflame_30" / "1_a_0_1_1.npz").write_bytes(b"no npz")
-    (root / "wave16k" / "1_a_0_2_2.wav").write_bytes(b"no wav")
-    (root / "wave16k" / "1_a_0_3_3.wav").unlink()
+    (root / "smplxflame_30" / "1_a_0_3_3.npz").unlink()
     short = smooth_motion_example(179)
     save_motion(short, root / "smplxflame_30" / "1_a_0_4_4.npz")
     with caplog.at_level("WARNING"):
         clips = measure_clips(list_clips(root), open_body_rig(), "Measuring")
-    assert [clip.clip_id for clip in clips] == ["1_a_0_5_5"]
-    for words in ("Skipped 1_a_0_1_1: ", "Skipped 1_a_0_2_2: ", "179 frames; at least 180"):
+    assert [clip.clip_id for clip in clips] == ["1_a_0_2_2", "1_a_0_5_5"]
+    for words in ("Skipped 1_a_0_1_1: ", "179 frames; at least 180"):
         assert words in caplog.text
     assert "1 of the 5 clips" in caplog.text
-    (root / "smplxflame_30" / "1_a_0_5_5.npz").write_bytes(b"no npz")
+    for name in ("1_a_0_2_2", "1_a_0_5_5"):
+        (root / "smplxflame_30" / f"{name}.npz").write_bytes(b"no npz")
     with pytest.raises(ReportError, match="None of the 4 clips could be used"):
         measure_clips(list_clips(root), open_body_rig(), "Measuring")
     with (root / "train_test_split.csv").open("a") as table:

@@ -1,7 +1,7 @@
 """``python -m tools.corpus.report --data DIR [--real DIR] [--out FILE]``: the corpus in figures.
 
 Writes a Markdown page with the statistics of the speakers beside those of real clips, how well the
-corpus is told from real motion and speech from other speech, and a picture of gestures beside it.
+corpus is told from real motion, and a picture of gestures beside it.
 """
 
 import csv
@@ -12,12 +12,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from model.speech.audio import SpeechError
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
 from tools.command import called
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
-from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
+from tools.corpus.layout import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig, open_body_rig
 from tools.corpus.report.drawing import draw_gestures
 from tools.corpus.report.page import report_page
@@ -59,7 +58,7 @@ def write_report(
 
 
 def list_clips(root: Path) -> dict[str, ClipPaths]:
-    """By id the clips in the table of splits that have motion and sound.
+    """By id the clips in the table of splits that have motion.
 
     Raises:
         ReportError: if there are none.
@@ -71,11 +70,9 @@ def list_clips(root: Path) -> dict[str, ClipPaths]:
             ids = [row.get("id") or "" for row in csv.DictReader(file)]
     # An id that holds anything but letters, digits and _ could lead out of the folder.
     clips = {each: clip_paths(root, each) for each in ids if re.fullmatch(r"\d+_\w+", each)}
-    there = {i: p for i, p in clips.items() if p.motion.is_file() and p.sound.is_file()}
+    there = {i: p for i, p in clips.items() if p.motion.is_file()}
     if not there:
-        raise ReportError(
-            f"{root} holds no clips in BEAT2's layout ({MOTION}, {SOUND}, {SPLIT_TABLE})."
-        )
+        raise ReportError(f"{root} holds no clips in BEAT2's layout ({MOTION}, {SPLIT_TABLE}).")
     if len(there) < len(ids):
         log.warning(
             "%d of the %d clips in %s have no files.", len(ids) - len(there), len(ids), table
@@ -93,7 +90,7 @@ def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[Mea
     for clip_id, paths in tqdm(clips.items(), unit="clip", desc=title):
         try:
             measured.append(measure_clip(clip_id, paths, rig))
-        except (MotionError, SpeechError, ReportError) as error:
+        except (MotionError, ReportError) as error:
             log.warning("Skipped %s: %s", clip_id, error)
     if not measured:
         raise ReportError(f"None of the {len(clips)} clips could be used; see the reasons above.")

@@ -5,12 +5,9 @@ import numpy as np
 from tools.corpus.report.realism import (
     Figures,
     MeasuredClip,
-    alignment_scores,
     judge_realism,
-    ridge_weights,
 )
 
-SHIFT_S = 7.0
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
 TOLD = 8  # figures of each table: those that tell most by themselves
 
@@ -30,7 +27,6 @@ def report_page(clips: Clips, real: Clips, seed: int | None) -> str:
             _realism("Can it be told from real motion?", names, *bodies),
             _realism("Can its head and jaw be told from real ones?", names, *heads),
             _OF_JAWS,
-            _alignment(clips),
             _TAIL,
         ]
     )
@@ -79,25 +75,6 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
             ["figure", *names, "corpus", "by itself", "real against real", "share"],
             rows,
         )
-    )
-
-
-def _alignment(clips: Clips) -> str:
-    """Hand speed predicted from sound: right speech against shifted speech."""
-    title = "## Does the motion belong to the speech?\n\n"
-    if len(clips) < 4:
-        return f"{title}Too few clips to say.\n"
-    sounds, speeds = [clip.sound for clip in clips], [clip.hand_speed for clip in clips]
-    weights = ridge_weights(sounds[0::2], speeds[0::2])
-    right, shifted = alignment_scores(weights, sounds[1::2], speeds[1::2], SHIFT_S)
-    gain = right - shifted
-    half_width = 1.96 * gain.std(ddof=1) / np.sqrt(len(gain))
-    return (
-        f"{title}Hand speed predicted from 12 bands of sound (ridge regression over 0.8 s to"
-        " either side, trained on half of the clips) correlates with the true speed at"
-        f" {right.mean():.3f} on the other {len(gain)}, at {shifted.mean():.3f} with speech shifted"
-        f" by {SHIFT_S:g} s: a difference of {gain.mean():.3f} [{gain.mean() - half_width:.3f},"
-        f" {gain.mean() + half_width:.3f}] (95 %).\n"
     )
 
 

@@ -1,5 +1,4 @@
-"""Can a window of the corpus be told from a window of real motion, and right speech from shifted
-speech?
+"""Can a window of the corpus be told from a window of real motion?
 
 Figures of windows of two seconds are compared one by one and all together, by a logistic
 regression judged on clips that it has not seen. How well two real clips of one person can be told
@@ -8,14 +7,12 @@ apart by the same figures is the floor: a corpus cannot hide better than real mo
 
 from collections.abc import Sequence, Sized
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
-from scipy.signal import stft
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
@@ -23,21 +20,15 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from conventions.joints import JOINT_INDEX
-from conventions.rates import FPS, SAMPLE_RATE
+from conventions.rates import FPS
 from model.motion.motion import load_motion
 from model.plan.tier_files import textgrid_tiers
-from model.speech.audio import SpeechLimits, load_speech
 from tools.corpus.layout import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 
 LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
 RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
 MIN_FRAMES = 6 * FPS  # four windows
-EDGE = slice(30, -30)  # a second at both ends is left out of correlations
-BANDS = 12
-LAGS = range(-24, 25, 3)  # frames, 0.8 s either way
-RIDGE = 0.1
-SOUND_LIMITS = SpeechLimits(max_s=3600)
 
 
 class ReportError(ValueError):
@@ -85,56 +76,6 @@ def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
     chest = JOINT_INDEX["spine3"]
     offset = clip.positions[:, joint] - clip.positions[:, chest]
     return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
-
-
-def sound_features(path: Path, num_frames: int) -> Float[np.ndarray, "T F"]:
-    """Standardised log energies of 12 bands at 30 frames a second, with lags of 0.8 s.
-
-    Raises:
-        SpeechError: if the sound cannot be used.
-    """
-    samples = load_speech(path, SOUND_LIMITS).waveform.astype(np.float64)
-    hop = SAMPLE_RATE // 100
-    _, times, spectrum = stft(samples, SAMPLE_RATE, nperseg=512, noverlap=512 - hop)
-    power = np.abs(spectrum) ** 2
-    edges = np.unique(np.geomspace(3, power.shape[0] - 1, BANDS + 1).astype(int))
-    bands = np.stack([power[a:b].sum(0) for a, b in pairwise(edges)], 1)
-    level = gaussian_filter1d(np.log(bands + 1e-8), 1.5, axis=0)
-    level = (level - level.mean(0)) / (level.std(0) + 1e-9)
-    frame_s = np.arange(num_frames) / FPS
-    at_frames = np.stack([np.interp(frame_s, times, band) for band in level.T], 1)
-    return np.concatenate([np.roll(at_frames, -lag, axis=0) for lag in LAGS], axis=1)
-
-
-def hand_speed(clip: PosedClip) -> Float[np.ndarray, " T"]:
-    """Standardised speed of both wrists, smoothed over a tenth of a second."""
-    speed = sum(derivative(clip.positions[:, wrist], 1) for wrist in (LEFT_WRIST, RIGHT_WRIST))
-    smooth = gaussian_filter1d(np.concatenate([[0.0], np.asarray(speed)]), 3.0)
-    return (smooth - smooth.mean()) / (smooth.std() + 1e-9)
-
-
-def ridge_weights(
-    features: list[Float[np.ndarray, "_ F"]], targets: list[Float[np.ndarray, " _"]]
-) -> Float[np.ndarray, " F"]:
-    """Ridge regression over all clips."""
-    x, y = np.concatenate(features), np.concatenate(targets)
-    return np.linalg.solve(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]), x.T @ y)
-
-
-def alignment_scores(
-    weights: Float[np.ndarray, " F"],
-    features: list[Float[np.ndarray, "_ F"]],
-    targets: list[Float[np.ndarray, " _"]],
-    shift_s: float,
-) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """Correlation of predicted and true hand speed for each clip: right and shifted speech."""
-    shift = round(shift_s * FPS)
-    right, shifted = [], []
-    for x, y in zip(features, targets, strict=True):
-        predicted = x @ weights
-        right.append(np.corrcoef(predicted, y)[0, 1])
-        shifted.append(np.corrcoef(np.roll(predicted, shift), y)[0, 1])
-    return np.array(right), np.array(shifted)
 
 
 WINDOW, HOP = 60, 30  # frames
@@ -282,8 +223,6 @@ class MeasuredClip:
     """Of head and jaw, while they speak."""
     duration_s: float
     listening_s: float
-    hand_speed: Float[np.ndarray, " T"]
-    sound: Float[np.ndarray, "T B"]
 
     @property
     def speaker(self) -> str:
@@ -294,7 +233,7 @@ def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
     """All figures of one clip.
 
     Raises:
-        MotionError, SpeechError, ReportError: if its files cannot be used.
+        MotionError, ReportError: if its files cannot be used.
     """
     posed = read_posed_clip(paths.motion, rig)
     num_frames = len(posed.positions)
@@ -308,8 +247,6 @@ def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
         head_realism=head_windows(posed, silences),
         duration_s=num_frames / FPS,
         listening_s=sum((end - start for start, end in silences), 0.0),
-        hand_speed=hand_speed(posed)[EDGE],
-        sound=sound_features(paths.sound, num_frames)[EDGE].astype(np.float32),
     )
 
 
