@@ -33,7 +33,7 @@ def measure(
 
     Args:
         speech: a wav; by default an example.
-        short: a few minutes, without stages of drawing, training and memory.
+        short: without stages of drawing, training and memory.
     """
     figures = []
     speech = speech or min(EXAMPLES.glob("*.wav"))

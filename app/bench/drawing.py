@@ -35,7 +35,6 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
         ("video, 512 x 512", 1, RenderSettings(512, 512), "at least 30"),
         ("video, 720 x 720", 1, RenderSettings(720, 720), "at least 20"),
         ("five side by side, 320 x 480 each", 5, RenderSettings(320, 480), "at least 12"),
-        ("draft, 512 x 512", 1, RenderSettings(512, 512, antialias=False), "at least 60"),
     ):
         jobs = {
             f"bench{i}": RenderJob(motion, folder / f"bench{i}.mp4", settings=settings)

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from app.config import PROJECT
-from app.run.ask import SIZES_PX, Ask, Event, Grown
+from app.run.ask import Ask, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
@@ -37,7 +37,7 @@ SAMPLES = 5
 PAGE_SIZE_PX = 640
 """Height of a body in the page's player."""
 SHORT_S, LONG_S = 60.0, 600.0
-BATCH, WARM_STEPS = 64, 2
+BATCH, WARM_STEPS, TIMED_STEPS = 64, 2, 8
 SPEECH_DIMS = {"mel64": 68, "wavlm": 1024}
 _FRAMES = 600
 
@@ -129,15 +129,12 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
 
 
 def time_training(weights: Path) -> list[Figure]:
-    """Training as it is done here, at the demo's and at the paper's size."""
+    """Training at the demo's size, without compiling, which takes minutes by itself."""
     return [
         Figure(
-            f"training, {name}, {config} size, as trained",
-            training_rate(name, weights, config),
-            "windows/s",
+            f"training, {name}, demo size, not compiled", training_rate(name, weights), "windows/s"
         )
         for name in usual_systems("bench-training")
-        for config in ("demo", "paper")
     ]
 
 
@@ -193,7 +190,8 @@ def time_measures(motion: Motion) -> Figure:
 
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
-    """Peak memory of any process of a run of one system, for a long clip against a short one."""
+    """Peak memory of any process of a run of one system, for a long clip against a short, without
+    videos, which stream."""
     system = list_systems(weights)[-1]
     imports = (
         "import app.run.pipeline, model.diagnostics, model.generation.windows, "
@@ -204,7 +202,7 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     for duration_s in (SHORT_S, LONG_S):
         clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
         out = folder / f"{duration_s:g}"
-        flags = ["--systems", system, "--steps", "1", "--size", str(SIZES_PX[0])]
+        flags = ["--systems", system, "--steps", "1", "--no-video"]
         command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
         peaks_mb.append(peak_mb(*command, "--weights", str(weights.resolve())))
     short_mb, long_mb = peaks_mb
@@ -216,36 +214,30 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     ]
 
 
-def training_rate(
-    system: str, helpers: Path, config_name: str = "demo", *, fast: bool = True, num_steps: int = 8
-) -> float:
-    """Windows a second in training a system, in one process.
-
-    The data is made up: only its shape costs time.
+def training_rate(system: str, helpers: Path, config_name: str = "demo") -> float:
+    """Windows a second in training a system, in one process; of data that are made up, as only
+    their shape costs time.
 
     Args:
         helpers: folder of networks that the system needs.
         config_name: whose size; a preset of its family.
-        fast: with bf16 and compiled where this machine gains by them, as `model.train` does;
-            otherwise in fp32 and not compiled.
 
     Raises:
         CheckpointError: if an encoder is missing.
     """
     family = family_of(system)
     config = replace(family.config(config_name, system), batch_size=BATCH)
-    shard = replace(WHOLE, bf16=fast)
     with tempfile.TemporaryDirectory(prefix="training-rate-") as folder:
         data = _made_up_data(Path(folder), SPEECH_DIMS[config.encoder])
-        task = family.make_task(config, data, TaskSetup(helpers, None, shard, may_compile=fast))
+        task = family.make_task(config, data, TaskSetup(helpers, None, WHOLE, may_compile=False))
         started = 0.0
-        for step in range(WARM_STEPS + num_steps):
+        for step in range(WARM_STEPS + TIMED_STEPS):
             if step == WARM_STEPS:
                 started = time.perf_counter()
             rng = np.random.default_rng(step)
             batch = data.window_batch(data.clips, task.window_frames, BATCH, rng)
             task.step(step, batch, torch.Generator().manual_seed(step))
-        return num_steps * BATCH / (time.perf_counter() - started)
+        return TIMED_STEPS * BATCH / (time.perf_counter() - started)
 
 
 def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:

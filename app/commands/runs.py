@@ -125,7 +125,7 @@ else:
     Render = part_of(
         RenderAsk,
         *("out", "speech", "told", "look", "views", "close_ups", "framing", "display", "joint"),
-        *("size", "plan", "is_draft", "num_stills", "sheet_every", "frame", "background"),
+        *("size", "plan", "num_stills", "sheet_every", "frame", "background"),
         motions=_motion("One, in BEAT2's form, or any that is read."),
         body=_BODY,
     )

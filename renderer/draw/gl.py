@@ -25,16 +25,16 @@ class Canvas(pyrender.Renderer):
     of that. The context must be current when this is made and whenever it is used.
     """
 
-    def __init__(self, subject: Subject, width: int, height: int, *, is_smooth: bool) -> None:
-        scale, has_alpha = SUPERSAMPLE if is_smooth else 1, subject.is_transparent
-        super().__init__(width * scale, height * scale)
+    def __init__(self, subject: Subject, width: int, height: int) -> None:
+        has_alpha = subject.is_transparent
+        super().__init__(SUPERSAMPLE * width, SUPERSAMPLE * height)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
         self._subject, self._picture_size = subject, (width, height)
         self._body: BodyScene | None = None
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
-        self._canvas = _Framebuffer(width * scale, height * scale, depth=True)
-        self._picture = _Framebuffer(width, height, depth=False) if is_smooth else self._canvas
+        self._canvas = _Framebuffer(self.viewport_width, self.viewport_height, depth=True)
+        self._picture = _Framebuffer(width, height, depth=False)
 
     def begin(self, frame: PosedFrame, camera: Camera) -> None:
         """Have the driver draw, which goes on while this process does something else."""
@@ -77,16 +77,15 @@ class Canvas(pyrender.Renderer):
 
     def _read_main_framebuffer(self, scene: object, flags: int) -> None:
         width, height = self._picture_size
-        if self._picture is not self._canvas:
-            GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._canvas.handle)
-            GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
-            # A linear blit at half size is the mean of 2 x 2 pixels.
-            GL.glBlitFramebuffer(
-                *(0, 0, self.viewport_width, self.viewport_height),
-                *(0, 0, width, height),
-                GL.GL_COLOR_BUFFER_BIT,
-                GL.GL_LINEAR,
-            )
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._canvas.handle)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
+        # A linear blit at half size is the mean of 2 x 2 pixels.
+        GL.glBlitFramebuffer(
+            *(0, 0, self.viewport_width, self.viewport_height),
+            *(0, 0, width, height),
+            GL.GL_COLOR_BUFFER_BIT,
+            GL.GL_LINEAR,
+        )
         GL.glFlush()
 
     def _delete_main_framebuffer(self) -> None:

@@ -83,13 +83,8 @@ class OffscreenRenderer:
             open.
     """
 
-    def __init__(self, backend: Backend, *, is_smooth: bool = True) -> None:
-        """
-        Args:
-            is_smooth: with four samples a pixel.
-        """
+    def __init__(self, backend: Backend) -> None:
         self._backend: Backend = backend
-        self._is_smooth = is_smooth
         self._canvases: list[Canvas] = []
 
     def __enter__(self) -> "OffscreenRenderer":
@@ -139,7 +134,7 @@ class OffscreenRenderer:
         from renderer.draw.gl import Canvas
 
         with self._told(f"gives no picture of {width} x {height} pixels"):
-            self._canvases.append(Canvas(subject, width, height, is_smooth=self._is_smooth))
+            self._canvases.append(Canvas(subject, width, height))
         return self._canvases[-1]
 
     @property

@@ -47,8 +47,6 @@ class RenderSettings:
     """How much of the body a view shows that is no close-up."""
     close_ups: tuple[str, ...] = ()
     """Of `CLOSE_UPS`, beside the picture, in the same video."""
-    antialias: bool = True
-    """Four samples a pixel; off is for drafts."""
     crf: int = DEFAULT_CRF
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
@@ -214,7 +212,7 @@ def draw_vertices(
     subject = Subject(faces, colors, prepare.ground.corners(), settings.is_transparent)
     colors_of_frame = None if moving_colors is None else iter(moving_colors)
     backend = settings.backend or choose_backend()
-    with OffscreenRenderer(backend, is_smooth=settings.antialias) as renderer:
+    with OffscreenRenderer(backend) as renderer:
         canvases = [
             renderer.canvas(_part_of(subject, each.part), each.panel.width, each.panel.height)
             for each in shown

@@ -55,8 +55,6 @@ class RenderAsk(Ask):
     plan: File = None
     """Whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as markers; by
     default the .plan.json that a run has left beside the motion, if there is one."""
-    is_draft: Annotated[bool, arg(name="draft")] = False
-    """Faster, with jagged edges."""
     num_stills: Annotated[int | None, written(int, "N", "none"), arg(name="stills")] = None
     """So many single pictures as .png, evenly spread over the motion."""
     sheet_every: Annotated[int | None, written(int, "N", "none"), arg(name="sheet")] = None
@@ -220,7 +218,6 @@ def _draw(
         *({"": read}, ask, body, choose_tip_source(body, ask.body, ask.joint)),
         lambda _, view: named(view) if ask.ending == ".mp4" else None,
         *(ask.speech, (*stills, *sheet)),
-        antialias=not ask.is_draft,
         is_transparent=ask.background == "transparent",
     )
     files: list[Path] = []

@@ -23,12 +23,10 @@ pytestmark = pytest.mark.slow
 def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weights):
     clock = iter([100.0, 102.0])  # as if the steps after the warm-up had taken two seconds
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    rate = bench.training_rate(
-        "globaldiff/global", BUNDLED_WEIGHTS, "smoke", fast=False, num_steps=1
-    )
-    assert rate == bench.BATCH / 2.0
+    rate = bench.training_rate("globaldiff/global", BUNDLED_WEIGHTS, "smoke")
+    assert rate == bench.TIMED_STEPS * bench.BATCH / 2.0
     with pytest.raises(CheckpointError, match="motion-vae"):  # what L_m needs
-        bench.training_rate("globaldiff/full", weights, "smoke", fast=False)
+        bench.training_rate("globaldiff/full", weights, "smoke")
 
 
 @pytest.mark.gl

@@ -181,7 +181,7 @@ def motion(tmp_path: Path) -> Path:
 
 def render(motion: Path, out: Path, *flags: str) -> list[Path]:
     """Files that the command lists, drawn small and fast."""
-    argv = ["render", str(motion), "--out", str(out), "--size", "256", "--draft", *flags]
+    argv = ["render", str(motion), "--out", str(out), "--size", "256", *flags]
     with contextlib.redirect_stdout(io.StringIO()) as listed:
         assert main(argv) == 0
     return [Path(line) for line in listed.getvalue().splitlines()]
