@@ -12,7 +12,6 @@ from app.errors import RunError
 from app.study.simulate import ALIKE, RaterModel, davidson, simulate
 from app.study.statistics.answers import collect
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.screening import screen
 from app.study.statistics.votes import MISMATCHED, between, votes_of
 from tests.app.study.made import (
     STRENGTHS,
@@ -83,13 +82,6 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice():
         score = between(votes, name, name + MISMATCHED).score
         odds = (score == 1).mean() / (score == 0).mean()
         assert np.log(odds) == pytest.approx(STRENGTHS[name], abs=0.15)
-
-
-def test_lapses_fail_checks_as_often_as_said():
-    key = made_key()
-    screened = screen(made_participants(key, 200, RaterModel(lapse=0.5)), key)
-    assert len(screened.dropped) == pytest.approx(50, abs=20)  # both of two checks failed
-    assert not screen(made_participants(key, 200, RaterModel(lapse=0)), key).dropped
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, stats
 
 from app.errors import RunError
-from app.study.simulate import ALIKE, davidson
+from app.study.simulate import ALIKE
 from app.study.statistics.models import (
     PRIOR_SD,
     elo_numbers,
@@ -111,23 +111,6 @@ def test_two_systems_are_as_far_apart_as_their_log_odds_and_elo_has_them_at_its_
         assert high.value is not None and low.value is not None
         assert high.value - low.value == pytest.approx(400 * np.log10(3), abs=2)
         assert high.value + low.value == pytest.approx(2000)
-
-
-def test_ties_and_sides_meet_their_likelihood_equations():
-    counts = {("a", "b", 1.0): 400, ("a", "b", 0.5): 200, ("a", "b", 0.0): 100}
-    counts |= {("b", "a", 1.0): 200, ("b", "a", 0.5): 200, ("b", "a", 0.0): 200}
-    first, second, side, log_tie = fit_strengths(repeated(counts), AB, has_sides=True).best
-    gap, tie = first - second, np.exp(log_tie)
-    straight = 700 * davidson(gap + side, tie)
-    turned = 600 * davidson(-gap + side, tie)
-    # Seen minus expected totals are what the prior takes: parameter / variance.
-    prior = 1 / PRIOR_SD**2
-    ties = 400 - straight[1] - turned[1]
-    lefts = (300 - (straight[0] - straight[2]) - (turned[0] - turned[2])) / 2
-    wins = (300 - (straight[0] - straight[2]) + (turned[0] - turned[2])) / 2
-    assert ties == pytest.approx(prior * log_tie, abs=1e-4)
-    assert lefts == pytest.approx(prior * side, abs=1e-4)
-    assert wins == pytest.approx(prior * first, abs=1e-4)
 
 
 def test_the_maximum_is_that_of_an_independent_slow_search():

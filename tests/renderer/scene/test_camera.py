@@ -22,7 +22,7 @@ from renderer.scene.camera import (
     outermost,
     view_axes,
 )
-from renderer.scene.stage import MIDDLE_M, Panel, lay_out, set_stage
+from renderer.scene.stage import MIDDLE_M, Panel, frames_of, lay_out, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -127,7 +127,7 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
     above = ~np.isin(owner, legs)
     camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
-    for vertices in np.concatenate(list(body.vertices(motion))):
+    for vertices in np.concatenate(list(body.vertices(frames_of(motion, slice(0, 30, 4))))):
         assert sees(camera, vertices[above], 300, 400).all()
     standing = BodyMotion.resting(2)
     poses = standing.poses.reshape(2, 55, 3).copy()
@@ -167,22 +167,20 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
     calm = waving_motion(90, walk_m=1.5)
     poses = calm.poses.reshape(90, 55, 3).copy()
     poses[::2, JOINT_INDEX[f"{side}_wrist"], 2] += 0.05  # 15 Hz
-    jumps = [
-        np.abs(np.diff(shown(motion), n=2, axis=0)).mean()
-        for motion in (calm, replace(calm, poses=poses.reshape(90, 165)))
-    ]
+    still, trembling = shown(calm), shown(replace(calm, poses=poses.reshape(90, 165)))
+    jumps = [np.abs(np.diff(way, n=2, axis=0)).mean() for way in (still, trembling)]
     assert jumps[1] > 5 * jumps[0]
-    from_middle = np.abs(shown(calm)[5:-5] - 100.0)
+    from_middle = np.abs(still[5:-5] - 100.0)
     assert from_middle.max() < 60, "of 200 pixels, while the body walks and swings its arms"
 
 
 def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     body = load_body()
-    still, walking = BodyMotion.resting(40), waving_motion(walk_m=3.0)
+    still, walking, some = BodyMotion.resting(40), waving_motion(walk_m=3.0), slice(0, 40, 5)
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
-    heads = np.concatenate([chunk[:, head] for chunk in body.vertices(walking)])
     stage = set_stage(body, [still, walking], "face")
-    for vertices, offset in zip(heads, stage.tracks(body, walking)[0], strict=True):
+    (heads,) = (chunk[:, head] for chunk in body.vertices(frames_of(walking, some)))
+    for vertices, offset in zip(heads, stage.tracks(body, walking)[0][some], strict=True):
         assert sees(stage.camera.moved(offset), vertices, 400, 400).all()
     stage = set_stage(body, [still], "face")
     camera = stage.camera.moved(stage.tracks(body, still)[0][0])
@@ -197,12 +195,12 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     stage = set_stage(body, motions, view)
     heights = []
     for motion in motions:
-        track = stage.tracks(body, motion)[0]
-        vertices = np.concatenate(list(body.vertices(motion)))
-        for frame in range(0, 120, 14):
-            camera = stage.camera.moved(track[frame])
-            assert sees(camera, vertices[frame], 500, 500).all()
-            heights.append(np.ptp(camera.project(vertices[frame], 500, 500)[:, 1]))
+        track, some = stage.tracks(body, motion)[0], slice(0, 120, 14)
+        (posed,) = body.vertices(frames_of(motion, some))
+        for vertices, offset in zip(posed, track[some], strict=True):
+            camera = stage.camera.moved(offset)
+            assert sees(camera, vertices, 500, 500).all()
+            heights.append(np.ptp(camera.project(vertices, 500, 500)[:, 1]))
     assert min(heights) > 200, "of 500 pixels"
     assert np.ptp(track, axis=0).max() < 0.2, "the one that stays has a camera that stays"
 
@@ -217,7 +215,7 @@ def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(vie
     assert stage == set_stage(body, motions[::-1], view, size[0] / size[1])
     assert not stage.shots[0].is_following and not stage.tracks(body, motions[0])[0].any()
     for motion in motions:
-        for chunk in body.vertices(motion):
+        for chunk in body.vertices(frames_of(motion, slice(0, None, 3))):
             assert sees(stage.camera, chunk, *size).all()
 
 
