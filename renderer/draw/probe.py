@@ -61,15 +61,19 @@ def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return BackendReport(name, error=f"it did not answer within {_TIMEOUT_S:.0f} s")
+        return _broken(name, f"it did not answer within {_TIMEOUT_S:.0f} s")
     except OSError as error:
-        return BackendReport(name, error=f"no child process can be started: {error}")
+        return _broken(name, f"no child process can be started: {error}")
     if child.returncode < 0:
-        return BackendReport(name, error=f"the driver ended {Ended(child.returncode).how}")
+        return _broken(name, f"the driver ended {Ended(child.returncode).how}")
     if child.returncode:
         said = child.stderr.decode(errors="replace").strip().splitlines()
-        return BackendReport(name, error=said[-1] if said else f"exit status {child.returncode}")
+        return _broken(name, said[-1] if said else f"exit status {child.returncode}")
     return BackendReport(name, child.stdout.decode(errors="replace").strip().splitlines()[-1])
+
+
+def _broken(name: Backend, error: str) -> BackendReport:
+    return BackendReport(name, error=error)
 
 
 def driver_that_draws(name: Backend) -> str:

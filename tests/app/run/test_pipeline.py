@@ -160,8 +160,7 @@ def test_a_whole_run_records_what_made_it_and_follows_the_point_that_was_asked_f
 
 @pytest.fixture
 def without_gl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    broken = lambda name: probe.BackendReport(name, error="gone")  # noqa: E731
-    monkeypatch.setattr(probe, "probe_backend", broken)
+    monkeypatch.setattr(probe, "probe_backend", lambda name, **_: probe._broken(name, "gone"))
     probe.choose_backend.cache_clear()
     yield
     probe.choose_backend.cache_clear()
