@@ -535,7 +535,7 @@ PICTURE = """async ([text, eye, size, isSlow, ground]) => {
     painter.clear();
     painter.castShadow(0, isSlow ? 2 : 0, ground);
     const matrix = modules.lens({ axes: facts.views.front, eye }, 1, facts.camera);
-    const told = { matrix, eye, number: 0, level: 0, part: mesh.level(0), ground };
+    const told = { matrix, eye, number: 0, faces: mesh.level(0), isWhole: true, ground };
     painter.panel([0, 0, size, size], told);
     const pixels = new Uint8Array(4 * size * size);
     gl.readPixels(0, 0, size, size, gl.RGBA, gl.UNSIGNED_BYTE, pixels);

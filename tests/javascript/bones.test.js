@@ -59,18 +59,32 @@ test("a part that is cut off a tube is closed where it was cut, and nowhere else
   const faces = [0, 1].flatMap((ring) => Array.from({ length: corners }, (_, i) => [at(ring, i), at(ring, i + 1), at(ring + 1, i), at(ring, i + 1), at(ring + 1, i + 1), at(ring + 1, i)]).flat());
   const each = (values) => Float32Array.from({ length: 3 * corners }, (_, vertex) => vertex).reduce((all, vertex) => [...all, ...values(vertex)], []);
   const arrays = {
-    POSITION: Float32Array.from(each((vertex) => [vertex, 0, 0])), JOINTS_0: Uint8Array.from(each((vertex) => [vertex < corners ? 0 : 1, 0, 0, 0])),
+    POSITION: Float32Array.from(each((vertex) => [vertex, 0, 0])), NORMAL: new Float32Array(9 * corners), COLOR_0: new Uint16Array(12 * corners), WEIGHTS_0: new Uint16Array(12 * corners), JOINTS_0: Uint8Array.from(each((vertex) => [vertex < corners ? 0 : 1, 0, 0, 0])),
     faces: Uint16Array.from(faces), binds: new Float32Array(32),
   };
-  const attributes = { POSITION: "POSITION", JOINTS_0: "JOINTS_0" };
-  const document = { meshes: [{ primitives: [{ attributes, indices: "faces" }] }], skins: [{ joints: [0, 1], inverseBindMatrices: "binds" }], nodes: [{ name: "a", children: [1] }, { name: "b" }] };
+  const attributes = Object.fromEntries(["POSITION", "NORMAL", "COLOR_0", "WEIGHTS_0", "JOINTS_0"].map((name) => [name, name]));
+  const document = { accessors: { POSITION: { count: 3 * corners } }, meshes: [{ primitives: [{ attributes, indices: "faces" }] }], skins: [{ joints: [0, 1], inverseBindMatrices: "binds" }], nodes: [{ name: "a", children: [1] }, { name: "b" }] };
   const mesh = new Mesh({ document, array: (name) => arrays[name] });
-  const { faces: part, own } = mesh.part(0, [1]);
+  const part = mesh.part(0, [1]);
   assert.equal(part.length, 3 * (2 * corners + corners - 2), "its side, and a fan");
-  assert.deepEqual(own, part, "the level has all vertices, in their order");
   const edges = (of) => of.map((from, i) => `${from} ${of[i % 3 === 2 ? i - 2 : i + 1]}`);
   const open = edges([...part]).filter((edge) => !edges([...part]).includes(edge.split(" ").reverse().join(" ")));
   assert.deepEqual(open.map((edge) => Math.min(...edge.split(" ").map(Number)) >= 2 * corners), new Array(corners).fill(true));
+});
+
+test("vertices of coarser meshes come first, each with what it had", () => {
+  const arrays = {
+    POSITION: Float32Array.from({ length: 12 }, (_, i) => i), NORMAL: new Float32Array(12), COLOR_0: new Uint16Array(16), WEIGHTS_0: new Uint16Array(16), JOINTS_0: new Uint8Array(16),
+    fine: Uint16Array.of(0, 1, 2, 0, 2, 3), coarse: Uint16Array.of(1, 2, 3), binds: new Float32Array(16), target: { indices: Uint16Array.of(0, 3), values: new Float32Array(6) },
+  };
+  const attributes = Object.fromEntries(["POSITION", "NORMAL", "COLOR_0", "WEIGHTS_0", "JOINTS_0"].map((name) => [name, name]));
+  const meshes = [{ primitives: [{ attributes, indices: "fine", targets: [{ POSITION: "target" }] }] }, { primitives: [{ indices: "coarse" }] }];
+  const mesh = new Mesh({ document: { accessors: { POSITION: { count: 4 } }, meshes, skins: [{ joints: [0], inverseBindMatrices: "binds" }], nodes: [{}] }, array: (name) => arrays[name] });
+  assert.deepEqual([0, 1, 9].map((level) => mesh.numVertices(level)), [4, 3, 3]);
+  assert.deepEqual([...mesh.place], [3, 0, 1, 2]);
+  assert.deepEqual([...mesh.level(1)], [0, 1, 2]);
+  assert.deepEqual([...mesh.positions.subarray(9)], [0, 1, 2], "the first of the file is the last");
+  assert.deepEqual([...mesh.targets[0].indices], [3, 2]);
 });
 
 test("an address tells of lines and tone", () => {

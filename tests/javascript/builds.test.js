@@ -5,7 +5,7 @@ import test from "node:test";
 
 import { readBuilds } from "../../app/page/web/stage/builds.js";
 
-const MESH = { positions: Float32Array.of(1, 2, 3), normals: Float32Array.of(0, 1, 0) };
+const MESH = { positions: Float32Array.of(1, 2, 3), normals: Float32Array.of(0, 1, 0), inOrder: (values) => values };
 const TOLD = { names: ["average", "broad"], step: 0.001 };
 
 test("a build is its offsets on top of the mesh, with normals of its own", () => {

@@ -18,13 +18,14 @@ const FULL = 32767; // of a normal's part
 export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await fetched(BUILDS_URL, new AbortController().signal), mesh, told));
 
 /** As renderer/files/glb.py writes them; the first of the names is the mesh itself. */
-export function readBuilds(content, { positions, normals }, { names, step }) {
+export function readBuilds(content, mesh, { names, step }) {
+  const { positions, normals } = mesh;
   const size = positions.length;
   if (content.byteLength !== 4 * size * (names.length - 1)) throw new Error("The page is of another version; load it again.");
   const builds = new Map([[names[0], { positions, normals }]]);
   names.slice(1).forEach((name, i) => {
-    const offsets = new Int16Array(content, 4 * size * i, size);
-    const steps = new Int16Array(content, 4 * size * i + 2 * size, size);
+    const offsets = mesh.inOrder(new Int16Array(content, 4 * size * i, size));
+    const steps = mesh.inOrder(new Int16Array(content, 4 * size * i + 2 * size, size));
     builds.set(name, {
       positions: positions.map((part, k) => part + step * offsets[k]),
       normals: Float32Array.from(steps, (part) => part / FULL),

@@ -17,26 +17,35 @@ export class Mesh {
   colors; // linear, 16 bit, (V, 4)
   joints; // (V, 4), the strongest first
   weights; // 16 bit, (V, 4)
-  faces; // (F, 3)
-  #levels; // faces of each, the whole mesh first
+  #levels; // faces (F, 3) of each mesh, the whole first
+  #counts; // of each, how many vertices it and the coarser ones have: they come first
+  place; // of each vertex of the file among those here
   targets; // of the face: each { name, indices, values }
   parents; // of the joints
   offsets; // (J, 3) to their parents
   names; // of the joints
-  #sets = new Map();
   #parts = new Map();
 
   constructor({ document, array }) {
     const { attributes, indices, targets = [] } = document.meshes[0].primitives[0];
-    this.positions = array(attributes.POSITION);
-    this.normals = array(attributes.NORMAL);
-    this.colors = array(attributes.COLOR_0);
-    this.joints = array(attributes.JOINTS_0);
-    this.weights = array(attributes.WEIGHTS_0);
-    this.faces = sorted(array(indices));
-    this.#levels = [this.faces, ...document.meshes.slice(1).map(({ primitives }) => sorted(array(primitives[0].indices)))];
+    const levels = [indices, ...document.meshes.slice(1).map(({ primitives }) => primitives[0].indices)].map(array);
+    const coarsest = new Uint8Array(document.accessors[attributes.POSITION].count); // mesh that has the vertex
+    for (const [level, faces] of levels.entries()) for (const vertex of faces) coarsest[vertex] = level;
+    const order = Uint32Array.from(coarsest.keys()).sort((a, b) => coarsest[b] - coarsest[a] || a - b);
+    this.place = new Uint32Array(order.length);
+    order.forEach((vertex, i) => (this.place[vertex] = i));
+    this.#counts = levels.map((_, level) => coarsest.reduce((count, each) => count + Number(each >= level), 0));
+    this.#levels = levels.map((faces) => sorted(faces.map((vertex) => this.place[vertex])));
+    this.positions = this.inOrder(array(attributes.POSITION));
+    this.normals = this.inOrder(array(attributes.NORMAL));
+    this.colors = this.inOrder(array(attributes.COLOR_0));
+    this.joints = this.inOrder(array(attributes.JOINTS_0));
+    this.weights = this.inOrder(array(attributes.WEIGHTS_0));
     const named = document.meshes[0].extras?.targetNames ?? [];
-    this.targets = targets.map(({ POSITION }, i) => ({ name: named[i], ...array(POSITION) }));
+    this.targets = targets.map(({ POSITION }, i) => {
+      const { indices: moved, values } = array(POSITION);
+      return { name: named[i], indices: moved.map((vertex) => this.place[vertex]), values };
+    });
     const { joints } = document.skins[0];
     this.names = joints.map((node) => document.nodes[node].name);
     this.parents = new Int16Array(joints.length).fill(-1);
@@ -74,14 +83,23 @@ export class Mesh {
     return colors;
   }
 
-  get numVertices() {
-    return this.positions.length / 3;
+  /** Numbers of all vertices, as they come in files, in the order that they have here. */
+  inOrder(values) {
+    const width = values.length / this.place.length;
+    const ordered = new values.constructor(values.length);
+    this.place.forEach((to, from) => ordered.set(values.subarray(width * from, width * (from + 1)), width * to));
+    return ordered;
+  }
+
+  /** Of a level and the coarser ones. */
+  numVertices(level) {
+    return this.#counts[Math.min(level, this.#counts.length - 1)];
   }
 
   /** Of each joint: how far the flesh that follows it reaches at rest, metres. */
   #reach() {
     const reach = new Float32Array(this.names.length);
-    for (let v = 0; v < this.numVertices; v++) {
+    for (let v = 0; v < this.place.length; v++) {
       const joint = this.joints[4 * v];
       const far = Math.hypot(...[0, 1, 2].map((k) => this.positions[3 * v + k] - this.rest[3 * joint + k]));
       if (far > reach[joint]) reach[joint] = far;
@@ -89,20 +107,16 @@ export class Mesh {
     return reach;
   }
 
-  /**
-   * A mesh of a level, 0 being the whole and higher ones coarser: `faces` among all vertices, the
-   * `vertices` that it has, in their order, and `own`, the faces among these.
-   */
+  /** Faces of a mesh, 0 being the whole and higher ones coarser. */
   level(level) {
-    if (!this.#sets.has(level)) this.#sets.set(level, this.#set(this.#levels[Math.min(level, this.#levels.length - 1)]));
-    return this.#sets.get(level);
+    return this.#levels[Math.min(level, this.#levels.length - 1)];
   }
 
-  /** The part of a level that follows some of the joints alone, closed where it is cut off; its `own` are among the level's. */
+  /** The part of a level that follows some of the joints alone, closed where it is cut off. */
   part(level, joints) {
     const key = `${level} ${joints}`;
     if (!this.#parts.has(key)) {
-      const { faces, place } = this.level(level);
+      const faces = this.level(level);
       const drawn = new Set(joints);
       const isDrawn = (vertex) => drawn.has(this.joints[4 * vertex]);
       const [kept, border] = [[], []];
@@ -111,16 +125,9 @@ export class Mesh {
         if (face.every(isDrawn)) kept.push(...face);
         else if (face.some(isDrawn)) border.push(...face);
       }
-      const closed = faces.constructor.from([...kept, ...this.#lids(kept, border)]);
-      this.#parts.set(key, { faces: closed, own: closed.map((vertex) => place.get(vertex)) });
+      this.#parts.set(key, faces.constructor.from([...kept, ...this.#lids(kept, border)]));
     }
     return this.#parts.get(key);
-  }
-
-  #set(faces) {
-    const vertices = [...new Set(faces)].sort((a, b) => a - b);
-    const place = new Map(vertices.map((vertex, i) => [vertex, i]));
-    return { faces, place, vertices: Uint32Array.from(vertices), own: faces.map((vertex) => place.get(vertex)) };
   }
 
   /** Faces over the ends at which some were cut off from others: of each end a fan from one of its corners. */

@@ -5,48 +5,51 @@ import { NUM_JOINTS } from "./motion.js";
 const LIGHTS = ["key", "fill", "rim"];
 const LEAST_FACE = 3; // of 255
 const SLOW_TEXELS = 64; // of a shadow's side
-const SKINNED_FLOATS = 7; // of a vertex: position, normal, jerk
+const POSED = ["posed", "posed_normal", "jerk"]; // of a vertex, one after the other
+const POSED_FLOATS = 7;
 
-const ZEROS = new Array(13).fill(0);
-
-const HEAD = (defines) => `#version 300 es
+const HEAD = `#version 300 es
 precision highp float;
 precision highp int;
-${Object.entries(defines).map(([name, value]) => `#define ${name} ${value}`).join("\n")}
 `;
 
-const SKINNING = `
+/** Vertices are moved once for all panels and the shadow of a picture. */
+const SKIN_VERTICES = `${HEAD}
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
-layout(location = 2) in vec4 color;
-layout(location = 3) in uvec4 joints;
-layout(location = 4) in vec4 weights;
-layout(location = 5) in float jerk;
+layout(location = 2) in uvec4 joints;
+layout(location = 3) in vec4 weights;
 uniform highp sampler2D joint_rows;  // line j: three rows of joint j's matrix, then its jerk
 uniform int first_joint;
-
-mat3x4 skin(out float heat) {
-#ifdef IS_SKINNED  // by the processor
-    heat = jerk;
-    return mat3x4(1.0);
-#endif
+out vec3 posed;
+out vec3 posed_normal;
+out float jerk;
+void main() {
     mat3x4 rows = mat3x4(0.0);
-    heat = 0.0;
+    jerk = 0.0;
     for (int i = 0; i < 4; i++) {
         if (weights[i] == 0.0) continue;
         int line = first_joint + int(joints[i]);
         for (int row = 0; row < 3; row++) {
             rows[row] += weights[i] * texelFetch(joint_rows, ivec2(row, line), 0);
         }
-        heat += weights[i] * texelFetch(joint_rows, ivec2(3, line), 0).x;
+        jerk += weights[i] * texelFetch(joint_rows, ivec2(3, line), 0).x;
     }
-    return rows;
-}
-`;
+    posed = vec4(position, 1.0) * rows;
+    posed_normal = vec4(normal, 0.0) * rows;
+}`;
 
-const bodyShader = (lighting, defines) => `${HEAD({ MAX_DIRECTIONAL_LIGHTS: LIGHTS.length, HEATS: 6, ...defines })}
+const NO_FRAGMENTS = `${HEAD}
+void main() {}`;
+
+const bodyShader = (lighting) => `${HEAD}
+#define MAX_DIRECTIONAL_LIGHTS ${LIGHTS.length}
+#define HEATS 6
 ${lighting}
-${SKINNING}
+layout(location = 0) in vec3 posed;
+layout(location = 1) in vec3 posed_normal;
+layout(location = 2) in float jerk;
+layout(location = 3) in vec4 color;
 uniform mat4 clip_from_world;
 uniform vec3 shift;
 uniform vec3 heat_colors[HEATS];
@@ -62,18 +65,16 @@ vec3 heat_color(float share) {
 }
 
 void main() {
-    float heat;
-    mat3x4 rows = skin(heat);
-    vec3 world = vec4(position, 1.0) * rows + shift;
+    vec3 world = posed + shift;
     gl_Position = clip_from_world * vec4(world, 1.0);
-    vec3 base = heat_scale > 0.0 ? heat_color(heat / heat_scale) : color.rgb;
+    vec3 base = heat_scale > 0.0 ? heat_color(jerk / heat_scale) : color.rgb;
     base *= material.base_color_factor.rgb;
-    lit = to_display(shade(world, normalize(vec4(normal, 0.0) * rows), base));
+    lit = to_display(shade(world, normalize(posed_normal), base));
     vec3 print = mix(ink.rgb, vec3(1.0), dot(lit, vec3(0.2126, 0.7152, 0.0722)));
     lit = mix(lit, print, ink.a);
 }`;
 
-const BODY_FRAGMENTS = `${HEAD({})}
+const BODY_FRAGMENTS = `${HEAD}
 in vec3 lit;
 uniform float inside;  // of a sleeve, dark; of a coarser mesh slivers are turned away that are none
 out vec4 frag_color;
@@ -81,20 +82,18 @@ void main() {
     frag_color = vec4(gl_FrontFacing ? lit : inside * lit, 1.0);
 }`;
 
-const shadowShader = (defines) => `${HEAD(defines)}
-${SKINNING}
+const SHADOW_VERTICES = `${HEAD}
+layout(location = 0) in vec3 posed;
 uniform vec3 ground;  // x and z of its middle, and the floor's height
 uniform float half_size;
 uniform vec2 slope;
 out float height;
 void main() {
-    float heat;
-    vec3 world = vec4(position, 1.0) * skin(heat);
-    height = max(world.y - ground.z, 0.0);
-    gl_Position = vec4((world.xz - slope * height - ground.xy) / half_size, 0.0, 1.0);
+    height = max(posed.y - ground.z, 0.0);
+    gl_Position = vec4((posed.xz - slope * height - ground.xy) / half_size, 0.0, 1.0);
 }`;
 
-const SHADOW_FRAGMENTS = `${HEAD({})}
+const SHADOW_FRAGMENTS = `${HEAD}
 in float height;
 uniform float touching;
 out vec4 covered;
@@ -102,7 +101,7 @@ void main() {
     covered = vec4(1.0, height < touching ? 1.0 : 0.0, 0.0, 1.0);
 }`;
 
-const SCREEN_VERTICES = `${HEAD({})}
+const SCREEN_VERTICES = `${HEAD}
 out vec2 uv;
 void main() {
     uv = vec2(gl_VertexID == 1 ? 2.0 : 0.0, gl_VertexID == 2 ? 2.0 : 0.0);
@@ -110,7 +109,7 @@ void main() {
 }`;
 
 /** Both shadows are spread along one axis, each by its own Gaussian. */
-const BLUR_FRAGMENTS = `${HEAD({})}
+const BLUR_FRAGMENTS = `${HEAD}
 in vec2 uv;
 uniform sampler2D covered;
 uniform vec2 texel;
@@ -127,7 +126,7 @@ void main() {
     spread = vec4(total / weight, 0.0, 1.0);
 }`;
 
-const GROUND_VERTICES = `${HEAD({})}
+const GROUND_VERTICES = `${HEAD}
 uniform mat4 clip_from_world;
 uniform vec3 ground;
 uniform float half_size;
@@ -139,7 +138,7 @@ void main() {
     gl_Position = clip_from_world * vec4(vec3(place.x, ground.z, place.y) + shift, 1.0);
 }`;
 
-const GROUND_FRAGMENTS = `${HEAD({})}
+const GROUND_FRAGMENTS = `${HEAD}
 in vec2 at;
 uniform sampler2D shadow;
 uniform vec3 background;
@@ -157,7 +156,7 @@ void main() {
     frag_color = vec4(lit, 1.0);
 }`;
 
-const INK_VERTICES = `${HEAD({})}
+const INK_VERTICES = `${HEAD}
 layout(location = 0) in vec2 place;  // -1 to 1 in the panel
 layout(location = 1) in vec3 color;
 out vec3 ink;
@@ -166,7 +165,7 @@ void main() {
     gl_Position = vec4(place, 0.0, 1.0);
 }`;
 
-const INK_FRAGMENTS = `${HEAD({})}
+const INK_FRAGMENTS = `${HEAD}
 in vec3 ink;
 out vec4 frag_color;
 void main() {
@@ -175,27 +174,25 @@ void main() {
 
 export class Painter {
   #gl;
-  #isSlow;
   #mesh;
   #facts;
   #programs;
-  #colors = new Map(); // by level: of its vertices alone
   #attributes = {};
   #indices = new Map(); // faces -> buffer and its kind
-  #bodies = []; // each { vertices, positions, buffer, hasFace }
-  #moved; // vertices that the face moves, and the first and last of them
+  #bodies = []; // each { vertices, positions, buffer, feedback, posed, isPlain }
+  #due = []; // bodies that have been posed, [number, how many vertices]
+  #moved; // vertices that the face moves
   #order; // of each target: where its weight stands among a motion's
   #joints; // texture
   #texels = new Float32Array(0);
   #texelsAcross;
   #tone = "light"; // as the mesh comes
-  #toned; // colours of all vertices in it
   #build; // { positions, normals } of all bodies at rest
   #shadow; // { texture, frame } three times: covered, half spread, spread
   #ink;
 
   /**
-   * `isSlow` says that the processor draws: then it moves vertices once, rather than in each panel.
+   * `isSlow` says that the processor draws.
    *
    * @param {WebGL2RenderingContext} gl
    * @param {import("./mesh.js").Mesh} mesh
@@ -203,35 +200,28 @@ export class Painter {
    * @param {boolean} isSlow
    */
   constructor(gl, mesh, facts, isSlow) {
-    this.#isSlow = isSlow;
     this.#gl = gl;
     this.#mesh = mesh;
-    this.#toned = mesh.colors;
     this.#build = mesh;
     this.#facts = facts;
     const program = (...sources) => new Program(gl, ...sources);
-    const defines = isSlow ? { IS_SKINNED: 1 } : {};
     this.#programs = {
-      body: program(bodyShader(facts.lighting, defines), BODY_FRAGMENTS),
-      shadow: program(shadowShader(defines), SHADOW_FRAGMENTS),
+      skin: program(SKIN_VERTICES, NO_FRAGMENTS, POSED),
+      body: program(bodyShader(facts.lighting), BODY_FRAGMENTS),
+      shadow: program(SHADOW_VERTICES, SHADOW_FRAGMENTS),
       blur: program(SCREEN_VERTICES, BLUR_FRAGMENTS),
       ground: program(GROUND_VERTICES, GROUND_FRAGMENTS),
       ink: program(INK_VERTICES, INK_FRAGMENTS),
     };
     this.#order = mesh.targets.map(({ name }) => facts.faces.indexOf(name));
-    const vertices = [...new Set(mesh.targets.flatMap(({ indices }) => Array.from(indices)))].sort((a, b) => a - b);
-    this.#moved = { vertices, first: vertices[0] ?? 0, last: vertices.at(-1) ?? -1 };
+    this.#moved = new Set(mesh.targets.flatMap(({ indices }) => Array.from(indices)));
     for (const name of ["normals", "colors", "joints", "weights"]) this.#attributes[name] = this.#filled(gl.ARRAY_BUFFER, mesh[name]);
     this.#joints = this.#texture(gl.NEAREST);
     this.#texelsAcross = isSlow ? SLOW_TEXELS : facts.ground.texels;
     this.#shadow = ["covered", "half", "spread"].map(() => this.#target(this.#texelsAcross));
     this.#ink = { buffer: gl.createBuffer(), vertices: gl.createVertexArray() };
     gl.bindVertexArray(this.#ink.vertices);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.#ink.buffer);
-    for (const [location, width, offset] of [[0, 2, 0], [1, 3, 8]]) {
-      gl.enableVertexAttribArray(location);
-      gl.vertexAttribPointer(location, width, gl.FLOAT, false, 20, offset);
-    }
+    this.#interleaved(this.#ink.buffer, [2, 3]);
     gl.bindVertexArray(null);
     this.#light();
   }
@@ -260,10 +250,7 @@ export class Painter {
     const colors = this.#facts.tones[tone];
     if (tone === this.#tone || !colors) return;
     this.#tone = tone;
-    const toned = this.#mesh.toned(this.#facts.tones.light, colors);
-    this.#refill(this.#attributes.colors, toned);
-    for (const [level, buffer] of this.#colors) this.#refill(buffer, picked(toned, this.#mesh.level(level).vertices));
-    this.#toned = toned;
+    this.#refill(this.#attributes.colors, this.#mesh.toned(this.#facts.tones.light, colors));
   }
 
   /**
@@ -293,89 +280,44 @@ export class Painter {
     const buffer = this.#filled(gl.ARRAY_BUFFER, positions);
     const vertices = gl.createVertexArray();
     gl.bindVertexArray(vertices);
-    const attribute = (location, from, width, kind, normalized) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, from);
-      gl.enableVertexAttribArray(location);
-      gl.vertexAttribPointer(location, width, kind, normalized, 0, 0);
-    };
-    attribute(0, buffer, 3, gl.FLOAT, false);
-    attribute(1, this.#attributes.normals, 3, gl.FLOAT, false);
-    attribute(2, this.#attributes.colors, 4, gl.UNSIGNED_SHORT, true);
+    this.#attribute(0, buffer, 3, gl.FLOAT);
+    this.#attribute(1, this.#attributes.normals, 3, gl.FLOAT);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.#attributes.joints);
-    gl.enableVertexAttribArray(3);
-    gl.vertexAttribIPointer(3, 4, gl.UNSIGNED_BYTE, 0, 0);
-    attribute(4, this.#attributes.weights, 4, gl.UNSIGNED_SHORT, true);
-    gl.bindVertexArray(null);
-    return { vertices, positions, buffer, hasFace: false, skins: new Map() };
-  }
-
-  /** Vertices of a level that the processor has moved. */
-  #newSkin(level) {
-    const gl = this.#gl;
-    const { vertices: kept } = this.#mesh.level(level);
-    if (!this.#colors.has(level)) {
-      this.#colors.set(level, this.#filled(gl.ARRAY_BUFFER, picked(this.#toned, kept)));
-    }
-    const values = new Float32Array(SKINNED_FLOATS * kept.length);
-    const buffer = this.#filled(gl.ARRAY_BUFFER, values);
-    const vertices = gl.createVertexArray();
-    gl.bindVertexArray(vertices);
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    for (const [location, width, offset] of [[0, 3, 0], [1, 3, 12], [5, 1, 24]]) {
-      gl.enableVertexAttribArray(location);
-      gl.vertexAttribPointer(location, width, gl.FLOAT, false, 4 * SKINNED_FLOATS, offset);
-    }
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.#colors.get(level));
     gl.enableVertexAttribArray(2);
-    gl.vertexAttribPointer(2, 4, gl.UNSIGNED_SHORT, true, 0, 0);
+    gl.vertexAttribIPointer(2, 4, gl.UNSIGNED_BYTE, 0, 0);
+    this.#attribute(3, this.#attributes.weights, 4, gl.UNSIGNED_SHORT);
+    const place = this.#filled(gl.ARRAY_BUFFER, new Float32Array((POSED_FLOATS * positions.length) / 3));
+    const posed = gl.createVertexArray();
+    gl.bindVertexArray(posed);
+    this.#interleaved(place, [3, 3, 1]);
+    this.#attribute(3, this.#attributes.colors, 4, gl.UNSIGNED_SHORT);
     gl.bindVertexArray(null);
-    return { vertices, buffer, values };
+    gl.bindBuffer(gl.ARRAY_BUFFER, null); // nothing else may have it while it is written to
+    const feedback = gl.createTransformFeedback();
+    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, feedback);
+    gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, place);
+    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
+    return { vertices, positions, buffer, feedback, posed, isPlain: true };
   }
 
-  /** Move the vertices of a level, as the shader does elsewhere. */
-  #skin(number, level) {
-    const body = this.#bodies[number];
-    if (!body.skins.has(level)) body.skins.set(level, this.#newSkin(level));
-    const { buffer, values } = body.skins.get(level);
-    const { joints, weights } = this.#mesh;
-    const { normals } = this.#build;
-    const { positions } = body;
-    const texels = this.#texels;
-    let to = 0;
-    for (const vertex of this.#mesh.level(level).vertices) {
-      let [a, b, c, d, e, f, g, h, i, j, k, l, heat] = ZEROS;
-      for (let influence = 4 * vertex; influence < 4 * vertex + 4; influence++) {
-        if (!weights[influence]) break; // the strongest come first
-        const weight = weights[influence] / 65535;
-        const at = 16 * (NUM_JOINTS * number + joints[influence]);
-        a += weight * texels[at];
-        b += weight * texels[at + 1];
-        c += weight * texels[at + 2];
-        d += weight * texels[at + 3];
-        e += weight * texels[at + 4];
-        f += weight * texels[at + 5];
-        g += weight * texels[at + 6];
-        h += weight * texels[at + 7];
-        i += weight * texels[at + 8];
-        j += weight * texels[at + 9];
-        k += weight * texels[at + 10];
-        l += weight * texels[at + 11];
-        heat += weight * texels[at + 12];
-      }
-      const [x, y, z] = [positions[3 * vertex], positions[3 * vertex + 1], positions[3 * vertex + 2]];
-      const [u, v, w] = [normals[3 * vertex], normals[3 * vertex + 1], normals[3 * vertex + 2]];
-      values[to] = a * x + b * y + c * z + d;
-      values[to + 1] = e * x + f * y + g * z + h;
-      values[to + 2] = i * x + j * y + k * z + l;
-      values[to + 3] = a * u + b * v + c * w;
-      values[to + 4] = e * u + f * v + g * w;
-      values[to + 5] = i * u + j * v + k * w;
-      values[to + 6] = heat;
-      to += SKINNED_FLOATS;
-    }
+  #attribute(location, from, width, kind) {
     const gl = this.#gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, from);
+    gl.enableVertexAttribArray(location);
+    gl.vertexAttribPointer(location, width, kind, kind !== gl.FLOAT, 0, 0);
+  }
+
+  /** Numbers of several attributes, one vertex after the other. */
+  #interleaved(buffer, widths) {
+    const gl = this.#gl;
+    const stride = 4 * widths.reduce((sum, width) => sum + width);
+    let offset = 0;
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
+    for (const [location, width] of widths.entries()) {
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, width, gl.FLOAT, false, stride, offset);
+      offset += 4 * width;
+    }
   }
 
   /**
@@ -398,36 +340,48 @@ export class Painter {
       }
       texels[to + 12] = jerk ? jerk[joint] : 0;
     }
-    if (faces) this.#moveFace(this.#bodies[number], faces);
-    if (this.#isSlow) for (const level of levels) this.#skin(number, level);
+    const count = this.#mesh.numVertices(Math.min(...levels));
+    if (faces) this.#moveFace(this.#bodies[number], faces, count);
+    this.#due.push([number, count]);
   }
 
   upload() {
-    if (this.#isSlow) return;
     const gl = this.#gl;
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#joints);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 4, this.#texels.length / 16, 0, gl.RGBA, gl.FLOAT, this.#texels);
+    const { skin } = this.#programs;
+    gl.useProgram(skin.handle);
+    gl.enable(gl.RASTERIZER_DISCARD);
+    for (const [number, count] of this.#due) {
+      const { vertices, feedback } = this.#bodies[number];
+      gl.uniform1i(skin.at("first_joint"), NUM_JOINTS * number);
+      gl.bindVertexArray(vertices);
+      gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, feedback);
+      gl.beginTransformFeedback(gl.POINTS);
+      gl.drawArrays(gl.POINTS, 0, count);
+      gl.endTransformFeedback();
+    }
+    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
+    gl.disable(gl.RASTERIZER_DISCARD);
+    gl.bindVertexArray(null);
+    this.#due = [];
   }
 
-  #moveFace(body, faces) {
+  #moveFace(body, faces, count) {
     const { targets } = this.#mesh;
     const { positions: rest } = this.#build;
     const strong = targets.flatMap((target, i) => (faces[this.#order[i]] >= LEAST_FACE ? [[target, faces[this.#order[i]] / 255]] : []));
-    if (!strong.length && !body.hasFace) return;
+    if (!strong.length && body.isPlain) return;
     const { positions } = body;
-    const { vertices, first, last } = this.#moved;
-    for (const vertex of vertices) for (let k = 3 * vertex; k < 3 * vertex + 3; k++) positions[k] = rest[k];
+    for (const vertex of this.#moved) for (let k = 3 * vertex; k < 3 * vertex + 3; k++) positions[k] = rest[k];
     for (const [{ indices, values }, weight] of strong) {
       for (let i = 0; i < indices.length; i++) {
         for (let k = 0; k < 3; k++) positions[3 * indices[i] + k] += weight * values[3 * i + k];
       }
     }
-    body.hasFace = strong.length > 0;
-    if (this.#isSlow) return;
-    const gl = this.#gl;
-    gl.bindBuffer(gl.ARRAY_BUFFER, body.buffer);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 12 * first, positions, 3 * first, 3 * (last - first + 1));
+    body.isPlain = !strong.length && count === this.#mesh.numVertices(0);
+    this.#refill(body.buffer, positions.subarray(0, 3 * count));
   }
 
   /** Everything in the background's colour. */
@@ -463,7 +417,7 @@ export class Painter {
     gl.uniform1f(shadow.at("touching"), touching);
     gl.enable(gl.BLEND);
     gl.blendEquation(gl.MAX);
-    this.#drawBody(shadow, number, level, this.#mesh.level(level));
+    this.#drawBody(number, this.#mesh.level(level));
     gl.disable(gl.BLEND);
     gl.blendEquation(gl.FUNC_ADD);
     gl.useProgram(blur.handle);
@@ -481,13 +435,14 @@ export class Painter {
   }
 
   /**
-   * One body on its ground, in a rectangle of pixels from the upper left corner: `part` of a `level`.
+   * `faces` of one body on its ground, in a rectangle of pixels from the upper left corner; `isWhole` says that they
+   * are of the finest mesh.
    *
    * `clip` cuts the rectangle to a narrower one; `shift` moves body and ground; `heat` is the jerk
    * at the end of the scale, 0 for none; `ink` is a colour that the body is printed in, over what is
    * there if `isOver`; null leaves its own colours.
    */
-  panel(rect, { matrix, eye, number, level, part, ground, clip = rect, shift = [0, 0, 0], heat = 0, ink = null, isOver = false }) {
+  panel(rect, { matrix, eye, number, faces, isWhole, ground, clip = rect, shift = [0, 0, 0], heat = 0, ink = null, isOver = false }) {
     const gl = this.#gl;
     this.#frame(rect, clip);
     gl.clear(gl.DEPTH_BUFFER_BIT);
@@ -499,17 +454,17 @@ export class Painter {
     gl.uniform3fv(body.at("cam_pos"), eye);
     gl.uniform3fv(body.at("shift"), shift);
     gl.uniform1f(body.at("heat_scale"), heat);
-    gl.uniform1f(body.at("inside"), level ? 1 : 0.35);
+    gl.uniform1f(body.at("inside"), isWhole ? 0.35 : 1);
     gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
     if (isOver) {
       gl.enable(gl.BLEND);
       gl.blendEquation(gl.MIN);
       gl.colorMask(false, false, false, false);
-      this.#drawBody(body, number, level, part); // its depth: nothing behind it is printed
+      this.#drawBody(number, faces); // its depth: nothing behind it is printed
       gl.colorMask(true, true, true, true);
       gl.depthFunc(gl.LEQUAL);
     }
-    this.#drawBody(body, number, level, part);
+    this.#drawBody(number, faces);
     gl.depthFunc(gl.LESS);
     gl.disable(gl.BLEND);
     gl.blendEquation(gl.FUNC_ADD);
@@ -557,17 +512,12 @@ export class Painter {
     gl.scissor(clipLeft, bottom - clipTop - clipHeight, Math.max(0, clipWidth), Math.max(0, clipHeight));
   }
 
-  #drawBody(program, number, level, { faces, own }) {
+  #drawBody(number, faces) {
     const gl = this.#gl;
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.#joints);
-    gl.uniform1i(program.at("first_joint"), NUM_JOINTS * number);
-    const body = this.#bodies[number];
-    const drawn = this.#isSlow ? own : faces;
-    gl.bindVertexArray(this.#isSlow ? body.skins.get(level).vertices : body.vertices);
-    if (!this.#indices.has(drawn)) this.#indices.set(drawn, this.#filled(gl.ELEMENT_ARRAY_BUFFER, drawn));
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#indices.get(drawn));
-    gl.drawElements(gl.TRIANGLES, drawn.length, drawn instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT, 0);
+    gl.bindVertexArray(this.#bodies[number].posed);
+    if (!this.#indices.has(faces)) this.#indices.set(faces, this.#filled(gl.ELEMENT_ARRAY_BUFFER, faces));
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#indices.get(faces));
+    gl.drawElements(gl.TRIANGLES, faces.length, faces instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT, 0);
     gl.bindVertexArray(null);
   }
 
@@ -605,29 +555,23 @@ export class Painter {
   }
 }
 
-/** Colours of some of the vertices. */
-function picked(colors, vertices) {
-  const found = new Uint16Array(4 * vertices.length);
-  vertices.forEach((vertex, i) => found.set(colors.subarray(4 * vertex, 4 * vertex + 4), 4 * i));
-  return found;
-}
-
 /** A program and the places of its uniforms. */
 class Program {
   #gl;
   #places = new Map();
 
-  /** Of a vertex and a fragment shader. */
-  constructor(gl, ...sources) {
+  /** `written` are what the vertex shader leaves for another. */
+  constructor(gl, vertices, fragments, written = []) {
     this.#gl = gl;
     this.handle = gl.createProgram();
     for (const [i, kind] of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].entries()) {
       const shader = gl.createShader(kind);
-      gl.shaderSource(shader, sources[i]);
+      gl.shaderSource(shader, [vertices, fragments][i]);
       gl.compileShader(shader);
       gl.attachShader(this.handle, shader);
       gl.deleteShader(shader); // goes with the program
     }
+    gl.transformFeedbackVaryings(this.handle, written, gl.INTERLEAVED_ATTRIBS);
     gl.linkProgram(this.handle);
     if (gl.getProgramParameter(this.handle, gl.LINK_STATUS)) return;
     throw new Error(`This browser's 3D graphics do not work (${gl.getProgramInfoLog(this.handle)}).`);

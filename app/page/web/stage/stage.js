@@ -721,9 +721,9 @@ export class Stage {
     const camera = this.#cameraOf(panel, like, moment, aspect);
     const matrix = lens(camera, aspect, this.#facts.camera);
     const mesh = panel.view ? level.close : level.mesh;
-    const part = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
+    const faces = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
-    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: mesh, part, ground: this.#framing, heat, ...options });
+    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, faces, isWhole: mesh === 0, ground: this.#framing, heat, ...options });
     this.#drawBones(panel, entry, matrix, options);
     if (this.#look.get("hasTrail") && !options.ink && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
   }
@@ -823,7 +823,7 @@ export class Stage {
       const world = entry.shown.world(frame, look);
       const tip = this.#facts.marks.tips[point];
       const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
-      const offset = [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * tip.vertex + k] - this.#mesh.rest[3 * joint + k] : 0));
+      const offset = [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0));
       known.set(frame, [0, 4, 8].map((row) => {
         const m = 12 * joint + row;
         return world[m] * offset[0] + world[m + 1] * offset[1] + world[m + 2] * offset[2] + world[m + 3];
