@@ -37,18 +37,15 @@ def export(
     """
     from app.study.design.plan import read_plan
     from app.study.export import export_study
-    from app.study.make.workspace import ExportOptions
 
     if workers < 1:
         raise RunError(f"--workers must be at least 1; got {workers}.")
     body = body or default_body()
     read = read_plan(plan.absolute())
-    options = ExportOptions(weights, body, workers)
     try:
         with bars() as shown:
-            workspace = export_study(
-                read, out, options, on_progress=partial(shown.show, "draw the videos")
-            )
+            told = partial(shown.show, "draw the videos")
+            workspace = export_study(read, out, weights, body, workers, on_progress=told)
     except KeyboardInterrupt:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."

@@ -43,7 +43,7 @@ def analyse(
         RunError: if the key cannot be used, or nobody is left to analyse.
     """
     from app.study.report.figures import preference_bars, write_pdf
-    from app.study.report.report import Findings, csv_of, latex_table, page_of
+    from app.study.report.report import csv_of, latex_table, page_of
     from app.study.statistics.answers import Collected, collect
     from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
     from app.study.statistics.screening import Screened, screen
@@ -70,7 +70,7 @@ def analyse(
     balance = balance_reached(screened.kept, key)
     everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]
     with_all = analyse_participants(everyone, key) if screened.set_aside else []
-    page = page_of(Findings(key, collected, screened, balance, results, with_all))
+    page = page_of(key, collected, screened, balance, results, with_all)
     battles = battles_of(screened.kept, key)
     with ResultFolder(request.out) as folder:
         folder.path("report.html").write_text(page, "utf-8", errors="replace")  # names of files

@@ -10,12 +10,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
-from app.run.videos.videos import draw_videos, picture_of
+from app.run.videos.videos import PARALLEL_VIDEOS, draw_videos, picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -25,7 +26,7 @@ from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike
-from app.study.make.workspace import ExportOptions, Workspace
+from app.study.make.workspace import Workspace
 from conventions.views import View
 from model.storage.files import file_sha256
 
@@ -42,8 +43,9 @@ class ExportRequest:
 
     plan: Path
     out: Path
-    options: ExportOptions
-    zips: tuple[Path, Path] | None = None
+    weights: Path
+    body: Path | None
+    zips: tuple[Path, Path]
     """Where the participants' part goes as a zip, and the researcher's with the plan."""
 
 
@@ -53,8 +55,7 @@ def export_planned(
     """As `export_study`."""
     made = export_study(
         read_plan(request.plan),
-        request.out,
-        request.options,
+        *(request.out, request.weights, request.body),
         on_progress=Reporter(on_event, should_cancel).share("video"),
         should_cancel=should_cancel,
     )
@@ -63,17 +64,18 @@ def export_planned(
 
 def zipped(made: Workspace, request: ExportRequest) -> Workspace:
     """With the zips that were asked for."""
-    if request.zips is not None:
-        shutil.copyfile(request.plan, made.private / request.plan.name)
-        for folder, out in zip((made.bundle, made.private), request.zips, strict=True):
-            zip_folder(folder, out)
+    shutil.copyfile(request.plan, made.private / request.plan.name)
+    for folder, out in zip((made.bundle, made.private), request.zips, strict=True):
+        zip_folder(folder, out)
     return made
 
 
 def export_study(
     plan: Plan,
     out: Path,
-    options: ExportOptions | None = None,
+    weights: Path = BUNDLED_WEIGHTS,
+    body: Path | None = None,
+    parallel: int = PARALLEL_VIDEOS,
     *,
     on_progress: Callable[[float], None] = lambda fraction: None,
     should_cancel: Callable[[], bool] = lambda: False,
@@ -86,6 +88,8 @@ def export_study(
     that was not.
 
     Args:
+        body: a licensed SMPL-X npz; None is the open body.
+        parallel: videos drawn at once.
         on_progress: called with the share done, 0 to 1.
 
     Raises:
@@ -93,18 +97,19 @@ def export_study(
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
-    options = options or ExportOptions()
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out)
-    made_of = _fingerprint(plan, sources, options)
+    made_of = _fingerprint(plan, sources, weights, body)
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(plan, workspace, options, draw, on_progress, should_cancel)
+        maker = _Maker(
+            *(plan, workspace, weights, body, parallel), draw, on_progress, should_cancel
+        )
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
-        write_records(plan, design, key, sources, options, workspace)
+        write_records(plan, design, key, sources, weights, body, workspace)
         workspace.clean()
         leaks = check_study(out)
     if leaks:
@@ -133,7 +138,9 @@ class _Maker:
 
     plan: Plan
     workspace: Workspace
-    options: ExportOptions
+    weights: Path
+    body: Path | None
+    parallel: int
     draw: Draw
     on_progress: Callable[[float], None]
     should_cancel: Callable[[], bool]
@@ -153,7 +160,8 @@ class _Maker:
         for source in sources:
             clip = source.clip.name
             views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
-            motions = self._motions(source) if views else {}
+            asked = source, self.weights, self.body, self.should_cancel
+            motions = shown_motions(self.plan, *asked) if views else {}
             for view in views:
 
                 def tell(share: float, before: float = done, of: int = source.num_frames) -> None:
@@ -170,10 +178,6 @@ class _Maker:
                 done += source.num_frames
         self.on_progress(1.0)
         return key
-
-    def _motions(self, source: Source) -> dict[str, BodyMotion]:
-        options = self.options
-        return shown_motions(self.plan, source, options.weights, options.body, self.should_cancel)
 
     def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
         """One track for each speech that is heard."""
@@ -222,8 +226,7 @@ class _Maker:
 
         asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
         settings = picture_of(asked, view, crf=0)  # encoded once more
-        body = self.options.body
-        stage = set_stage(get_body(body), list(motions.values()), view, settings.aspect)
+        stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
         streams = {name: path.with_suffix(".h264") for name, path in drawn.items()}
@@ -234,36 +237,36 @@ class _Maker:
 
         self.draw(
             {
-                name: RenderJob(motion, drawn[name], None, settings, body, stage=stage)
+                name: RenderJob(motion, drawn[name], None, settings, self.body, stage=stage)
                 for name, motion in motions.items()
             },
             on_progress=on_progress,
             on_done=encode,
             should_cancel=self.should_cancel,
-            parallel=self.options.parallel,
+            parallel=self.parallel,
         )
         fill_alike(list(streams.values()))
         return streams
 
 
-def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions) -> str:
+def _fingerprint(plan: Plan, sources: tuple[Source, ...], weights: Path, body: Path | None) -> str:
     """Of everything that decides what the study is.
 
     Raises:
         UnknownNameError: if a system or its speaker does not exist.
     """
-    weights = {}
+    sha256s = {}
     for planned in plan.systems:
         if planned.system is not None:
-            system = get_system(planned.system, options.weights)
+            system = get_system(planned.system, weights)
             if planned.speaker is not None:
                 system.speaker_index(planned.speaker)
-            weights[system.name] = list(system.sha256s.values())
+            sha256s[system.name] = list(system.sha256s.values())
     facts = {
         "plan": asdict(plan),
         "files": {source.clip.name: dict(source.files) for source in sources},
-        "weights": weights,
-        "body": file_sha256(options.body) if options.body else None,
+        "weights": sha256s,
+        "body": file_sha256(body) if body else None,
     }
     # Where files lie may change from run to run; what they hold is among the facts.
     text = json.dumps(facts, sort_keys=True, default=lambda path: path.name)

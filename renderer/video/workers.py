@@ -6,31 +6,36 @@ job, unless one failed in it.
 """
 
 import os
+import sys
 import time
 from collections.abc import Callable, Hashable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import UInt8
 
 from conventions.views import LOOKS
-from processes.child import Child, Gone
+from processes.child import Child, Gone, parent_channel
 from processes.ended import Ended
 from processes.job import Cancelled
-from renderer.body.body import BodyMotion
+from renderer.body.body import BodyMotion, load_body
+from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import Stage
-from renderer.video.encoder import partial_path
+from renderer.video.encoder import VideoError, VideoWriter, partial_path
 from renderer.video.marks import Marks
-from renderer.video.render import RenderSettings
+from renderer.video.render import RenderSettings, check_frames, draw_frames, stacked
 
 PARALLEL_JOBS = 2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """The pictures are drawn by the driver's threads; numpy's would only get in their way."""
 _POLL_S = 0.05
+_KNOWN_ERRORS = (BodyError, GLError, ValueError, VideoError)
+"""Each holds one sentence."""
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -91,10 +96,10 @@ def draw_jobs(
                 raise Cancelled("Rendering was cancelled.")
             at_once = last if len(jobs) - len(done) <= last else parallel
             while waiting and len(busy) < at_once:
-                job = _decided(jobs[waiting[0]])
-                worker = _taken(idle, job) or _Worker(job)
-                busy[waiting.pop(0)] = worker
-                worker.begin(job)
+                worker = next((each for each in idle if each.is_alive()), None) or _Worker()
+                idle = [each for each in idle if each is not worker]
+                busy[waiting[0]] = worker
+                worker.begin(_decided(jobs[waiting.pop(0)]))
             for name, worker in [*busy.items()]:
                 shares[name] = worker.share()
                 if worker.stills is not None:
@@ -112,50 +117,31 @@ def draw_jobs(
 
 def _decided(job: RenderJob) -> RenderJob:
     """The job with nothing left to decide, for a process in another folder."""
-
-    def absolute(path: Path | None) -> Path | None:
-        return None if path is None else path.absolute()
-
     # Asked here, where the answer is kept: each new process would have to try the drivers again.
     backend = job.settings.backend or choose_backend()
+    paths = {"out": job.out, "speech_wav": job.speech_wav, "body_path": job.body_path}
     return replace(
         job,
-        out=absolute(job.out),
-        speech_wav=absolute(job.speech_wav),
-        body_path=absolute(job.body_path),
         settings=replace(job.settings, backend=backend),
+        **{name: path and path.absolute() for name, path in paths.items()},
     )
 
 
-def _taken(idle: "list[_Worker]", job: RenderJob) -> "_Worker | None":
-    """One that waits; those that died meanwhile, or loaded another backend, are closed."""
-    while idle:
-        worker = idle.pop()
-        if worker.is_alive() and worker.backend == job.settings.backend:
-            return worker
-        worker.close()
-    return None
-
-
 class _Worker:
-    """A process that draws through one backend, as its parent sees it: jobs go in, one by one."""
+    """A process that draws, as its parent sees it: jobs go in, one by one."""
 
-    def __init__(self, job: RenderJob) -> None:
-        """
-        Args:
-            job: the first that it will get, of all the same backend.
-        """
-        self.backend = job.settings.backend
+    def __init__(self) -> None:
         self.stills: UInt8[np.ndarray, "N H W C"] | None = None
         """Of the job, once it is done."""
-        self._job, self._share = job, 0.0
-        self._child = Child("renderer.video.worker_child", environment=_ONE_THREAD)
+        self._out: Path | None = None
+        self._share = 0.0
+        self._child = Child("renderer.video.workers", environment=_ONE_THREAD)
 
     def is_alive(self) -> bool:
         return self._child.is_alive()
 
     def begin(self, job: RenderJob) -> None:
-        self._job, self._share, self.stills = job, 0.0, None
+        self._out, self._share, self.stills = job.out, 0.0, None
         self._child.forget()
         self._child.send(job)
 
@@ -183,8 +169,8 @@ class _Worker:
     def close(self) -> None:
         """Leave nothing behind: no process, no pipe, no partial file."""
         self._child.end()
-        if self._job.out is not None:
-            partial_path(self._job.out, self._child.pid).unlink(missing_ok=True)
+        if self._out is not None:
+            partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
 
 def failure(ended: Ended) -> RuntimeError:
@@ -196,3 +182,50 @@ def failure(ended: Ended) -> RuntimeError:
         "This is most likely the OpenGL driver.",
     )
     return GLError(told) if ended.signal is not None else RuntimeError(told)
+
+
+def main() -> int:
+    """In the child: take jobs, do them, and tell of each ``(kind, value)``: share, done with the
+    stills, failed."""
+    channel, _ = parent_channel()
+
+    def tell(kind: str, value: Any) -> None:
+        try:
+            channel.send((kind, value))
+        except OSError:
+            sys.exit()  # nobody wants the rest; no half-written file stays
+
+    while True:
+        try:
+            job = channel.recv()
+        except (EOFError, OSError):
+            return 0
+        try:
+            tell("done", _done(job, lambda share: tell("share", share)))
+        except _KNOWN_ERRORS as error:
+            tell("failed", error)
+
+
+def _done(job: RenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N H W C"]:
+    """Do a job. Memory does not grow with the length of a video: each frame is drawn and encoded
+    before the next."""
+    body, settings = load_body(job.body_path, job.look), job.settings
+    check_frames(job.still_frames, job.motion)
+    looks = body, job.motion, settings, job.stage, job.marks
+    if job.out is None:
+        return stacked(map(np.copy, draw_frames(*looks, job.still_frames)), settings)
+    count, stills = job.motion.num_frames, {}
+    with (
+        closing(draw_frames(*looks)) as pictures,
+        VideoWriter(job.out, *settings.picture_size, count, job.speech_wav, settings.crf) as video,
+    ):
+        for index, picture in enumerate(pictures):
+            video.write(picture)
+            if index in job.still_frames:
+                stills[index] = picture.copy()
+            tell((index + 1) / count)
+    return stacked((stills[frame] for frame in job.still_frames), settings)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -218,7 +218,7 @@ def served(
 def _of_noise(request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
-    asked = (request.out, request.options)
+    asked = (request.out, request.weights, request.body)
     made = export_study(plan, *asked, should_cancel=should_cancel, draw=draw_noise)
     return zipped(made, request)
 

@@ -29,7 +29,6 @@ from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
 from app.study.export import ExportRequest, export_planned
-from app.study.make.workspace import ExportOptions
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
@@ -369,8 +368,9 @@ class StudyRunner(TabRunner):
             plan = Path(shutil.copyfile(plan, work / plan.name))
             collect_files((*told["speeches"], *told["motions"]), work)
             bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
-            options = ExportOptions(config.weights, config.body)
-            asked = ExportRequest(plan, work / "study", options, (bundle, key))
+            asked = ExportRequest(
+                *(plan, work / "study", config.weights, config.body), (bundle, key)
+            )
             line = "Making the videos: {share:.0%}"
             study = yield from self.done(job, export_planned, asked, line)
             pages = Path(shutil.move(study.bundle, job.folder / "bundle"))

@@ -23,7 +23,7 @@ from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.trials import Design, measure_balance, size_of
 from app.study.make import media
 from app.study.make.motions import Source
-from app.study.make.workspace import ExportOptions, Workspace
+from app.study.make.workspace import Workspace
 from model.storage.harmless import csv_text, markdown
 
 SITE = Path(__file__).with_name("site")
@@ -112,7 +112,8 @@ def write_records(
     design: Design,
     key: Key,
     sources: Sequence[Source],
-    options: ExportOptions,
+    weights: Path,
+    body: Path | None,
     workspace: Workspace,
 ) -> None:
     """Write what the researcher keeps besides the key."""
@@ -142,7 +143,7 @@ def write_records(
     }
     private = workspace.private
     workspace.write_json(private / "manifest.json", manifest)
-    workspace.write_json(private / "provenance.json", _provenance(plan, sources, options))
+    workspace.write_json(private / "provenance.json", _provenance(plan, sources, weights, body))
     about = {
         "plan": plan,
         "balance": balance,
@@ -158,14 +159,16 @@ def write_records(
         workspace.write_text(private / "adapters" / "genea" / name, table)
 
 
-def _provenance(plan: Plan, sources: Sequence[Source], options: ExportOptions) -> dict[str, Any]:
+def _provenance(
+    plan: Plan, sources: Sequence[Source], weights: Path, body: Path | None
+) -> dict[str, Any]:
+    drawn = get_body(body)
     names = {system.system for system in plan.systems if system.system is not None}
-    body = get_body(options.body)
     settings = ("system", "seed", "speaker", "steps", "sampler", "post_filter", "style")
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": versions(),
-        "weights": describe_systems([get_system(name, options.weights) for name in sorted(names)]),
+        "weights": describe_systems([get_system(name, weights) for name in sorted(names)]),
         "systems": {
             system.name: {
                 "generator": {name: asdict(system)[name] for name in settings}
@@ -178,8 +181,8 @@ def _provenance(plan: Plan, sources: Sequence[Source], options: ExportOptions) -
         },
         "files_sha256": {source.clip.name: dict(source.files) for source in sources},
         "drawing": {
-            "body": body.name,
-            "body_sha256": body.sha256,
+            "body": drawn.name,
+            "body_sha256": drawn.sha256,
             "views": list(plan.views),
             "size": plan.size,
             "face": plan.face,

@@ -4,25 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.run.videos.videos import PARALLEL_VIDEOS
 from model.storage.files import written_atomically
-
-
-@dataclass(frozen=True)
-class ExportOptions:
-    """What does not change what the study is."""
-
-    weights: Path = BUNDLED_WEIGHTS
-    body: Path | None = None
-    """A licensed SMPL-X npz; None is the open body."""
-    parallel: int = PARALLEL_VIDEOS
-    """Videos drawn at once."""
 
 
 class Workspace:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,23 +33,16 @@ BALANCED_WITHIN = 0.05
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
-@dataclass(frozen=True)
-class Findings:
-    """Everything that a report tells."""
-
-    key: Key
-    collected: Collected
-    screened: Screened
-    balance: BalanceReached
-    results: Sequence[QuestionResult]
-    results_with_all: Sequence[QuestionResult] = ()
-    """Of those set aside too; empty where there are none."""
-
-
-def page_of(findings: Findings) -> str:
-    """The whole page."""
-    template = templates().get_template("report.html.j2")
-    return template.render(**vars(findings))
+def page_of(
+    key: Key,
+    collected: Collected,
+    screened: Screened,
+    balance: BalanceReached,
+    results: Sequence[QuestionResult],
+    results_with_all: Sequence[QuestionResult],
+) -> str:
+    """The whole page; ``results_with_all`` are those with who was set aside, if anyone was."""
+    return templates().get_template("report.html.j2").render(**locals())
 
 
 @functools.cache
@@ -90,12 +83,6 @@ def _shown(value: object) -> object:
     if isinstance(value, str) and not isinstance(value, Markup):
         return NO_BREAK.join(map(printable, value.split(NO_BREAK)))
     return value
-
-
-def say(sentence: str, *about: Any) -> str:
-    """One of the sentences of the report."""
-    template = templates().get_template("sentences.j2")
-    return str(getattr(template.module, sentence)(*about))
 
 
 def percent(share: float) -> str:

@@ -37,7 +37,7 @@ def drawing_children() -> Callable[[], list[str]]:
         return [
             line
             for line in told.splitlines()
-            if "renderer.video.worker_child" in line and not line.startswith("Z")
+            if "renderer.video.workers" in line and not line.startswith("Z")
         ]
 
     return found

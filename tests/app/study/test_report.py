@@ -14,7 +14,7 @@ import pytest
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
-from app.study.report.report import NO_BREAK, headline, p_value, percent, say
+from app.study.report.report import NO_BREAK, headline, p_value, percent, templates
 from app.study.simulate import ALIKE, RaterModel, made_answers
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.shares import Number, share_numbers, smallest_share_detected
@@ -162,6 +162,11 @@ def pair_of(wins: int, losses: int, ties: int = 0, *names: str) -> Number:
     votes = made_votes([(rater, "l", "r", value) for rater, value in enumerate(score)])
     found, *_ = share_numbers("share", votes, *(names or ("local", "global")))
     return replace(found, p_holm=found.p)
+
+
+def say(sentence: str, *about: object) -> str:
+    """One of the sentences of the report."""
+    return str(getattr(templates().get_template("sentences.j2").module, sentence)(*about))
 
 
 def plain(sentence: str) -> str:

@@ -42,7 +42,7 @@ def children_of(process_id: int) -> list[int]:
             command = (entry / "cmdline").read_bytes()
         except OSError:  # it has just ended
             continue
-        if int(parent) == process_id and b"renderer.video.worker_child" in command.split(b"\0"):
+        if int(parent) == process_id and b"renderer.video.workers" in command.split(b"\0"):
             found.append(int(entry.name))
     return found
 
@@ -114,7 +114,9 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
                 frames = np.stack(
                     [each.to_ndarray(format="rgb24") for each in file.decode(video=0)]
                 )
-            distance = np.abs(np.int16(frames)[:, None] - pictures[None]).mean(axis=(2, 3, 4))
+            distance = np.abs(np.array(frames, np.int16)[:, None] - pictures[None]).mean(
+                axis=(2, 3, 4)
+            )
             assert distance.argmin(axis=1).tolist() == list(range(8))
     for name in ("s.wav", "0.mp4", "1.mp4"):
         (tmp_path / name).unlink()
