@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from math import floor, isfinite, log, log10
-from typing import TYPE_CHECKING
+from math import floor, log, log10
 
 from conventions.joints import TIP_VERTICES
-from conventions.names import VERSIONS, SampleName
-
-if TYPE_CHECKING:
-    from conventions.names import Version
-    from model.diagnostics import Diagnostics, Versions
-    from model.measures.results import Measures
+from conventions.names import REFERENCE_NAME, SampleName, short_names
 
 ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""
 
-SMOOTHED = "After Savitzky-Golay smoothing"
-"""Of `model.motion.altered`, as the official code does it."""
-
-Read = Callable[["Measures"], float | None]
-"""Takes one number out of the measures of a motion."""
 Samples = dict[int, float]
-"""Number of a sample, from 1, to its value."""
+"""Number of a sample, or of a clip, from 1, to its value."""
+Table = Mapping[str, Mapping[str, Samples]]
+"""By the key of a measure, what each system has, and the reference."""
 
 
 @dataclass(frozen=True)
@@ -59,25 +50,22 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
     return systems
 
 
-def values_by_system(diagnostics: Diagnostics, read: Read, kind: Version) -> dict[str, Samples]:
-    """One number of each sample of each system; systems that have no such number are left
-    out."""
-    found: dict[str, Samples] = {}
-    for system, samples in samples_by_system(diagnostics.systems).items():
-        values = {
-            number: number_of(diagnostics.systems[name], read, kind)
-            for number, name in samples.items()
-        }
-        known = {number: value for number, value in values.items() if value is not None}
-        if known:
-            found[system] = known
+def by_measure(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
+    """Each measure of the samples of one clip; of several clips a value of each, the mean of its
+    samples.
+
+    Args:
+        clips: by motion and the key of a measure.
+    """
+    clips = list(clips)
+    found: dict[str, dict[str, Samples]] = {}
+    for number, clip in enumerate(clips, 1):
+        for system, samples in samples_by_system(clip).items():
+            for key in dict.fromkeys(key for name in samples.values() for key in clip[name]):
+                of = {n: clip[name][key] for n, name in samples.items() if key in clip[name]}
+                of_clip = of if len(clips) == 1 else {number: mean(of)}
+                found.setdefault(key, {}).setdefault(system, {}).update(of_clip)
     return found
-
-
-def number_of(versions: Versions | None, read: Read, kind: Version) -> float | None:
-    """One number, or None where it was not measured."""
-    value = None if versions is None else read(versions.of(kind))
-    return value if value is not None and isfinite(value) else None
 
 
 def mean(samples: Samples) -> float:
@@ -100,21 +88,17 @@ def ratio_of(above: Samples, below: Samples) -> Ratio | None:
     return Ratio(interval.mean, len(shared), interval.low, interval.high)
 
 
-def told_of(values: Mapping[str, Samples], reference: float | None) -> str:
+def told_of(values: Mapping[str, Samples]) -> str:
     """Each system's mean: a 1, b 2; reference 3."""
-    told = ", ".join(f"{system} {plain(mean(each))}" for system, each in values.items())
-    return told if reference is None else f"{told}; reference {plain(reference)}"
+    means = {name: plain(mean(each)) for name, each in values.items()}
+    reference = means.pop(REFERENCE_NAME, None)
+    told = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
+    return told if reference is None else f"{told}; {REFERENCE_NAME} {reference}"
 
 
-def numbers_told(diagnostics: Diagnostics, read: Read, noun: str) -> str:
-    """One number of each system and of the reference, as generated and smoothed; empty where none
-    was measured."""
-    lines: list[str] = []
-    for kind, start in zip(VERSIONS, (noun, SMOOTHED), strict=True):
-        if values := values_by_system(diagnostics, read, kind):
-            reference = number_of(diagnostics.reference, read, kind)
-            lines.append(f"{start}: {told_of(values, reference)}.")
-    return " ".join(lines)
+def kinds_told(kinds: Iterable[str]) -> str:
+    """Kinds of findings, in words."""
+    return ", ".join(kinds).replace("_", " ")
 
 
 def plain(value: float) -> str:

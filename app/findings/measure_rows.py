@@ -137,7 +137,8 @@ MEASURES = (
 )  # fmt: skip
 
 
-JERK = "Followed point: Jerk"
+JERK, SPEED = "Followed point: Jerk", "Followed point: Speed"
+FAST_POWER, SEAMS = "Followed point: Power above 5 Hz", "All joints: Peak jerk at joins"
 Numbers = Mapping[Version, Mapping[str, float]]
 """Of one motion by filter and the key of a measure, as ``run.json`` has them."""
 

@@ -8,40 +8,26 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from app.findings.comparison import (
+    Table,
+    by_measure,
     mean,
-    number_of,
-    numbers_told,
     plain,
     point_title,
     samples_by_system,
     told_of,
-    values_by_system,
 )
-from conventions.names import REFERENCE_NAME, listed, short_names
+from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of
+from conventions.names import REFERENCE_NAME, VERSIONS, Version, listed, short_names
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, Versions
-    from model.measures.results import Measures
 
+SMOOTHED = "After Savitzky-Golay smoothing"
+"""Of `model.motion.altered`, as the official code does it."""
 SEAM_STANDS_OUT = 1.5
 """From so many times the reference's ratio on, or 1 where that is less, joins are told to stand
 out. A clip has few joins, so chance decides much: a recorded one, which has none, gave 0.7."""
 SMALL_SHARE = 0.05
-
-
-def jerk_of(measures: Measures) -> float:
-    """Of the followed point."""
-    return measures.point.tip_jerk_m_s3
-
-
-def seams_of(measures: Measures) -> float:
-    """How far the joins of windows stand out."""
-    return measures.seams.seam_jerk_ratio
-
-
-def fast_power_of(measures: Measures) -> float:
-    """Of the followed point, in percent."""
-    return 100 * measures.point.tip_velocity_power_above_5hz
 
 
 def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
@@ -52,81 +38,96 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     diagnostics = replace(diagnostics, systems=systems)
-    point = point_title(diagnostics.point)
+    of_all = _with_reference(diagnostics)
+    tables: dict[Version, Table] = {
+        kind: by_measure([{name: numbers_of(each.of(kind)) for name, each in of_all.items()}])
+        for kind in VERSIONS
+    }
+    point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None
     return {
-        "trajectory": numbers_told(diagnostics, jerk_of, f"{point} jerk in m/s³"),
+        "trajectory": _both(tables, JERK, f"{point} jerk in m/s³"),
         "depth": _depth(diagnostics),
-        "spectrum": numbers_told(diagnostics, fast_power_of, f"{point} power above 5 Hz in %"),
+        "spectrum": _both(tables, FAST_POWER, f"{point} power above 5 Hz in %"),
         "attribution": _attribution(diagnostics),
-        "seams": _periods(diagnostics) if diagnostics.windows is None else _seams(diagnostics),
+        "seams": _seams(diagnostics, tables["raw"]) if is_cut else _periods(diagnostics),
         "beats": _beats(diagnostics),
         "step": _step(diagnostics),
     }
 
 
+def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
+    """One number of each system and of the reference, as generated and smoothed; empty where none
+    was measured."""
+    told = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
+    return " ".join(
+        f"{start}: {told_of(values)}."
+        for start, values in told.items()
+        if values.keys() - {REFERENCE_NAME}
+    )
+
+
 def _depth(diagnostics: Diagnostics) -> str:
     """How jerk grows along the chain."""
-    root = values_by_system(diagnostics, lambda m: m.positions.jerk_by_depth_m_s3[0], "raw")
-    tips = values_by_system(diagnostics, lambda m: m.positions.jerk_by_depth_m_s3[-1], "raw")
-    told = [f"{name} {plain(mean(root[name]))} to {plain(mean(tips[name]))}" for name in tips]
+    told = []
+    for system, samples in samples_by_system(diagnostics.systems).items():
+        found = [diagnostics.systems[name].raw.positions for name in samples.values()]
+        root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
+        if isfinite(root + tips):
+            told.append(f"{system} {plain(root)} to {plain(tips)}")
     ends = "from the pelvis to the last finger joints"
     return f"Jerk of the joints in m/s³, {ends}: {', '.join(told)}." if told else ""
 
 
 def _attribution(diagnostics: Diagnostics) -> str:
     """The joint of each system whose smoothing takes most jerk from the point."""
-    told = []
+    told, without = [], []
     for system, samples in samples_by_system(diagnostics.systems).items():
-        shares = _mean_shares([diagnostics.systems[name].raw for name in samples.values()])
-        if not shares:
-            continue
-        joint = max(shares, key=lambda name: shares[name])
-        if shares[joint] < SMALL_SHARE:
-            told.append(f"of {system} none stands out")
-        else:
-            share = plain(100 * shares[joint])
-            told.append(f"of {system} the {joint.replace('_', ' ')} ({share} %)")
+        shares: dict[str, list[float]] = {}
+        for name in samples.values():
+            found = diagnostics.systems[name].raw.point.tip_jerk_attribution
+            for joint, share in zip(found.joints, found.share.tolist(), strict=True):
+                if isfinite(share):
+                    shares.setdefault(joint, []).append(share)
+        means = {joint: sum(each) / len(each) for joint, each in shares.items()}
+        joint = max(means, key=lambda name: means[name], default="")
+        if joint and means[joint] >= SMALL_SHARE:
+            share = plain(100 * means[joint])
+            told.append(f"in {system} the {point_title(joint).lower()} ({share} % less jerk)")
+        elif joint:
+            without.append(system)
     point = point_title(diagnostics.point).lower()
-    start = f"The joint whose smoothing alone takes most jerk from the {point}"
-    return f"{start}: {', '.join(told)}." if told else ""
+    few = f"in {listed(without)} no single joint helps" if without else ""
+    start = f"To calm the {point} by smoothing one joint alone, smooth"
+    if not told:
+        return f"{few.capitalize()} to calm the {point} by being smoothed." if few else ""
+    return f"{start} {listed(told)}{f'; {few}' if few else ''}."
 
 
-def _mean_shares(samples: list[Measures]) -> dict[str, float]:
-    """Joint to its share, mean over the samples that have one."""
-    found: dict[str, list[float]] = {}
-    for raw in samples:
-        attribution = raw.point.tip_jerk_attribution
-        for joint, share in zip(attribution.joints, attribution.share.tolist(), strict=True):
-            if isfinite(share):
-                found.setdefault(joint, []).append(share)
-    return {joint: sum(shares) / len(shares) for joint, shares in found.items()}
-
-
-def _seams(diagnostics: Diagnostics) -> str:
+def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     """How far the joins of windows stand out."""
-    raw = values_by_system(diagnostics, seams_of, "raw")
-    if not raw or diagnostics.windows is None:
+    values = raw.get(SEAMS, {})
+    systems = values.keys() - {REFERENCE_NAME}
+    if not systems or diagnostics.windows is None:
         return ""
-    reference = number_of(diagnostics.reference, seams_of, "raw")
-    limit = SEAM_STANDS_OUT * max(1.0, reference or 0.0)
-    out = [system for system, samples in raw.items() if mean(samples) > limit]
+    limit = SEAM_STANDS_OUT * max(1.0, mean(values.get(REFERENCE_NAME, {1: 1.0})))
+    out = [name for name, each in values.items() if name in systems and mean(each) > limit]
     return (
         f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, over that"
-        f" elsewhere: {told_of(raw, reference)}."
-        f" {f'Joins of {listed(out)}' if out else 'No joins'} stand out."
+        f" elsewhere: {told_of(values)}. {f'Joins of {listed(out)}' if out else 'No joins'} stand"
+        " out."
     )
 
 
 def _periods(diagnostics: Diagnostics) -> str:
     """What was found where nobody says how motions were cut."""
     told = [
-        f"that of {name} every {period.frames} frames, most in the {period.part}"
+        f"in {name} every {period.frames} frames, most in the {period.part}"
         for name, versions in diagnostics.systems.items()
         if (period := versions.raw.seams.period) is not None
     ]
     if not told:
-        return "Jerk comes again after no number of frames, 2 to 240 were tried."
-    return f"Jerk comes again: {'; '.join(told)}."
+        return "No jerk that repeats every 2 to 240 frames, as it does where windows are joined."
+    return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
 
 
 def _with_reference(diagnostics: Diagnostics) -> Mapping[str, Versions]:

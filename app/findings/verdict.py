@@ -3,34 +3,28 @@ say more."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 from app.findings.comparison import (
     ALIKE,
     Ratio,
-    Samples,
+    Table,
+    by_measure,
     mean,
-    number_of,
     plain,
     point_title,
     ratio_of,
-    samples_by_system,
     told_of,
 )
-from app.findings.measure_rows import JERK, MEASURES, Numbers, numbers_of
-from app.findings.sentences import jerk_of
+from app.findings.measure_rows import JERK, MEASURES, SPEED, Numbers
 from conventions.names import REFERENCE_NAME, listed, short_names
 from model.systems.registry import families
 
 if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
     from model.generation.family import Claim
 
-Read = Callable[[str], Mapping[str, Samples]]
-"""Gives one measure of each system, by its key."""
 MORE_IS_WORSE = (
     *("All joints: Rotation noise", "All joints: Peak jerk at joins"),
     *("Feet: Slide on the ground", "Hands: Fingers beyond range"),
@@ -38,6 +32,9 @@ MORE_IS_WORSE = (
 """Of `MEASURES`, whatever people have."""
 ENOUGH_CLIPS = 10
 """With fewer, an interval over clips is too wide to tell systems apart that differ by a tenth."""
+CALM = 0.8
+"""Under this share of the reference's jerk a motion is told to be calmer, and under this share of
+its speed, by which jerk falls too, to move less."""
 
 
 @dataclass(frozen=True)
@@ -54,89 +51,44 @@ class Verdict:
         return f"{self.numbers} {self.judgement}".strip()
 
 
-def verdict_of(diagnostics: Diagnostics, is_made: bool = True) -> Verdict | None:
-    """The verdict on a run, from the motion as generated; None where no jerk was measured.
-
-    Args:
-        is_made: by systems, whose claims and trainings are told of.
-    """
-    told = {name: numbers_of(versions.raw) for name, versions in diagnostics.systems.items()}
-    reference = number_of(diagnostics.reference, jerk_of, "raw")
-    is_known = any(JERK in numbers for numbers in told.values())
-    read = partial(_samples, told)
-    return _verdict(diagnostics.point, read, reference, is_made=is_made) if is_known else None
-
-
-def _samples(told: Mapping[str, Mapping[str, float]], key: str) -> dict[str, Samples]:
-    """One measure of each system's samples."""
-    known = {name: numbers[key] for name, numbers in told.items() if key in numbers}
-    systems = samples_by_system(known).items()
-    return {name: {n: known[each] for n, each in samples.items()} for name, samples in systems}
-
-
-def over_clips(clips: Iterable[Mapping[str, Numbers]], key: str = JERK) -> dict[str, Samples]:
-    """One measure, as generated, of each system and of the reference, by the number of the clip: of
-    a clip's samples the mean.
+def verdict_of(
+    point: str, clips: Sequence[Mapping[str, Numbers]], is_made: bool = True
+) -> Verdict | None:
+    """The verdict on a run from the motion as generated, or on several clips with its intervals
+    over them; None where no jerk was measured, or of several clips only one's.
 
     Args:
         clips: what was measured of each, by motion, as ``run.json`` has it.
+        is_made: by systems, whose claims and trainings are told of.
     """
-    found: dict[str, Samples] = {}
-    for number, clip in enumerate(clips, 1):
-        for system, samples in _samples(
-            {name: of["raw"] for name, of in clip.items()}, key
-        ).items():
-            found.setdefault(system, {})[number] = mean(samples)
-    return found
-
-
-def verdict_over_clips(point: str, clips: Sequence[Mapping[str, Numbers]]) -> Verdict | None:
-    """The verdict with its intervals over clips, as of `over_clips`; None where fewer than two were
-    measured."""
-    jerk = over_clips(clips)
-    reference = mean(jerk[REFERENCE_NAME]) if REFERENCE_NAME in jerk else None
-    count = max((len(of) for name, of in jerk.items() if name != REFERENCE_NAME), default=0)
-
-    def read(key: str) -> dict[str, Samples]:
-        return {name: of for name, of in over_clips(clips, key).items() if name != REFERENCE_NAME}
-
-    return _verdict(point, read, reference, count) if count > 1 else None
-
-
-def _verdict(
-    point: str,
-    read: Read,
-    reference: float | None,
-    clips: int = 1,
-    is_made: bool = True,
-) -> Verdict:
-    """
-    Args:
-        read: one measure of the systems; of several clips a value for each, else for each sample.
-    """
-    jerk = read(JERK)
-    names = short_names(jerk)
-    samples = max(map(len, jerk.values()))
-    drawn = f"{samples} samples" if clips == 1 else f"{clips} clips"
-    over = f", mean over {drawn}" if max(clips, samples) > 1 else ""
-    told = told_of({names[name]: values for name, values in jerk.items()}, reference)
-    numbers = f"{point_title(point)} jerk in m/s³{over}: {told}."
-    if len(jerk) < 2:
-        return Verdict(numbers, "")
-    here = "On this clip" if clips == 1 else f"Over {clips} clips"
+    table = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)
+    jerk = table.get(JERK, {})
+    systems = [name for name in jerk if name != REFERENCE_NAME]
+    count = max((len(jerk[name]) for name in systems), default=0)
+    if count < min(len(clips), 2):
+        return None
+    names = short_names(systems)
+    drawn = f"{count} samples" if len(clips) == 1 else f"{count} clips"
+    over = f", mean over {drawn}" if count > 1 else ""
+    numbers = f"{point_title(point)} jerk in m/s³{over}: {told_of(jerk)}."
+    calmer = _calmer(table, names)
+    if len(names) < 2:
+        return Verdict(numbers, " ".join(calmer))
+    here = "On this clip" if len(clips) == 1 else f"Over {count} clips"
     claims = [family.claim for family in families() if family.claim is not None]
-    sentences = [sentence for claim in claims for sentence in _ladder(claim, read, names, here)]
+    sentences = [sentence for claim in claims for sentence in _ladder(claim, table, names, here)]
     if not sentences:
-        order = sorted(jerk, key=lambda name: mean(jerk[name]))
+        order = sorted(names, key=lambda name: mean(jerk[name]))
         change = _change(ratio_of(jerk[order[0]], jerk[order[-1]]))
         sentences = [f"From {names[order[-1]]}, which jerks most, to {names[order[0]]} {change}."]
-    return Verdict(numbers, " ".join([*sentences, _needed(samples, clips, is_made)]))
+    worth = _needed(count, len(clips), is_made)
+    return Verdict(numbers, " ".join([*sentences, *calmer, worth]))
 
 
-def _ladder(claim: Claim, read: Read, names: Mapping[str, str], here: str) -> list[str]:
+def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> list[str]:
     """The way through the claim's systems: what the first step gains, in what it is worse, and
     whether what is added after it gains more."""
-    jerk = read(JERK)
+    jerk = table[JERK]
     rungs = [name for name in (claim.plain, *claim.less) if name in jerk]
     if not rungs:
         return []
@@ -144,12 +96,15 @@ def _ladder(claim: Claim, read: Read, names: Mapping[str, str], here: str) -> li
     if claim.more in jerk:
         ratio = ratio_of(jerk[base], jerk[claim.more])
         shows = "shows" if _is_calmer(ratio) else "does not show"
+        which = "" if base == claim.plain else f", which has {claim.what} too,"
         sentences.append(
-            f"{here} the paper's claim, that {claim.sentence}, {shows}: from "
-            f"{names[claim.more]} to {names[base]} {_change(ratio)}."
+            f"{here} the paper's claim, that {claim.what} jerk less than {claim.than}, {shows}: "
+            f"from {names[claim.more]} to {names[base]}{which} {_change(ratio)}."
         )
-        if worse := _worse(read, base, claim.more):
-            sentences.append(f"{names[base].capitalize()} is worse in {listed(worse)}.")
+        if worse := _worse(table, base, claim.more):
+            sentences.append(
+                f"{names[base].capitalize()} is worse than {names[claim.more]} in {listed(worse)}."
+            )
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
@@ -166,11 +121,11 @@ def _ladder(claim: Claim, read: Read, names: Mapping[str, str], here: str) -> li
     return sentences
 
 
-def _worse(read: Read, system: str, other: str) -> list[str]:
+def _worse(table: Table, system: str, other: str) -> list[str]:
     """In which measures a system has more than another of what nobody wants, and not by chance."""
     found = []
     for row in (each for each in MEASURES if each.key in MORE_IS_WORSE):
-        values = read(row.key)
+        values = table.get(row.key, {})
         if not {system, other} <= values.keys():
             continue
         ratio = ratio_of(values[system], values[other])
@@ -178,6 +133,23 @@ def _worse(read: Read, system: str, other: str) -> list[str]:
             numbers = " against ".join(plain(mean(values[name])) for name in (system, other))
             found.append(f"{row.title.lower()} ({numbers} {row.unit})")
     return found
+
+
+def _calmer(table: Table, names: Mapping[str, str]) -> list[str]:
+    """Which systems jerk much less than the reference, and whether they only move less."""
+
+    def share(name: str, key: str) -> float:
+        own, recorded = (table.get(key, {}).get(each, {}) for each in (name, REFERENCE_NAME))
+        return mean(own) / mean(recorded) if own and recorded and mean(recorded) > 0 else 1.0
+
+    told = []
+    for name, label in names.items():
+        if (jerk := share(name, JERK)) < CALM:
+            speed = share(name, SPEED)
+            how = "moves less, may be damped" if speed < CALM else "smooth, not damped"
+            shares = f"{plain(jerk)} times its jerk at {plain(speed)} times its speed"
+            told.append(f"{label} ({shares}: {how})")
+    return [f"Calmer than the reference: {listed(told)}."] if told else []
 
 
 def _change(ratio: Ratio | None) -> str:
@@ -205,14 +177,13 @@ def _is_calmer(ratio: Ratio | None) -> bool:
     return ratio is not None and ratio.value <= 1.0 / ALIKE and not ratio.is_open
 
 
-def _needed(samples: int, clips: int, is_made: bool) -> str:
-    """What a comparison is worth."""
+def _needed(count: int, clips: int, is_made: bool) -> str:
+    """What a comparison of so many clips, or samples of one, is worth."""
     if not is_made:
         return "One clip is an example, no evidence."
-    seen = f"{clips} clips" if clips > 1 else "One clip, "
-    if clips == 1:
-        seen += "one sample" if samples == 1 else f"{samples} samples"
-    if clips >= ENOUGH_CLIPS:
+    samples = "one sample" if count == 1 else f"{count} samples"
+    seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
+    if clips > 1 and count >= ENOUGH_CLIPS:
         return f"{seen} and one training of each: other trainings may give other numbers."
     return (
         f"{seen} and one training of each: an example, no evidence. A claim takes {ENOUGH_CLIPS} "

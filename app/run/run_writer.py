@@ -324,7 +324,7 @@ class RunWriter(Reporter):
             for name, versions in list(of_all.items())[:MAX_ROWS]
         }
         record.findings = findings_told(diagnostics.findings)
-        verdict = verdict_of(diagnostics, is_made)
+        verdict = verdict_of(record.point, [record.numbers], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = ToldVerdict(
                 numbers=cut(verdict.numbers), judgement=cut(verdict.judgement)

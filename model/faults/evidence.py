@@ -120,8 +120,8 @@ def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """The findings of several motions with their names: the worst motion first, by all that is
-    found in it together, each with its gravest first."""
+    """The findings of several motions with their names: of each its gravest, the worst motion
+    first, by all that is found in it together; then all others, motion by motion."""
 
     def badness(found: Sequence[Finding]) -> tuple[int, float]:
         return sum(each.gravity == WRONG for each in found), sum(
@@ -129,7 +129,13 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
         )
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
-    return [(name, finding) for name in order for finding in by_gravity(findings[name])]
+    told = [(name, by_gravity(findings[name])) for name in order]
+    return [
+        (name, finding)
+        for part in (slice(1), slice(1, None))
+        for name, found in told
+        for finding in found[part]
+    ]
 
 
 def clock(frame: int) -> str:

@@ -20,6 +20,8 @@ from model.motion.tracks import point_words
 
 NOISE_DEG = 0.4
 """Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
+LITTLE_NOISE_DEG = 0.6
+"""Up to here it is told to be hardly seen."""
 NAMED = 3
 POP_DEG = 17.0
 """By which one frame stands off both its neighbours, beyond twice their own distance; clean: 6.6.
@@ -52,11 +54,14 @@ def joint_noise(evidence: Evidence) -> list[Finding]:
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
-        who = f"{len(noise)} of {len(JOINT_NAMES)} joints shake"
-        most = f", most of all {named}"
+        who, most = f"{len(noise)} of {len(JOINT_NAMES)} joints shake", f", most of all {named}"
     else:
         who, most = f"The {named} {'shakes' if len(noise) == 1 else 'shake'}", ""
-    sentence = f"{who} from frame to frame in the angle to the parent bone{most}."
+    little = ", so that it is hardly seen" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
+    sentence = (
+        f"{who} from frame to frame in the angle to the parent bone{most}; recordings have under"
+        f" 0.3°{little}."
+    )
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))

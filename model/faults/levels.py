@@ -98,7 +98,7 @@ class Level:
         return [
             self._finding(
                 f"{self._told(value)}, {_times(ratio)} the reference's"
-                f" {self._told(recorded, False)}; clips of people differ by {people.differ:g} times"
+                f" {self._told(recorded, False)}; clips of people are {people.differ:g} times apart"
                 " at most",
                 {"value": value, "reference": recorded, "ratio": ratio, "people": people.differ},
                 ratio < 1.0,
@@ -131,10 +131,10 @@ class Level:
         )
 
     def _told(self, value: float, has_unit: bool = True) -> str:
-        number = f"{float(f'{self.scale * value:.2g}'):g}"
-        if self.scale * value >= 100:
-            number = f"{self.scale * value:.0f}"
-        return f"{number} {self.unit}" if has_unit else number
+        number = f"{self.scale * value:.0f}"
+        if self.scale * value < 100:
+            number = np.format_float_positional(float(f"{self.scale * value:.2g}"), trim="-")
+        return f"{number} {self.unit}".replace(" °", "°") if has_unit else number
 
 
 def _times(ratio: float) -> str:

@@ -58,7 +58,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("hand_in_body", SEEN, posture.hand_in_body),
     Fault("still_face", SEEN, stillness.still_face, of=("face",)),
     Fault("copied_face", SEEN, stillness.copied_face, "reference", of=("face",)),
-    Fault("jerk", SEEN, levels.JERK.search, of=("detail",)),
+    Fault("jerk", SEEN, levels.JERK.search, explains=("high_frequency",), of=("detail",)),
     Fault("high_frequency", SEEN, levels.HIGH_FREQUENCY.search, of=("detail",)),
     Fault("amplitude", MEASURED, levels.AMPLITUDE.search),
     Fault("speed", MEASURED, levels.SPEED.search),

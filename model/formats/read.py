@@ -29,15 +29,15 @@ Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
 """What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
 is its translation, `detail` what frames that were filled in never had."""
 
-LACKS: dict[Part, str] = {
-    "detail": "was filled in from fewer frames a second",
-    "finger_angles": "has hands whose mean is not known",
-    "hands": "has no fingers that move",
-    "face": "has no face",
-    "place": "says nothing of where the body stands",
-    "legs": "has no legs",
+LACKS: dict[Part, tuple[str, str]] = {
+    "detail": ("was filled in from fewer frames a second", "jerk and tremble"),
+    "finger_angles": ("has hands whose mean is not known", "fingers' angles"),
+    "hands": ("has no fingers that move", "fingers"),
+    "face": ("has no face", "face"),
+    "place": ("says nothing of where the body stands", "feet and place"),
+    "legs": ("has no legs", "legs and feet"),
 }
-"""Of a motion that lacks some part, what to say of it."""
+"""Of a motion that lacks some part, what to say of it, and what of it is not to be compared."""
 Rotations = Literal[
     "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
     "matrix",
@@ -128,17 +128,17 @@ class Reading:
 def apart(readings: Mapping[str, Reading]) -> list[str]:
     """What differs between motions that are compared, so that numbers differ by it alone."""
     sentences = []
-    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "what hands are told from"}
+    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "the pose that hands start from"}
     for kind, words in kinds.items():
         values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
         if len(set(values.values())) > 1:
             said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
             sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
-    for part, words in LACKS.items():
+    for part, (words, what) in LACKS.items():
         without = [name for name, each in readings.items() if part in each.lacks]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
-            sentences.append(f"{said} {words}; beside the others its numbers of that say nothing.")
+            sentences.append(f"{said} {words}: do not compare its {what} with the others'.")
     return sentences
 
 

@@ -62,9 +62,11 @@ class Ladder:
 class Claim:
     """What a paper says of the jerk of its systems, which is held against every run."""
 
-    sentence: str
-    """That systems of ``less`` jerk less than ``more``, in words that follow "the paper's claim,
-    that"."""
+    what: str
+    """That systems of ``less`` have, in the words of "the paper's claim, that *what* jerk less than
+    *than*"."""
+    than: str
+    """That ``more`` has."""
     more: str
     less: tuple[str, ...]
     plain: str

@@ -12,12 +12,12 @@ from urllib.parse import quote
 
 from app import text
 from app.errors import page_sentence, without_folders
-from app.findings.comparison import plain, point_title
+from app.findings.comparison import by_measure, kinds_told, plain, point_title
 from app.findings.measure_rows import JERK, MEASURES, Measure, Numbers, nearest, signed, written
-from app.findings.verdict import over_clips, verdict_over_clips
+from app.findings.verdict import verdict_of
 from app.page.parts import markup
 from app.run.many.distances import TITLE as DISTANCE
-from app.run.many.table import cells_of, interval
+from app.run.many.table import cells_of, interval, star_told
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 from model.storage.harmless import csv_text
@@ -225,7 +225,9 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         return ""
     point = next(iter(runs.values())).point
     measured = [run.numbers for run in runs.values()]
-    jerk, verdict = over_clips(measured), verdict_over_clips(point, measured)
+    verdict = verdict_of(point, measured)
+    raw = by_measure({name: of["raw"] for name, of in clip.items()} for clip in measured)
+    jerk = raw.get(JERK, {})
     above = "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)
     names = short_names(jerk)
     rows = [
@@ -258,7 +260,6 @@ WORST_FIRST = "Worst clips first: most kinds of findings, of equal ones the jerk
 NONE_FOUND = "Nothing stands out in any clip."
 SETS_TABLE = "Mean over clips [95 % interval]"
 MORE_MEASURES = "All measures"
-STAR = "* the paired difference to {last} is not chance."
 MOST_SHOWN = 5
 """Worst clips that are seen unfolded."""
 
@@ -272,7 +273,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     )
     return (
         f'<div class="sets">{markup.heading(SETS_HEADING, told_count)}'
-        f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems)}"
+        f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems, len(clips))}"
         f'<div class="downloads">{links}</div></div>'
     )
 
@@ -280,7 +281,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
 def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Every clip by what is said of it, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {kinds_of(each)}" for each in told["worst"]
+        each["clip"]: f"{each['clip']}: {kinds_told(each['kinds'])}" for each in told["worst"]
     }
     clips: list[str] = told["clips"]
     return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
@@ -292,18 +293,13 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     unit = next(row.unit for row in MEASURES if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span></li>"
+        f"{escape(kinds_told(each['kinds']))}; jerk {written(each['jerk'])} {unit}</span></li>"
         for each in worst
     ]
     return _listed(f"<h3>{WORST_FIRST}</h3>", items, MOST_SHOWN, f"{len(items) - MOST_SHOWN} more")
 
 
-def kinds_of(worst: Mapping[str, Any]) -> str:
-    """Of findings, in words."""
-    return ", ".join(kind.replace("_", " ") for kind in worst["kinds"])
-
-
-def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:
+def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:
     firsts = {f"{row.key}" for row in MEASURES if row.is_first} | {DISTANCE}
     head = markup.heads({name: name for name in systems})
 
@@ -312,7 +308,7 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> st
         body = "".join(markup.row(title, cells) for title, cells in told.items())
         return markup.table(SETS_TABLE, SETS_TABLE, head, body)
 
-    star = f"<p>{escape(STAR.format(last=systems[-1]))}</p>" if len(systems) > 1 else ""
+    star = f"<p>{escape(star_told(systems, clips))}</p>" if len(systems) > 1 else ""
     first = table([row for row in rows if row["measure"] in firsts])
     return (
         f'<div class="measures all">{first}{star}'

@@ -57,7 +57,7 @@ def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> lis
 
 
 def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    for part, what in LACKS.items():
+    for part, (what, _) in LACKS.items():
         if part == "face":  # is counted
             continue
         titles = [row.title for row in MEASURES if row.needs == part]

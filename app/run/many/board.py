@@ -18,6 +18,7 @@ import jinja2
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from app.errors import RunError
+from app.findings.comparison import kinds_told
 from app.findings.measure_rows import MEASURES, written
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import written_atomically
@@ -74,7 +75,7 @@ class Entry:
     def found(self) -> list[str]:
         """Kinds of findings with their clips, the most frequent first."""
         kinds = sorted(self.findings.items(), key=lambda item: -item[1])
-        return [f"{kind} {count}" for kind, count in kinds]
+        return [f"{kinds_told([kind])} {count}" for kind, count in kinds]
 
 
 class Board(BaseModel):

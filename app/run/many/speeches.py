@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
-from app.findings.verdict import verdict_over_clips
+from app.findings.verdict import verdict_of
 from app.run.ask import Ask, Done
 from app.run.many.table import Above, write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
@@ -130,7 +130,7 @@ def do_clips(
         notes: list[str] = []
         if clips:
             runs = [read_run(asks[clip].out) for clip in clips]
-            verdict = verdict_over_clips(runs[0].point, [run.numbers for run in runs])
+            verdict = verdict_of(runs[0].point, [run.numbers for run in runs])
             notes += [] if verdict is None else [verdict.text]
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             above = Above(notes, failed)

@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from app.findings.comparison import kinds_told
 from app.findings.measure_rows import JERK, MEASURES, Measure, written
+from app.findings.verdict import ENOUGH_CLIPS
 from app.run.many.distances import distance_rows
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
@@ -179,7 +181,7 @@ def _worst_lines(worst: list[WorstClip]) -> list[str]:
     if not worst:
         return []
     rows = (
-        map(markdown, (each.system, each.clip, ", ".join(each.kinds), written(each.jerk)))
+        map(markdown, (each.system, each.clip, kinds_told(each.kinds), written(each.jerk)))
         for each in worst
     )
     title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
@@ -217,7 +219,7 @@ def _spread_lines(systems: list[str], numbers: list[dict[str, Any]]) -> list[str
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
     lines = [
         "% Needs \\usepackage{booktabs}. Means, 95 % bootstrap intervals over "
-        f"{clips} clips; * where the paired difference to the last column is not chance.",
+        f"{clips} clips. {star_told(systems, clips)}",
         f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
         "\\toprule",
         " & ".join(["Measure", *map(tex, systems)]) + " \\\\",
@@ -253,7 +255,7 @@ def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[A
 
 
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
-    """Means with their intervals, a star where the paired difference to the last is not chance."""
+    """Means with their intervals, and stars as of `star_told`."""
     told: Cells = {}
     for title in dict.fromkeys(row["measure"] for row in rows):
         own = [row for row in rows if row["measure"] == title]
@@ -262,12 +264,20 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     return told
 
 
+def star_told(systems: Sequence[str], clips: int) -> str:
+    """What a star is; few clips are no evidence, and have none."""
+    if clips < ENOUGH_CLIPS:
+        return f"With fewer than {ENOUGH_CLIPS} clips no difference is starred."
+    return f"* the interval of the paired difference to {systems[-1]} leaves out 0."
+
+
 def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
     by_other = {row["difference_to"]: row for row in rows if row["system"] == name}
     mean, apart = by_other.get(""), by_other.get(last)
     if mean is None:
         return "n/a"
-    star = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
+    is_sure = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
+    star = is_sure and by_other[last]["clips"] >= ENOUGH_CLIPS
     told, low, high = (written(mean[key]) for key in ("mean", "low", "high"))
     return f"{told} [{low}, {high}]{'*' if star else ''}"
 
@@ -279,7 +289,6 @@ def _sheet(
     findings: dict[str, dict[str, int]],
     above: Above,
 ) -> list[str]:
-    last = systems[-1]
     out = [f"Left out: {clip}: {why}" for clip, why in above.left_out.items()]
     noted = [f"- {markdown(note)}" for note in (*above.notes, *out)]
     lines = [
@@ -287,15 +296,17 @@ def _sheet(
         "",
         *noted,
         *([""] if noted else []),
-        "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered. `*`:"
-        f" the interval of the paired difference to {markdown(last)} leaves out 0. Differences of"
-        " all pairs are in `many.csv`.",
+        "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
+        f" {markdown(star_told(systems, clips))} Differences of all pairs are in `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]
     kinds = sorted({kind for found in findings.values() for kind in found})
     if kinds:
-        counts = ((kind, *(str(findings[name].get(kind, 0)) for name in systems)) for kind in kinds)
+        counts = (
+            (kinds_told([kind]), *(str(findings[name].get(kind, 0)) for name in systems))
+            for kind in kinds
+        )
         lines += ["", *_grid(("clips with", *systems), counts)]
     return lines
 

@@ -257,7 +257,8 @@ FAMILY = Family(
     },
     ladder=LADDER_EXPLAINED,
     claim=Claim(
-        "global rotations jerk less than local ones",
+        what="global rotations",
+        than="local ones",
         more=_LOCAL,
         less=tuple(name for name in LADDER if name != _LOCAL),
         plain=_GLOBAL,

@@ -8,10 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
-from app.findings.measure_rows import JERK
+from app.findings.comparison import (
+    Ratio,
+    by_measure,
+    plain,
+    point_title,
+    ratio_of,
+    samples_by_system,
+)
+from app.findings.measure_rows import JERK, SPEED
 from app.findings.sentences import sentences_of
-from app.findings.verdict import over_clips, verdict_of, verdict_over_clips
+from app.findings.verdict import verdict_of
 from app.run.ask import Ask
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import read_run
@@ -22,8 +29,6 @@ from model.diagnostics import Versions
 from model.measures.point import JerkAttribution
 from model.measures.results import BeatMeasures
 from tests.app.measured import both, diagnostics_of
-
-RUNGS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 
 
 def by_depth(root: float, tip: float) -> np.ndarray:
@@ -60,14 +65,19 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
 
 
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
+    start = "To calm the right middle fingertip by smoothing one joint alone, smooth in"
+    few = "n a no single joint helps to calm the right middle fingertip by being smoothed."
     for of_joints, words in (
-        ((0.1, 0.45), "fingertip: of a the right elbow (45 %)."),
-        ((0.2, 0.1), "fingertip: of a the pelvis (20 %)."),
-        ((0.03, -0.2), "fingertip: of a none stands out."),
+        ((0.1, 0.45), f"{start} a the right elbow (45 % less jerk)."),
+        ((0.2, 0.1), f"{start} a the pelvis (20 % less jerk)."),
+        ((0.03, -0.2), f"I{few}"),
         ((math.nan, math.nan), ""),
     ):
-        found = told("attribution", a={"tip_jerk_attribution": shares(*of_joints)})
-        assert found.endswith(words) and bool(found) == bool(words)
+        a, b = ({"tip_jerk_attribution": shares(*each)} for each in (of_joints, (0.0, 0.3)))
+        assert told("attribution", a=a) == words
+        if words.startswith("In a"):
+            words = f"{start} b the right elbow (30 % less jerk); in a no single joint helps."
+            assert told("attribution", a=a, b=b) == words
 
 
 def test_joins_stand_out_by_so_much_as_no_reference_without_joins_does() -> None:
@@ -141,18 +151,27 @@ def test_only_beats_above_chance_are_told() -> None:
         assert sentences_of(diagnostics_of(**systems))["beats"] == words
 
 
-def said(recorded: float | None = None, **jerks: float):
-    systems = {
-        name.replace("_", "/", 1).replace("__", "."): both(tip_jerk_m_s3=float(jerk))
-        for name, jerk in jerks.items()
+def clip_of(**values: float | None) -> dict[str, Any]:
+    return {
+        name.replace("_", "/", 1).replace("__", "."): {
+            "raw": {} if value is None else {JERK: value},
+            "savgol": {JERK: 7.0},
+        }
+        for name, value in values.items()
     }
-    reference = None if recorded is None else both(tip_jerk_m_s3=float(recorded))
-    return verdict_of(diagnostics_of(reference, **systems))
+
+
+def said(**jerks: float):
+    return verdict_of("right_middle", [clip_of(**jerks)])
 
 
 def test_the_verdict_goes_through_the_ladder() -> None:
     verdict = said(
-        108, globaldiff_local=150, globaldiff_global=100, globaldiff_joint=90, globaldiff_full=120
+        globaldiff_local=150,
+        globaldiff_global=100,
+        globaldiff_joint=90,
+        globaldiff_full=120,
+        reference=108,
     )
     assert verdict is not None
     assert verdict.numbers == (
@@ -175,9 +194,8 @@ def test_swapped_numbers_turn_the_verdict_round() -> None:
         ((100, 98, 99), "does not show: from local to global alike within 5 %.", "none is calmer"),
         ((90, 100, 110), "does not show: from local to global 11 % more.", "none is calmer"),
     ]:
-        numbers = zip(RUNGS, jerks, strict=True)
-        systems = {name: both(tip_jerk_m_s3=float(jerk)) for name, jerk in numbers}
-        verdict = verdict_of(diagnostics_of(**systems))
+        local, plain_one, full = jerks
+        verdict = said(globaldiff_local=local, globaldiff_global=plain_one, globaldiff_full=full)
         assert verdict is not None and words in verdict.judgement
         assert are_calmer in verdict.judgement
         assert "reference" not in verdict.numbers
@@ -190,10 +208,11 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
         for jerks in ((200.0, 210.0, 190.0), (300.0, 60.0, 90.0))
     )
     other = {f"globaldiff_full{end}": 100.0 for end in ends}
-    for local, words in (
-        (apart, "shows: from local to full 50 % less (47 to 52 %)."),
-        (open_, "does not show: from local to full not told apart."),
+    for local, shows, words in (
+        (apart, "shows", "50 % less (47 to 52 %)."),
+        (open_, "does not show", "not told apart."),
     ):
+        words = f"{shows}: from local to full, which has global rotations too, {words}"
         verdict = said(**local, **other)
         assert verdict is not None and words in verdict.judgement
         assert "3 samples and one training" in verdict.judgement
@@ -208,42 +227,53 @@ def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothin
     )
     alone = said(globaldiff_local=80)
     assert alone is not None and alone.judgement == ""
-    assert said(globaldiff_local=math.nan) is None
+    assert verdict_of("right_middle", [clip_of(globaldiff_local=None)]) is None
     # Names that two families share stay whole.
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
 
 
 def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its_samples() -> None:
-    def clip(**jerk: float | None) -> dict[str, Any]:
-        told = {name.replace("_", "/").replace("//", "."): value for name, value in jerk.items()}
-        return {
-            name: {"raw": {} if value is None else {JERK: value}, "savgol": {JERK: 7.0}}
-            for name, value in told.items()
-        }
-
     clips = [
-        clip(globaldiff_local=180.0, globaldiff_local__s2=220.0, globaldiff_full=100.0),
-        clip(globaldiff_local=210.0, globaldiff_full=100.0, reference=50.0),
-        clip(globaldiff_local=None, globaldiff_full=None),
-        clip(globaldiff_local=190.0, globaldiff_full=100.0),
+        clip_of(globaldiff_local=180.0, globaldiff_local__s2=220.0, globaldiff_full=100.0),
+        clip_of(globaldiff_local=210.0, globaldiff_full=100.0, reference=50.0),
+        clip_of(globaldiff_local=None, globaldiff_full=None),
+        clip_of(globaldiff_local=190.0, globaldiff_full=100.0),
     ]
-    assert over_clips(clips)["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
-    verdict = verdict_over_clips("right_middle", clips)
+    jerk = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)[JERK]
+    assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
+    verdict = verdict_of("right_middle", clips)
     assert verdict is not None and verdict.numbers == (
         "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50."
     )
     words = "Over 3 clips the paper's claim, that global rotations jerk less than local ones, shows"
-    assert f"{words}: from local to full 50 % less (47 to 52 %)." in verdict.judgement
+    assert f"{words}: from local to full, which has" in verdict.judgement
+    assert "rotations too, 50 % less (47 to 52 %)." in verdict.judgement
     assert "3 clips and one training of each: an example, no evidence." in verdict.judgement
-    many = verdict_over_clips("right_middle", [clips[1]] * 10)
+    many = verdict_of("right_middle", [clips[1]] * 10)
     assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
-    assert verdict_over_clips("right_middle", clips[:1]) is None
+    assert verdict_of("right_middle", clips[1:3]) is None
 
 
 def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
     for full, is_worse in [(100.0, False), (104.0, False), (112.0, True)]:
         verdict = said(globaldiff_global=100, globaldiff_full=full)
         assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse
+
+
+def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:
+    moved = {"a/slow": (60.0, 0.3), "a/smooth": (40.0, 1.1), "a/like": (90.0, 0.2)}
+    clip: Any = {
+        name: {"raw": {JERK: jerk, SPEED: speed}}
+        for name, (jerk, speed) in {**moved, "reference": (100.0, 1.0)}.items()
+    }
+    verdict = verdict_of("right_middle", [clip])
+    assert verdict is not None and (
+        "Calmer than the reference: slow (0.60 times its jerk at 0.30 times its speed: moves less, "
+        "may be damped) and smooth (0.40 times its jerk at 1.1 times its speed: smooth, not "
+        "damped). One clip" in verdict.judgement
+    )
+    alone = verdict_of("right_middle", [{name: clip[name] for name in ("a/slow", "reference")}])
+    assert alone is not None and alone.judgement.startswith("Calmer than the reference: slow (")
 
 
 def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
@@ -255,11 +285,11 @@ def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
         }
         for more in (3.0, 5.0)
     ]
-    verdict = verdict_over_clips("right_middle", clips)
-    words = "Global is worse in slide on the ground (4.0 against 2.0 cm/s). 2 clips and"
+    verdict = verdict_of("right_middle", clips)
+    words = "Global is worse than local in slide on the ground (4.0 against 2.0 cm/s). 2 clips and"
     assert verdict is not None and words in verdict.judgement
     clips[0]["globaldiff/global"]["raw"][slide] = 1.9
-    verdict = verdict_over_clips("right_middle", clips)
+    verdict = verdict_of("right_middle", clips)
     assert verdict is not None and "worse" not in verdict.judgement
 
 
@@ -277,5 +307,6 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     assert first.sentence.startswith("It shakes, most at 0:")
     assert "the jerk of all ten fingertips is 687 m/s³; 43 to 202" in first.sentence
     assert (last.name, last.sentence) == ("", "Nothing stands out in A.")
-    assert record.gravest == [*record.findings[:3], last]
+    more = record.model_copy(update={"findings": [*[first] * 5, last]})
+    assert more.gravest == [*[first] * 3, last]
     assert findings_told({"A": []})[0].sentence == "Nothing stands out."

@@ -10,7 +10,8 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
-from app.findings.verdict import over_clips
+from app.findings.comparison import by_measure
+from app.findings.measure_rows import JERK
 from app.run.ask import Ask, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import find_speeches, generate_many, is_many
@@ -139,7 +140,10 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     again = Ask(motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True)
     do_in_folder(again, lambda event: None, lambda: False)
     measured = [
-        over_clips(read_run(run).numbers for run in runs_in(out).values())
+        by_measure(
+            {name: of["raw"] for name, of in read_run(run).numbers.items()}
+            for run in runs_in(out).values()
+        )[JERK]
         for out in (asked.out, again.out)
     ]
     for name, clips in measured[0].items():
