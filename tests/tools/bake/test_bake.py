@@ -13,12 +13,10 @@ from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.look import coarser_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
-from tools.bake.build import with_fixed_vertices
 from tools.bake.builds import FIGURES, Posed, on_skeleton
 from tools.bake.coarser import NUM_FACES, Surface, coarser, surface_of
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import SourceError, find_source
-from tools.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
 
 
 def sheet(size: int) -> Mesh:
@@ -35,16 +33,6 @@ def sheet(size: int) -> Mesh:
 def area(mesh: Mesh) -> float:
     a, b, c = (mesh.positions[mesh.triangles().faces[:, k]] for k in range(3))
     return float(np.cross(b - a, c - a)[:, 2].sum() / 2)
-
-
-def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way():
-    finer = geometry.subdivide(sheet(4))
-    assert len(finer.faces) == 4 * 16
-    assert np.abs(finer.positions[:, 2]).max() == 0
-    assert (geometry.normals(finer)[:, 2] > 0.99).all()
-    np.testing.assert_allclose(finer.weights.sum(1), 1)
-    inside = finer.positions[:25].reshape(5, 5, 3)[1:-1, 1:-1]
-    np.testing.assert_allclose(inside, sheet(4).positions.reshape(5, 5, 3)[1:-1, 1:-1])
 
 
 def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area():
@@ -65,16 +53,6 @@ def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area():
     assert len(geometry.border_edges(cut.faces)) == 20
 
 
-def test_paint_gives_faces_of_two_colours_no_common_vertex():
-    flat = sheet(4).triangles()
-    wanted = np.where(geometry.centres(flat)[:, 0] > 2, 3, 7)
-    painted = geometry.paint(flat, wanted)
-    of_faces = painted.regions[painted.faces]
-    assert (of_faces == of_faces[:, :1]).all()
-    assert sorted(of_faces[:, 0]) == sorted(wanted)
-    assert area(painted) == pytest.approx(16)
-
-
 def test_fold_turns_the_border_in():
     flat = sheet(3)
     border = np.zeros(flat.num_vertices, bool)
@@ -86,20 +64,6 @@ def test_fold_turns_the_border_in():
     outward = geometry.normals(sides)[:, :2]
     from_middle = sides.positions[:, :2] - 1.5
     assert ((outward * from_middle).sum(1) > 0).all(), "the hem faces inward"
-
-
-def test_smoothed_weights_spread_and_still_sum_to_one():
-    flat = sheet(6)
-    carried = flat.carried.copy()
-    left = flat.positions[:, 0] < 3.5
-    carried[:, 3], carried[:, 4] = left, ~left
-    stepped = Mesh(flat.faces, carried, flat.regions)
-    smoothed = geometry.smooth_weights(stepped, 3)
-    np.testing.assert_allclose(smoothed.weights.sum(1), 1)
-    np.testing.assert_array_equal(smoothed.positions, flat.positions)
-    along = smoothed.weights[:, 0].reshape(7, 7)[:, 3]
-    assert (np.diff(along) <= 0).all() and 0.1 < along[3] - along[4] < 0.6
-    assert along[0] == 1 and along[6] < 0.01
 
 
 def test_closed_lips_meet_and_leave_the_rest():
@@ -130,33 +94,6 @@ def test_a_figure_is_fitted_to_the_skeleton_of_another():
     at_parents = np.eye(NUM_JOINTS)[[max(parent, 0) for parent in PARENTS]]
     fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents)
     np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
-
-
-def test_edge_loop_goes_round():
-    """On a tube of quads the loop from an edge of a ring is that ring."""
-    around, high = 8, 4
-    grid = np.arange(around * high).reshape(high, around)
-    a, b = grid[:-1], grid[1:]
-    quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], -1).reshape(-1, 4)
-    assert sorted(face._edge_loop(quads, (8, 9))) == list(range(8, 16))
-
-
-def test_dual_quaternions_move_rigidly_where_one_joint_rules():
-    rng = np.random.default_rng(0)
-    joints = rng.normal(size=(NUM_JOINTS, 3))
-    rotations = np.tile(rotate_towards(np.array([1.0, 0, 0]), np.array([0.2, 1, 0.3])), (55, 1, 1))
-    vertices, weights = rng.normal(size=(20, 3)), np.eye(NUM_JOINTS)[rng.integers(0, 55, 20)]
-    dual = dual_quaternion_blend(vertices, weights, joints, rotations)
-    np.testing.assert_allclose(dual, linear_blend(vertices, weights, joints, rotations), atol=1e-9)
-
-
-def test_fixed_vertices_reorder_without_changing_the_mesh():
-    flat = sheet(3)
-    wanted = {0: 5, 5: 7, 2: 0, 15: 1}
-    ordered = with_fixed_vertices(flat, wanted)
-    for number, vertex in wanted.items():
-        np.testing.assert_array_equal(ordered.carried[number], flat.carried[vertex])
-    np.testing.assert_array_equal(ordered.positions[ordered.faces], flat.positions[flat.faces])
 
 
 def test_missing_source_says_how_to_get_it(tmp_path, monkeypatch):

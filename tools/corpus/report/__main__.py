@@ -4,12 +4,10 @@ Writes a Markdown page with the statistics of the speakers beside those of real 
 corpus is told from real motion, and a picture of gestures beside it.
 """
 
-import csv
-import logging
-import re
 import sys
 from pathlib import Path
 
+import pandas as pd
 from tqdm import tqdm
 
 from model.storage.files import written_atomically
@@ -21,8 +19,6 @@ from tools.corpus.people.rig import Rig, open_body_rig
 from tools.corpus.report.drawing import draw_gestures
 from tools.corpus.report.page import report_page
 from tools.corpus.report.realism import MeasuredClip, ReportError, measure_clip
-
-log = logging.getLogger(__name__)
 
 
 def write_report(
@@ -38,7 +34,6 @@ def write_report(
     """
     if clips < 1:
         raise ReportError(f"--clips must be at least 1; found {clips}.")
-    logging.basicConfig(level=logging.WARNING, format="%(message)s")
     rig = open_body_rig()
     by_speaker: dict[str, list[str]] = {}
     found = list_clips(data)
@@ -64,42 +59,23 @@ def list_clips(root: Path) -> dict[str, ClipPaths]:
         ReportError: if there are none.
     """
     table = root / SPLIT_TABLE
-    ids: list[str] = []
-    if table.is_file():
-        with table.open(newline="") as file:
-            ids = [row.get("id") or "" for row in csv.DictReader(file)]
-    # An id that holds anything but letters, digits and _ could lead out of the folder.
-    clips = {each: clip_paths(root, each) for each in ids if re.fullmatch(r"\d+_\w+", each)}
-    there = {i: p for i, p in clips.items() if p.motion.is_file()}
+    ids = pd.read_csv(table, dtype=str)["id"] if table.is_file() else ()
+    clips = {each: clip_paths(root, each) for each in ids}
+    there = {each: paths for each, paths in clips.items() if paths.motion.is_file()}
     if not there:
         raise ReportError(f"{root} holds no clips in BEAT2's layout ({MOTION}, {SPLIT_TABLE}).")
-    if len(there) < len(ids):
-        log.warning(
-            "%d of the %d clips in %s have no files.", len(ids) - len(there), len(ids), table
-        )
     return there
 
 
 def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[MeasuredClip]:
-    """Measure all clips that can be used; the others are named in the log.
-
-    Raises:
-        ReportError: if none can be used.
-    """
-    measured = []
-    for clip_id, paths in tqdm(clips.items(), unit="clip", desc=title):
-        try:
-            measured.append(measure_clip(clip_id, paths, rig))
-        except (MotionError, ReportError) as error:
-            log.warning("Skipped %s: %s", clip_id, error)
-    if not measured:
-        raise ReportError(f"None of the {len(clips)} clips could be used; see the reasons above.")
-    return measured
+    """All of them, on a bar."""
+    shown = tqdm(clips.items(), unit="clip", desc=title)
+    return [measure_clip(clip_id, paths, rig) for clip_id, paths in shown]
 
 
 def main(arguments: list[str] | None = None) -> int:
     program = "tools.corpus.report"
-    return called(write_report, program, arguments, ReportError, CorpusError, OSError)
+    return called(write_report, program, arguments, MotionError, ReportError, CorpusError, OSError)
 
 
 if __name__ == "__main__":

@@ -101,7 +101,7 @@ above all: figures of the jaw tell two ways of writing a mouth down as much as t
 
 _TAIL = """## Gestures
 
-Every gesture at the end of its stroke; orange is the right hand, blue the left.
+Every gesture at the end of its stroke.
 
 ![gestures](figures/corpus_gestures.png)
 
