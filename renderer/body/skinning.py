@@ -68,15 +68,6 @@ class VertexNormals:
     """
 
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int) -> None:
-        """
-        Raises:
-            ValueError: if a face names a vertex that does not exist.
-        """
-        if faces.size and not 0 <= int(faces.min()) <= int(faces.max()) < num_vertices:
-            raise ValueError(
-                f"The faces name vertices {int(faces.min())} to {int(faces.max())}; "
-                f"the body has {num_vertices}."
-            )
         num_faces = len(faces)
         self._corners = np.ascontiguousarray(faces.T.astype(np.intp))
         self._sum_over_faces = sparse.csr_matrix(

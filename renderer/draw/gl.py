@@ -41,7 +41,8 @@ class Canvas(pyrender.Renderer):
         if self._body is None:
             width, height = self._picture_size
             self._body = BodyScene(self._subject, frame, camera, width / height)
-        self._body.show(frame, camera)
+        else:
+            self._body.show(frame, camera)
         self.render(self._body.scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
 
     def picture(self) -> UInt8[np.ndarray, "H W C"]:
@@ -158,17 +159,11 @@ class DynamicMesh:
         self._primitive.material.doubleSided = True
 
     def move(self, frame: PosedFrame) -> None:
-        """Put the vertices elsewhere, and in other colours if the frame has any. Before the first
-        drawing only the next upload changes."""
+        """Put the vertices elsewhere, and in other colours if the frame has any; once drawn."""
         self._interleaved[:, 0:3] = frame.vertices[self._used]
         self._interleaved[:, 3:6] = frame.normals[self._used]
         if frame.colors is not None:
             self._interleaved[:, 6:9] = frame.colors[self._used]
-        if not self._primitive._in_context():
-            self._primitive.positions = self._interleaved[:, 0:3].copy()
-            self._primitive.normals = self._interleaved[:, 3:6].copy()
-            self._primitive.color_0 = self._interleaved[:, 6:10].copy()
-            return
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, 0)
@@ -225,10 +220,7 @@ class TexturedQuad:
         self._texture = self.mesh.primitives[0].material.baseColorTexture  # its own copy
 
     def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
-        """Another picture of the same size."""
-        if not self._texture._in_context():
-            self._texture.source = pixels[::-1]
-            return
+        """Another picture of the same size; once drawn."""
         rows, columns, _ = pixels.shape
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture._texid)
@@ -243,7 +235,7 @@ class BodyScene:
     """A pyrender scene of one body on the floor, moved in place from frame to frame."""
 
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
-        colors = subject.colors_of(len(first.vertices))
+        colors = subject.colors_of(len(first.vertices)) if first.colors is None else first.colors
         is_open = near_openings(subject.faces, first.vertices)
         self._body = [
             DynamicMesh(first, colors, subject.faces[each])
@@ -273,7 +265,7 @@ class BodyScene:
             )
 
     def show(self, frame: PosedFrame, camera: Camera) -> None:
-        """Move the body, its shadow and the camera. The OpenGL context must be current."""
+        """Move body, shadow and camera, once drawn. The OpenGL context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
         for part in self._body:
             part.move(frame)

@@ -126,11 +126,8 @@ class OffscreenRenderer:
         """What draws a subject, for as long as this renderer is open.
 
         Raises:
-            ValueError: if there is no pixel.
-            GLError: if the driver has no room for so many.
+            GLError: if the driver has no room for so many pixels.
         """
-        if width < 1 or height < 1:
-            raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
         from renderer.draw.gl import Canvas
 
         with self._told(f"gives no picture of {width} x {height} pixels"):

@@ -92,15 +92,7 @@ def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tup
 
     Args:
         width, height: of the body's panel; each close-up adds half a width to the height.
-
-    Raises:
-        ValueError: if there is no such close-up.
     """
-    unknown = [name for name in close_ups if name not in CLOSE_UP_VIEWS]
-    if unknown:
-        raise ValueError(
-            f"There is no close-up {unknown[0]!r}; choose some of {', '.join(CLOSE_UP_VIEWS)}."
-        )
     tall = width // 2 - width // 2 % 2
     above = tall if "face" in close_ups else 0
     panels = [Panel(view, 0, above, width, height)]
@@ -219,16 +211,11 @@ def set_stage(
     the picture no more of the arm is framed than there is room for.
 
     Args:
-        view: one of ``camera.VIEWS``.
+        view: one of ``conventions.views.VIEWS``.
         aspect: width of the picture by its height.
         close_ups: panels that show parts of the body beside the picture.
         framing: of a view that is no close-up.
-
-    Raises:
-        ValueError: if there is no motion.
     """
-    if not motions:
-        raise ValueError("A stage needs at least one motion; none was given.")
     reach = _reach(body)
     if framing == "knees":
         knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]

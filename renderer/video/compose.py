@@ -16,9 +16,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from conventions.rates import FPS
 from renderer.scene.stage import Panel
-from renderer.video.encoder import Encoder, VideoError, VideoFacts, check_size, read_facts
+from renderer.video.encoder import Encoder, VideoError, VideoFacts, read_facts
 
-MAX_VIDEOS = 12
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
 """What most screens show whole; larger comparisons are made smaller."""
 _SMALLEST_LABEL = 0.35
@@ -81,13 +80,8 @@ def compose_videos(
 
     Raises:
         Cancelled: if ``should_cancel`` said so; no file is left.
-        ValueError: if there are no or too many videos, or labels do not match them.
         VideoError: if a video cannot be read, sizes do not fit, or ffmpeg fails; no file is left.
     """
-    if not 1 <= len(videos) <= MAX_VIDEOS:
-        raise ValueError(f"{len(videos)} videos were given; 1 to {MAX_VIDEOS} fit side by side.")
-    if len(labels) != len(videos):
-        raise ValueError(f"{len(labels)} labels were given for {len(videos)} videos.")
     facts = [read_facts(video) for video in videos]
     lengths = [each.num_frames for each in facts]
     if pair is None:
@@ -101,7 +95,6 @@ def compose_videos(
         ]
         graph = _beside(_held(lengths), grid, is_smaller=grid.picture_width != first.width)
     else:
-        check_size(pair.width, pair.height)
         for video, each in zip(videos, facts, strict=True):
             if each.width > pair.width or each.height > pair.height:
                 raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
@@ -322,12 +315,7 @@ def contact_sheet(pictures: UInt8[np.ndarray, "N H W C"], frames: Sequence[int])
 
     Args:
         frames: of the pictures, at 30 per second.
-
-    Raises:
-        ValueError: if there is no picture, or not one frame for each.
     """
-    if not len(pictures) or len(pictures) != len(frames):
-        raise ValueError(f"{len(pictures)} pictures were given for {len(frames)} frames.")
     _, height, width, channels = pictures.shape
     rows = rows_of(len(pictures), width)
     band = band_height(height)

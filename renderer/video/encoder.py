@@ -26,18 +26,6 @@ from processes.job import Cancelled
 DEFAULT_CRF = 20
 Own = TypeVar("Own", bound="Encoder")
 
-# What ffmpeg prints -> what a person can do about it.
-_KNOWN_FAILURES = (
-    ("No space left on device", "there is no space left on the disk of {folder}"),
-    ("Disk quota exceeded", "the disk quota of {folder} is used up"),
-    ("File too large", "the file grew beyond the size allowed in {folder}"),
-    ("Permission denied", "{folder} may not be written to"),
-    ("Read-only file system", "{folder} is on a read-only disk"),
-    ("Unknown encoder 'libx264'", "this ffmpeg has no H.264 encoder; install imageio-ffmpeg"),
-    ("Unknown encoder 'aac'", "this ffmpeg has no AAC encoder; install imageio-ffmpeg"),
-    ("Invalid data found", "ffmpeg cannot read one of its inputs"),
-)
-
 
 class VideoError(RuntimeError):
     """A video could not be made; the message says why in one sentence."""
@@ -127,11 +115,8 @@ class Encoder:
             crf: x264's constant quality; lower is better and larger.
 
         Raises:
-            ValueError: if there is no frame.
             VideoError: if the sound file is missing.
         """
-        if num_frames < 1:
-            raise ValueError(f"A video needs at least one frame; {num_frames} were asked for.")
         if speech_wav is not None and not speech_wav.is_file():
             raise VideoError(f"The sound of the video is missing: there is no file {speech_wav}.")
         self.out = out.absolute()
@@ -239,10 +224,6 @@ class Encoder:
         self._messages.seek(0)
         said = self._messages.read().decode(errors="replace").strip()
         self._abort()
-        for message, meaning in _KNOWN_FAILURES:
-            if message in said:
-                reason = meaning.format(folder=self.out.parent)
-                return VideoError(f"{self.out.name} cannot be written: {reason}.")
         last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
         end = Ended(self._process.returncode).how
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")
@@ -260,14 +241,7 @@ class VideoWriter(Encoder):
         speech_wav: Path | None = None,
         crf: int = DEFAULT_CRF,
     ) -> None:
-        """As `Encoder`.
-
-        Raises:
-            ValueError: if the size is odd or there is no frame.
-            VideoError: if the sound file is missing.
-        """
-        check_size(width, height)
-        self._shape, self._num_written = (height, width, 3), 0
+        """As `Encoder`."""
         inputs = [
             *("-f", "rawvideo", "-pixel_format", "rgb24"),
             *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),
@@ -281,20 +255,8 @@ class VideoWriter(Encoder):
         Raises:
             VideoError: if ffmpeg has ended.
         """
-        if frame.shape != self._shape:
-            raise ValueError(f"A frame has shape {frame.shape}; the video wants {self._shape}.")
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(np.ascontiguousarray(frame).data)
         except OSError as error:  # a broken pipe: ffmpeg has ended
             raise self._failure() from error
-        self._num_written += 1
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None and self._num_written != self._num_frames:
-            self._abort()
-            raise VideoError(
-                f"{self._num_written} frames came for {self.out.name}; "
-                f"{self._num_frames} were promised."
-            )
-        super().__exit__(kind, *rest)

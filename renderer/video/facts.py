@@ -3,6 +3,7 @@
 from dataclasses import asdict
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from conventions.views import VIEWS
 from renderer.draw.offscreen import lighting_source
 from renderer.scene import camera, stage, studio
 from renderer.scene.stage import CLOSE_UP_VIEWS, drawn_joints
@@ -12,7 +13,7 @@ from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_F
 
 def drawing_facts() -> dict:
     """As JSON may hold it; lengths in metres, angles in radians, colours 0 to 1."""
-    views = {view: camera.view_axes(view).tolist() for view in camera.VIEWS}
+    views = {view: camera.view_axes(view).tolist() for view in VIEWS}
     return {
         "lighting": lighting_source(),
         "studio": asdict(STUDIO),

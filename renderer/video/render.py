@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from conventions.views import VIEWS, Framing
+from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
@@ -65,10 +65,6 @@ class RenderSettings:
                 f"A picture of {self.width} x {self.height} pixels is outside the limits; "
                 f"each side may have {MIN_SIZE_PX} to {MAX_SIZE_PX}."
             )
-        if self.view not in VIEWS:
-            raise ValueError(f"View {self.view!r} is unknown; choose one of {', '.join(VIEWS)}.")
-        if not 0 <= self.crf <= 51:
-            raise ValueError(f"`crf` is {self.crf}; it must lie between 0 and 51.")
         if self.close_ups and self.is_transparent:
             raise ValueError("A picture without a background has no close-ups beside it.")
         body = self.panels[0]

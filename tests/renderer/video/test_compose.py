@@ -129,10 +129,6 @@ def test_what_cannot_be_composed_is_refused_and_composing_can_be_cancelled(tmp_p
     a = write_video(tmp_path / "a.mp4", np.arange(3))
     b = write_video(tmp_path / "b.mp4", np.arange(3), size=(64, 64))
     out = tmp_path / "all.mp4"
-    with pytest.raises(ValueError, match="0 videos were given; 1 to 12"):
-        compose_videos([], [], out)
-    with pytest.raises(ValueError, match="1 labels were given for 2 videos"):
-        compose_videos([a, b], ["a"], out)
     with pytest.raises(VideoError, match=r"b.mp4 has 64 x 64 pixels and a.mp4 96 x 64"):
         compose_videos([a, b], ["a", "b"], out)
     with pytest.raises(Cancelled):

@@ -56,9 +56,6 @@ def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
         ({"width": 511}, "511 x 512 .*even"),
         ({"width": 32}, "32 x 512 pixels is outside the limits"),
         ({"height": 9000}, "64 to 2160"),
-        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
-        ({"crf": 99}, "`crf` is 99"),
-        ({"close_ups": ("feet",)}, "'feet'; choose some of face, hands"),
         ({"close_ups": ("hands",), "is_transparent": True}, "without a background"),
     ],
 )
