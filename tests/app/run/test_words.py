@@ -55,9 +55,9 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
     with pytest.raises(CancelledRun), SpokenWords(None, "recognise") as words:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
         child = words._hearing._child  # type: ignore[union-attr]
-        assert child is not None and child.poll() is None
+        assert child is not None and child.is_alive()
         words.found(stop)
-    assert child.poll() is not None
+    assert not child.is_alive()
 
 
 def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path) -> None:
