@@ -1,5 +1,6 @@
 """Single frames and frame rates that are wrong, noise, and jerk that comes again."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -43,14 +44,14 @@ HALF_RATE = 0.35
 between others by interpolation change no speed."""
 
 
-def joint_noise(evidence: Evidence) -> list[Finding]:
+def joint_noise(evidence: Evidence) -> Iterator[Finding]:
     raw = evidence.raw
     measured = raw.rotations.joint_rotation_noise_deg.tolist()
     noise = {
         name: value for name, value in zip(JOINT_NAMES, measured, strict=True) if value > NOISE_DEG
     }
     if not noise:
-        return []
+        return
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
@@ -72,69 +73,65 @@ def joint_noise(evidence: Evidence) -> list[Finding]:
             f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
             f" the {point_words(evidence.point)} away."
         )
-    return [Finding("joint_noise", sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)]
+    yield Finding("joint_noise", sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)
 
 
-def pops(evidence: Evidence) -> list[Finding]:
+def pops(evidence: Evidence) -> Iterator[Finding]:
     """One frame far from both its neighbours, which are near each other."""
     if len(evidence.turning) < 2:
-        return []
+        return
     before, after = evidence.turning[:-1], evidence.turning[1:]
     off = np.linalg.norm(before - after, axis=-1) / 2
     across = np.linalg.norm(before + after, axis=-1)
     beyond = np.degrees(off - 2 * across)[:, list(BODY)] / FPS
     is_pop = beyond > POP_DEG
     if not is_pop.any():
-        return []
+        return
     frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
     frames = np.flatnonzero(is_pop.any(axis=1)) + 1
     name = JOINT_NAMES[BODY[joint]]
     degrees = float(np.degrees(off[frame, BODY[joint]]) / FPS)
     count = f"{len(frames)} frames pop" if len(frames) > 1 else "One frame pops"
-    return [
-        Finding(
-            "pops",
-            f"{count} out and back, most the {point_words(name)} by {degrees:.0f}° at"
-            f" {clock(int(frame) + 1)}.",
-            {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
-            excess=float(beyond.max() / POP_DEG),
-            worst_frame=int(frame) + 1,
-            stretches=tuple((int(each), int(each)) for each in frames[:20]),
-        )
-    ]
+    yield Finding(
+        "pops",
+        f"{count} out and back, most the {point_words(name)} by {degrees:.0f}° at"
+        f" {clock(int(frame) + 1)}.",
+        {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
+        excess=float(beyond.max() / POP_DEG),
+        worst_frame=int(frame) + 1,
+        stretches=tuple((int(each), int(each)) for each in frames[:20]),
+    )
 
 
-def copied_frames(evidence: Evidence) -> list[Finding]:
+def copied_frames(evidence: Evidence) -> Iterator[Finding]:
     """Frames that are copies of the one before while the body moves."""
     fastest = evidence.turning_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
     if len(fastest) < 3:
-        return []
+        return
     mean = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
     moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > LEAST_DEG_S
     is_copy = (fastest < COPY_DEG_S) & moves
     is_copy[:1] = is_copy[-1:] = False  # clips are often filled up at their ends
     frames = np.flatnonzero(is_copy) + 1
     if len(frames) < COPIES:
-        return []
+        return
     share = len(frames) / evidence.num_frames
-    return [
-        Finding(
-            "copied_frames",
-            f"{len(frames)} frames are copies of the frame before ({share:.1%}), the first at"
-            f" {clock(int(frames[0]))}; recorded clips have none.",
-            {"copies": len(frames), "share": share},
-            excess=len(frames) / COPIES,
-            worst_frame=int(frames[0]),
-            stretches=stretches_of(np.concatenate([[False], is_copy])),
-        )
-    ]
+    yield Finding(
+        "copied_frames",
+        f"{len(frames)} frames are copies of the frame before ({share:.1%}), the first at"
+        f" {clock(int(frames[0]))}; recorded clips have none.",
+        {"copies": len(frames), "share": share},
+        excess=len(frames) / COPIES,
+        worst_frame=int(frames[0]),
+        stretches=stretches_of(np.concatenate([[False], is_copy])),
+    )
 
 
-def skipped_frames(evidence: Evidence) -> list[Finding]:
+def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     """Steps twice as long as the ones around them, in all joints and in the same direction."""
     turning = evidence.turning[:, list(UPPER_AND_HANDS)]
     if len(turning) < 3:
-        return []
+        return
     steps = turning.reshape(len(turning), -1)
     around = (steps[:-2] + steps[2:]) / 2
     middle = steps[1:-1]
@@ -149,39 +146,35 @@ def skipped_frames(evidence: Evidence) -> list[Finding]:
     frames = np.flatnonzero(is_skip) + 2
     usual_skips = max(SKIPS, evidence.num_frames / FRAMES_A_SKIP)
     if len(frames) < usual_skips:
-        return []
-    return [
-        Finding(
-            "skipped_frames",
-            f"Frames seem to be missing in {len(frames)} places: the whole body steps about twice"
-            f" as far as before and after, first at {clock(int(frames[0]))}.",
-            {"skips": len(frames)},
-            excess=len(frames) / usual_skips,
-            worst_frame=int(frames[0]),
-            stretches=tuple((int(each) - 1, int(each)) for each in frames[:20]),
-        )
-    ]
+        return
+    yield Finding(
+        "skipped_frames",
+        f"Frames seem to be missing in {len(frames)} places: the whole body steps about twice"
+        f" as far as before and after, first at {clock(int(frames[0]))}.",
+        {"skips": len(frames)},
+        excess=len(frames) / usual_skips,
+        worst_frame=int(frames[0]),
+        stretches=tuple((int(each) - 1, int(each)) for each in frames[:20]),
+    )
 
 
-def stretched_rate(evidence: Evidence) -> list[Finding]:
+def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
     """Every second frame lies on the way between its neighbours: 15 frames a second, stretched."""
     turning = evidence.turning[:, list(BODY)]
     if len(turning) <= FPS:
-        return []
+        return
     change = np.linalg.norm(np.diff(turning, axis=0), axis=-1).mean(axis=1)
     ratio = min(_quieter(change), _quieter(np.linalg.norm(turning, axis=-1).mean(axis=1)))
     if not ratio < HALF_RATE:
-        return []
-    return [
-        Finding(
-            "stretched_rate",
-            "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
-            f" second, or fewer, and was stretched to 30 (movement, or its change, is {ratio:.0%}"
-            " of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
-            {"change_ratio": ratio},
-            excess=HALF_RATE / max(ratio, 0.01),
-        )
-    ]
+        return
+    yield Finding(
+        "stretched_rate",
+        "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
+        f" second, or fewer, and was stretched to 30 (movement, or its change, is {ratio:.0%}"
+        " of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
+        {"change_ratio": ratio},
+        excess=HALF_RATE / max(ratio, 0.01),
+    )
 
 
 def _quieter(track: Float[np.ndarray, " N"]) -> float:
@@ -194,58 +187,54 @@ SEAM_CHANCE = 1e-3
 """Of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of 10 s."""
 
 
-def seams(evidence: Evidence) -> list[Finding]:
+def seams(evidence: Evidence) -> Iterator[Finding]:
     found = evidence.raw.seams.recurring_jerk
     advance = evidence.raw.seams.folded_on_frames
     if advance is None or found.phase_frame is None or found.chance > SEAM_CHANCE:
-        return []
+        return
     joins = range(found.phase_frame, evidence.num_frames, advance)
-    return [
-        Finding(
-            "seams",
-            f"The body jumps every {advance} frames ({advance / FPS:.2f}"
-            f" s), at frame {found.phase_frame} of each window: its jerk there is"
-            f" {found.ratio:.1f} times the usual.",
-            {
-                "window_advance_frames": advance,
-                "phase_frame": found.phase_frame,
-                "jerk_ratio": found.ratio,
-            },
-            excess=found.ratio,
-            worst_frame=joins[len(joins) // 2],
-            stretches=tuple((frame, frame) for frame in joins[:20]),
-        )
-    ]
+    yield Finding(
+        "seams",
+        f"The body jumps every {advance} frames ({advance / FPS:.2f}"
+        f" s), at frame {found.phase_frame} of each window: its jerk there is"
+        f" {found.ratio:.1f} times the usual.",
+        {
+            "window_advance_frames": advance,
+            "phase_frame": found.phase_frame,
+            "jerk_ratio": found.ratio,
+        },
+        excess=found.ratio,
+        worst_frame=joins[len(joins) // 2],
+        stretches=tuple((frame, frame) for frame in joins[:20]),
+    )
 
 
-def period(evidence: Evidence) -> list[Finding]:
+def period(evidence: Evidence) -> Iterator[Finding]:
     """Jerk that comes again after another number of frames than the windows that are known."""
     measured = evidence.raw.seams
     found, windows = measured.period, measured.folded_on_frames
     if found is None or (windows != found.frames and windows and found.frames % windows == 0):
-        return []
-    if windows == found.frames and seams(evidence):
-        return []
+        return
+    if windows == found.frames and any(seams(evidence)):
+        return
     verb = "jerk" if found.part == "legs" else "jerks"
     if found.kind == "pulses":
         how = f"{found.peak_over_usual:.1f} times the usual at frame {found.phase_frame} of each"
     else:
         how = f"{found.peak_over_least:.1f} times as high at one of them as at another"
-    return [
-        Finding(
-            "period",
-            f"The {found.part} {verb} anew every {found.frames} frames"
-            f" ({found.frames / FPS:.2f} s), as where windows or codes are joined: jerk is {how}.",
-            {
-                "period_frames": found.frames,
-                "part": found.part,
-                "phase_frame": found.phase_frame,
-                "peak_over_usual": found.peak_over_usual,
-                "peak_over_least": found.peak_over_least,
-                "chance": found.chance,
-            },
-            excess=found.peak_over_usual,
-            worst_frame=found.worst_frames[0],
-            stretches=tuple((frame, frame) for frame in found.worst_frames),
-        )
-    ]
+    yield Finding(
+        "period",
+        f"The {found.part} {verb} anew every {found.frames} frames"
+        f" ({found.frames / FPS:.2f} s), as where windows or codes are joined: jerk is {how}.",
+        {
+            "period_frames": found.frames,
+            "part": found.part,
+            "phase_frame": found.phase_frame,
+            "peak_over_usual": found.peak_over_usual,
+            "peak_over_least": found.peak_over_least,
+            "chance": found.chance,
+        },
+        excess=found.peak_over_usual,
+        worst_frame=found.worst_frames[0],
+        stretches=tuple((frame, frame) for frame in found.worst_frames),
+    )

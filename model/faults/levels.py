@@ -7,8 +7,9 @@ procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s; the jer
 against the recorded ones in stretches of 2 s. That range is narrow, and is named as what it is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -56,74 +57,42 @@ class Level:
     scale: float = 1.0
     """From the unit of the measure to the one it is told in."""
 
-    def search(self, evidence: Evidence) -> list[Finding]:
+    def search(self, evidence: Evidence) -> Iterator[Finding]:
         """A finding where the level is out of what people have."""
-        frames = evidence.num_frames
+        frames, reference = evidence.num_frames, evidence.reference
         people = self.long if frames >= LONG_FRAMES else self.short
         if frames < LEAST_FRAMES:
             people = self.brief if frames >= BRIEF_FRAMES else None
         if people is None or not np.isfinite(value := self.read(evidence)):
-            return []
-        if evidence.reference is None:
-            return self._beside_people(value, people, evidence)
-        return self._beside_reference(value, people, evidence)
-
-    def _beside_people(self, value: float, people: People, evidence: Evidence) -> list[Finding]:
-        if people.low_limit <= value <= people.high_limit:
-            return []
-        is_low = value < people.low_limit
-        excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
-        return [
-            self._finding(
-                f"{self._told(value)}; {self._told(people.lowest, False)} to"
-                f" {self._told(people.highest, False)} in recorded and procedural clips"
-                f" {people.lasts}",
-                {"value": value, "people": [people.lowest, people.highest]},
-                is_low,
-                excess,
-                people.highest / people.lowest,
-                evidence,
+            return
+        if reference is None:
+            is_low, span = value < people.low_limit, people.highest / people.lowest
+            excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
+            beside = (
+                f"; {self._told(people.lowest, False)} to {self._told(people.highest, False)} in"
+                f" recorded and procedural clips {people.lasts}"
             )
-        ]
-
-    def _beside_reference(self, value: float, people: People, evidence: Evidence) -> list[Finding]:
-        assert evidence.reference is not None
-        recorded = self.read(evidence.reference)
-        if not recorded > 0.0:
-            return []
-        ratio = value / recorded
-        off = max(ratio, 1 / max(ratio, 1e-9))
-        if off <= people.differ:
-            return []
-        return [
-            self._finding(
-                f"{self._told(value)}, {_times(ratio)} the reference's"
-                f" {self._told(recorded, False)}; clips of people are {people.differ:g} times apart"
-                " at most",
-                {"value": value, "reference": recorded, "ratio": ratio, "people": people.differ},
-                ratio < 1.0,
-                off / people.differ,
-                people.differ,
-                evidence,
+            numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
+        elif (recorded := self.read(reference)) > 0.0:
+            ratio = value / recorded
+            is_low, span = ratio < 1.0, people.differ
+            excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
+            beside = (
+                f", {_times(ratio)} the reference's {self._told(recorded, False)}; clips of people"
+                f" are {people.differ:g} times apart at most"
             )
-        ]
-
-    def _finding(
-        self,
-        found: str,
-        numbers: dict,
-        is_low: bool,
-        excess: float,
-        span: float,
-        evidence: Evidence,
-    ) -> Finding:
+            numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
+        else:
+            return
+        if excess <= 1.0:
+            return
         worst = _worst(self, evidence, is_low)
         where = f", most at {clock(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
-        return Finding(
+        yield Finding(
             self.kind,
-            f"{means}{where}: {self.title} is {found}.",
-            {"unit": self.unit, **numbers},
+            f"{means}{where}: {self.title} is {self._told(value)}{beside}.",
+            {"unit": self.unit, "value": value, **numbers},
             excess=excess,
             span=span,
             worst_frame=worst,

@@ -13,7 +13,7 @@ class Fault:
 
     kind: str
     gravity: int
-    search: Callable[[Evidence], list[Finding]]
+    search: Callable[[Evidence], Iterable[Finding]]
     """No findings for clean motion; what it needs and is not there, it leaves."""
     needs: str = ""
     """What must be beside the motion: ``reference`` or ``speech``; nothing for most."""
@@ -69,17 +69,17 @@ STILL = Fault("still", WRONG, stillness.nothing_moves)
 
 def find_faults(evidence: Evidence) -> list[Finding]:
     """Faults of one motion, the gravest first; none for clean motion."""
-    still = STILL.search(evidence)
+    still = _found(STILL, evidence)
     if still:
-        return [replace(finding, gravity=STILL.gravity) for finding in still]
-    found = [
-        replace(finding, gravity=fault.gravity)
-        for fault in FAULTS
-        for finding in fault.search(evidence)
-    ]
+        return still
+    found = [finding for fault in FAULTS for finding in _found(fault, evidence)]
     kinds = {finding.kind for finding in found}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
     return by_gravity(finding for finding in found if finding.kind not in explained)
+
+
+def _found(fault: Fault, evidence: Evidence) -> list[Finding]:
+    return [replace(finding, gravity=fault.gravity) for finding in fault.search(evidence)]
 
 
 def without(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:

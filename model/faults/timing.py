@@ -1,5 +1,7 @@
 """A motion that is the reference, or is late or early against it or against the speech."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from conventions.joints import UPPER_BODY
@@ -17,26 +19,24 @@ LEAST_SPEECH_LAG_FRAMES = 4
 _LEAST_FRAMES = 10 * FPS
 
 
-def identical(evidence: Evidence) -> list[Finding]:
+def identical(evidence: Evidence) -> Iterator[Finding]:
     if evidence.reference is None:
-        return []
+        return
     own, theirs = evidence.motion, evidence.reference.motion
     apart = np.abs(own.poses - theirs.poses).reshape(-1, 55, 3)[:, list(BODY)]
     if apart.max() > SAME_RAD or np.abs(own.trans - theirs.trans).max() > SAME_RAD:
-        return []
-    return [
-        Finding(
-            "identical",
-            "This is the reference: every joint is the same in every frame.",
-            {"largest_difference_rad": float(apart.max())},
-        )
-    ]
+        return
+    yield Finding(
+        "identical",
+        "This is the reference: every joint is the same in every frame.",
+        {"largest_difference_rad": float(apart.max())},
+    )
 
 
-def shifted_reference(evidence: Evidence) -> list[Finding]:
+def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
     """The reference's own movement, earlier or later."""
     if evidence.reference is None or evidence.num_frames < _LEAST_FRAMES:
-        return []
+        return
     own, theirs = (
         each.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
         for each in (evidence, evidence.reference)
@@ -44,26 +44,24 @@ def shifted_reference(evidence: Evidence) -> list[Finding]:
     lags = range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)
     best, lag = max((correlation(own, theirs, lag), lag) for lag in lags)
     if abs(lag) < LEAST_LAG_FRAMES or best < COPY_CORRELATION:
-        return []
-    return [
-        Finding(
-            "time_shift",
-            f"This moves as the reference does, {abs(lag) / FPS:.2f} s"
-            f" {'later' if lag > 0 else 'earlier'}: their speeds then correlate with {best:.2f}.",
-            {"against": "reference", "lag_frames": lag, "correlation": best},
-            excess=abs(lag) / LEAST_LAG_FRAMES,
-        )
-    ]
+        return
+    yield Finding(
+        "time_shift",
+        f"This moves as the reference does, {abs(lag) / FPS:.2f} s"
+        f" {'later' if lag > 0 else 'earlier'}: their speeds then correlate with {best:.2f}.",
+        {"against": "reference", "lag_frames": lag, "correlation": best},
+        excess=abs(lag) / LEAST_LAG_FRAMES,
+    )
 
 
-def shifted_speech(evidence: Evidence) -> list[Finding]:
+def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
     """Late or early all along, or more and more."""
     lag = evidence.raw.lag
     if lag is None or not lag.is_known:
-        return []
+        return
     is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= LEAST_SPEECH_LAG_FRAMES - 0.5
     if not lag.lag_drift_s and not (is_apart and lag.lag_low_s * lag.lag_high_s > 0):
-        return []
+        return
     numbers = {"against": "speech", "lag_frames": round(lag.lag_s * FPS), **vars(lag)}
     why = f"there its {lag.lag_ground} fits the speech best"
     if not lag.lag_drift_s:
@@ -81,7 +79,7 @@ def shifted_speech(evidence: Evidence) -> list[Finding]:
             f" --assume rate={lag.lag_rate:.4g} makes up for it."
         )
     excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
-    return [Finding("time_shift", sentence, numbers, excess)]
+    yield Finding("time_shift", sentence, numbers, excess)
 
 
 def _apart(lag_s: float) -> str:

@@ -139,7 +139,7 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
     from model.diagnostics import raw_evidence
 
     def told(motion: Motion) -> list:
-        return shifted_speech(raw_evidence(motion, SKELETON, heard=heard_of(sound)))
+        return list(shifted_speech(raw_evidence(motion, SKELETON, heard=heard_of(sound))))
 
     motion = speaking(sound)
     assert told(motion) == [] and told(moved(motion, 3)) == []
