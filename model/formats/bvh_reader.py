@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.bvh_text import Joint, Text, read_text
 from model.formats.numbers import Draft
-from model.formats.numpy_reader import made_30
-from model.formats.read import AXES, METRES, USUAL_RATES, Kind, Sure, axis_of
+from model.formats.read import AXES, METRES, Kind, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError
@@ -88,7 +87,7 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
         draft.assume("place", "none", "no joint has positions; the body stays in its place")
     if not is_ours:
         _tell(draft, text, found, turns)
-    _rate(draft, text.frame_s)
+    draft.goes_at(round(1 / text.frame_s, 3), "as the file says", "stated")
     return draft
 
 
@@ -113,14 +112,6 @@ def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) ->
         draft.lacks.add("legs")
     draft.lacks.add("face")
     draft.assume("face", "none", "a BVH has none; it stays at rest")
-
-
-def _rate(draft: Draft, frame_s: float) -> None:
-    draft.fps = float(draft.told.get("rate", round(1 / frame_s, 3)))
-    why, sure = ("as you say", "told") if "rate" in draft.told else ("as the file says", "stated")
-    is_ours = sure == "stated" and abs(draft.fps - 30) < 0.01
-    rate = f"{draft.fps:g}"
-    draft.assume("rate", rate, why + made_30(draft.fps), sure, USUAL_RATES, is_ours)
 
 
 class _Skeleton:
@@ -491,7 +482,7 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rot
         ours = rest[JOINT_INDEX[end]] - rest[JOINT_INDEX[start]]
         if np.linalg.norm(theirs) < 1e-6:
             continue
-        turns[start] = _shortest_turn(ours, theirs)
+        turns[start] = Rotation.align_vectors(theirs, ours)[0]
         if start.endswith("2"):  # the last bone of a finger has no joint at its end
             turns[f"{start[:-1]}3"] = turns[start]
     return turns
@@ -517,21 +508,8 @@ def _trunk_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Ro
     return turns
 
 
-def _shortest_turn(start: np.ndarray, end: np.ndarray) -> Rotation:
-    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    axis = np.cross(start, end)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-9:
-        return Rotation.identity()
-    return Rotation.from_rotvec(np.arctan2(sine, float(start @ end)) * axis / sine)
-
-
 def _scale(places: Float[np.ndarray, "J 3"], found: Found, draft: Draft) -> float:
     """By what lengths are multiplied, so that the legs are as long as ours."""
-    told = draft.told.get("units")
-    if told is not None:
-        draft.assume("units", told, "as you say", "told", tuple(METRES))
-        return METRES[told]
     rest = open_body_skeleton().rest_joints.double().numpy()
     limb, parts = "legs", ("left_hip", "left_knee", "left_ankle")
     if not found.get(parts[0]):
@@ -545,5 +523,7 @@ def _scale(places: Float[np.ndarray, "J 3"], found: Found, draft: Draft) -> floa
     is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
     why = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
-    draft.assume("units", unit, why, "sure", tuple(METRES), is_ours)
+    told = draft.settled_as("units", unit, why, "sure", tuple(METRES), is_ours)
+    if "units" in draft.told:
+        return METRES[told]
     return 1.0 if is_ours else scale

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from model.storage.npz import MAX_FILE_BYTES, MotionError
 
 MAX_JOINTS = 400
 MAX_WORD = 200
-MAX_LINE = 2**22
 _CHANNELS = {
     f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")
 }
@@ -32,8 +32,6 @@ class Joint:
     channels: list[str] = field(default_factory=list)
     first: int = 0
     """Its first channel in a row."""
-    end: tuple[float, ...] | None = None
-    """Where its bone ends, if nothing hangs on it."""
 
 
 @dataclass
@@ -53,23 +51,21 @@ def read_text(path: Path) -> Text:
     Raises:
         MotionError: for what is no BVH; it names the line and the reason.
     """
-    name = path.name
     if path.stat().st_size > MAX_FILE_BYTES:
-        raise MotionError(f"{name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
+        raise MotionError(f"{path.name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
     try:
-        with path.open(encoding="latin-1", newline=None) as file:
-            return _Lines(name, enumerate(file, start=1)).read()
+        return _Reader(path.name, path.read_text("latin-1")).read()
     except OSError as error:
-        raise MotionError(f"{name} could not be read: {error.strerror or error}.") from error
+        raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
 
 
-class _Lines:
-    """A file's numbered lines while they are read."""
+class _Reader:
+    """A file's text while it is read."""
 
-    def __init__(self, name: str, lines: Iterator[tuple[int, str]]) -> None:
-        self._name = name
-        self._lines = lines
-        self._line = 0
+    def __init__(self, name: str, text: str) -> None:
+        self._name, self._text = name, text
+        self._at = 0
+        """Where the word or line begins that is read."""
         self._said: list[str] = []
 
     def read(self) -> Text:
@@ -79,40 +75,36 @@ class _Lines:
         own = sum(len(joint.channels) for joint in joints)
         if not own:
             raise self._wrong("no joint has channels")
-        frames, frame_s = self._head()
-        rows = self._rows(frames, channels, own if joints[0].first == 0 else channels)
+        lines = self._lines()
+        frames, frame_s = self._head(next(lines, ""), next(lines, ""))
+        rows = self._rows(lines, frames, channels, own if joints[0].first == 0 else channels)
         return Text(joints, frame_s, rows, self._said)
 
     def _wrong(self, why: str) -> MotionError:
-        return MotionError(f"{self._name} is no readable BVH file: line {self._line}, {why}.")
-
-    def _each(self) -> Iterator[str]:
-        for number, line in self._lines:
-            self._line = number
-            if len(line) > MAX_LINE:
-                raise self._wrong(f"it is over {MAX_LINE} characters long")
-            if line.strip():
-                yield line.strip()
-
-    def _next(self) -> str:
-        for line in self._each():
-            return line
-        raise self._wrong("the file ends")
+        line = 1 + self._text.count("\n", 0, self._at)
+        return MotionError(f"{self._name} is no readable BVH file: line {line}, {why}.")
 
     def _words(self) -> Iterator[str]:
         """Of the hierarchy, up to ``MOTION``."""
-        for line in self._each():
-            for word in re.findall(r"[{}]|[^\s{}]+", line):
-                if word.upper() == "MOTION":
-                    return
-                yield word[:MAX_WORD]
+        for found in re.finditer(r"[{}]|[^\s{}]+", self._text):
+            self._at = found.start()
+            if found[0].upper() == "MOTION":
+                self._at = found.end()
+                return
+            yield found[0][:MAX_WORD]
         raise self._wrong("there is no MOTION")
+
+    def _lines(self) -> Iterator[str]:
+        """All that follow with something in them."""
+        for found in re.compile(r"\S[^\n]*").finditer(self._text, self._at):
+            self._at = found.start()
+            yield found[0].rstrip()
 
     def _hierarchy(self) -> list[Joint]:
         """Joints in the order of the file, which is that of the channels."""
         joints: list[Joint] = []
         blocks: list[int] = []
-        current, is_end, width = -1, False, 0
+        current, width = -1, 0
         words = self._words()
         if next(words, "").lstrip("\ufeff\xef\xbb\xbf").upper() != "HIERARCHY":
             raise self._wrong("it does not begin with HIERARCHY")
@@ -120,22 +112,19 @@ class _Lines:
             match word.upper():
                 case "ROOT" | "JOINT" | "END":
                     label = self._name_before_brace(words)
-                    is_end = word.upper() == "END"
-                    if not is_end:
-                        joints.append(Joint(label, blocks[-1] if blocks else -1, first=width))
-                    current = -1 if is_end else len(joints) - 1
-                    blocks.append(blocks[-1] if is_end and blocks else current)
+                    parent, current = blocks[-1] if blocks else -1, -1
+                    if word.upper() != "END":
+                        current = len(joints)
+                        joints.append(Joint(label, parent, first=width))
+                    blocks.append(parent if current < 0 else current)
                 case "}":
                     if not blocks:
                         raise self._wrong("a } has no {")
                     blocks.pop()
-                    is_end = False
                     current = blocks[-1] if blocks else -1
                 case "OFFSET":
                     offset = tuple(self._number(next(words, "")) for _ in range(3))
-                    if is_end and blocks:
-                        joints[blocks[-1]].end = offset
-                    elif current >= 0:
+                    if current >= 0:
                         joints[current].offset = offset
                 case "CHANNELS" if current >= 0:
                     count = next(words, "")
@@ -164,9 +153,7 @@ class _Lines:
                 break
         raise self._wrong("a joint has no {")
 
-    def _head(self) -> tuple[int, float]:
-        counted = self._next()
-        timed = self._next()
+    def _head(self, counted: str, timed: str) -> tuple[int, float]:
         frames = re.match(r"(?i)frames\s*:?\s*(\d+)\s*$", counted)
         if frames is None:
             raise self._wrong(f"'Frames: N' is expected; found {counted[:40]!r}")
@@ -181,34 +168,29 @@ class _Lines:
         check_length(int(frames[1]), self._name)
         return int(frames[1]), frame_s
 
-    def _rows(self, frames: int, channels: int, own: int) -> np.ndarray:
+    def _rows(self, lines: Iterator[str], frames: int, channels: int, own: int) -> np.ndarray:
         """As many as are whole, up to what the file says; of all joints, or of the first
         skeleton's own alone."""
-        rows: np.ndarray | None = None
-        found = 0
-        rest: list[str] = []
-        is_by_line = True
-        for line in self._each():
-            words = line.split()
-            if rest and is_by_line:
-                self._line -= 1
-                raise self._wrong(f"a row of {len(rest)} numbers; the joints have {channels}")
-            if rows is None and not rest:
-                channels = own if len(words) == own else channels
-                is_by_line = channels in (len(words), len(self._apart(words)))
-                rows = np.empty((frames, channels))
-            words = rest + (self._apart(words) if is_by_line else words)
+        first = next(lines, "").split()
+        channels = own if len(first) == own else channels
+        is_by_line = channels in (len(first), len(self._apart(first)))
+        rows = np.empty((frames, channels))
+        found, at, rest = 0, self._at, []
+        for words in chain([first], (line.split() for line in lines)):
+            words = self._apart(words) if is_by_line else words
+            if is_by_line and (rest or len(words) > channels):
+                self._at = at if rest else self._at
+                short = f"a row of {len(rest or words)} numbers; the joints have {channels}"
+                raise self._wrong(short)
+            at, words = self._at, rest + words
             whole = len(words) // channels * channels
-            if is_by_line and len(words) > channels:
-                raise self._wrong(f"a row of {len(words)} numbers; the joints have {channels}")
             for start in range(0, min(whole, (frames - found) * channels), channels):
-                assert rows is not None
                 rows[found] = self._row(words[start : start + channels])
                 found += 1
             rest = words[whole:]
             if found == frames:
                 break
-        if rows is None or not found:
+        if not found:
             raise self._wrong(f"the only row has {len(rest)} numbers; the joints have {channels}")
         if rest and found < frames:
             self._say(f"row {found + 1} of {frames} is cut ({len(rest)} of {channels} numbers)")

@@ -3,6 +3,7 @@ from what its hands are told, where samples were joined, at which rate it goes."
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
-from model.formats.numbers import Draft, at_30_fps, check_fps
+from model.formats.numbers import Draft, at_30_fps
 from model.formats.read import AXES, METRES, Kind, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, in_step
@@ -50,6 +51,11 @@ FAR = 20.0
 """Metres from the origin where nobody is filmed, but where centimetres begin."""
 _LOOKED_AT = 1800
 """Frames, from the first, by which feet are judged."""
+LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
+_FILLED_IN = (
+    f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
+    " above %g Hz, and its jerk and high frequencies say nothing beside motion of 30"
+)
 _SAMPLES = range(2, 21)
 _JUMP = 2.5
 
@@ -67,7 +73,18 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     _hands(draft, mean_hands)
     _units(draft)
     _up_and_facing(draft)
-    motion = at_30_fps(draft.motion(), check_fps(draft.fps, draft.name))
+    if not LOWEST_FPS <= draft.fps <= HIGHEST_FPS:
+        raise MotionError(
+            f"{draft.name} has {draft.fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g}"
+            f" can be resampled to {FPS} (if it lies, say --assume rate=N)."
+        )
+    motion = at_30_fps(draft.motion(), draft.fps)
+    if abs(draft.fps - FPS) >= 0.01:
+        what = f"; resampled to {FPS}" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
+        draft.assumptions = [
+            replace(each, why=each.why + what) if each.kind == "rate" else each
+            for each in draft.assumptions
+        ]
     if draft.fps <= FPS - 1.0:
         draft.lacks.add("detail")
     motion = _in_step(draft, motion)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from model.formats.read import Assumption, Kind, Part, Rotations, Sure
+from model.formats.read import USUAL_RATES, Assumption, Kind, Part, Rotations, Sure
 from model.motion.altered import motion_at_speed
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion
@@ -38,9 +38,10 @@ JOINT_SETS: dict[int, tuple[int, ...]] = {
 """Ours of each number of joints that files have; SMPL's last two, of 24, are hands without
 fingers, and have no place."""
 SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
-LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 MOST_RADIANS = 4 * np.pi
 """A turn of more than two full circles is a number of degrees."""
+_MIXED = [0, 2, 4, 1, 3, 5]
+"""Of two axes told number by number, the one and then the other."""
 _CURLS = {
     **{f"left_{finger}{i}": -1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
     **{f"right_{finger}{i}": 1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
@@ -85,14 +86,39 @@ class Draft:
         others = tuple(each for each in others if each != value)
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
+    def goes_at(
+        self, fps: float, why: str, sure: Sure, others: tuple[str, ...] = USUAL_RATES
+    ) -> None:
+        """So many frames a second, unless the user says otherwise."""
+        is_ours = sure == "stated" and abs(fps - FPS) < 0.01
+        told = self.settled_as("rate", f"{fps:g}", why, sure, others, is_ours)
+        self.fps = float(told) if "rate" in self.told else fps
+
     def turns(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
     ) -> Float[np.ndarray, "T J 3"]:
         """Rotations as axis-angle; of which form they are is noted."""
-        turns, form = axis_angle(rows, joints, self.name, self.told.get("rotations"))
+        form = _form_of(rows, joints, self.name, self.told.get("rotations"))
         if form not in self.assumptions:
             self.assumptions.append(form)
-        return turns
+        return _decoded(rows, form.value, self.name)
+
+    def settled_as(
+        self,
+        kind: Kind,
+        found: str,
+        why: str,
+        sure: Sure,
+        others: tuple[str, ...],
+        is_usual: bool = False,
+    ) -> str:
+        """What the user says of one thing, or else what was found; it is noted."""
+        told = self.told.get(kind)
+        if told is None:
+            self.assume(kind, found, why, sure, others, is_usual)
+            return found
+        self.assume(kind, told, "as you say", "told", others)
+        return told
 
     def keep(self, frames: slice) -> None:
         """These alone."""
@@ -196,40 +222,35 @@ def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -
     return sum(bends)
 
 
-def axis_angle(
-    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], draft_name: str, told: str | None
-) -> tuple[Float[np.ndarray, "T J 3"], Assumption]:
-    """Rotations as axis-angle, and as which form they were understood.
+def _form_of(
+    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, told: str | None
+) -> Assumption:
+    """As which form rotations are understood.
 
     Raises:
-        MotionError: for what are no rotations, or not of the form that was told.
+        MotionError: if they cannot be of the form that was told.
     """
-    forms = WIDTHS[rows.shape[-1]]
-    if told is not None and told not in forms:
-        raise MotionError(
-            f"{draft_name} has {rows.shape[-1]} numbers for a joint, which are none of {told}; say "
-            f"{' or '.join(forms)}."
-        )
+    width = rows.shape[-1]
+    forms = WIDTHS[width]
     if told is not None:
-        return _decoded(rows, told, draft_name), Assumption("rotations", told, "as you say", "told")
-    if len(forms) == 1:
-        form = forms[0]
-        usual = form == "axis-angle"
-        why = f"{rows.shape[-1]} numbers for a joint"
-        assumed = Assumption("rotations", form, why, "sure", (), usual)
-        return _decoded(rows, form, draft_name), assumed
-    if forms[0] == "6d":
-        return _judged_6d(rows, joints, draft_name)
-    first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
-    form = forms[0] if first >= last else forms[1]
-    sure = "sure" if abs(first - last) > 0.1 else "unsure"
-    why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
-    return _decoded(rows, form, draft_name), Assumption("rotations", form, why, sure, forms)
+        if told not in forms:
+            raise MotionError(
+                f"{name} has {width} numbers for a joint, which are none of {told}; say "
+                f"{' or '.join(forms)}."
+            )
+        return Assumption("rotations", told, "as you say", "told")
+    if width == 6:
+        return _form_of_6d(rows, joints, name)
+    if width == 4:
+        first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
+        sure = "sure" if abs(first - last) > 0.1 else "unsure"
+        why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
+        return Assumption("rotations", forms[int(first < last)], why, sure, forms)
+    why = f"{width} numbers for a joint"
+    return Assumption("rotations", forms[0], why, is_usual=forms[0] == "axis-angle")
 
 
-def _judged_6d(
-    rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str
-) -> tuple[Float[np.ndarray, "T J 3"], Assumption]:
+def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str) -> Assumption:
     """Two axes one after the other or turn by turn, and rows or columns of the matrix."""
 
     def apart(six: np.ndarray) -> float:
@@ -238,19 +259,15 @@ def _judged_6d(
         return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
 
     forms = WIDTHS[6]
-    mixed = rows[..., [0, 2, 4, 1, 3, 5]]
-    if apart(mixed) < 0.5 * apart(rows):
+    if apart(rows[..., _MIXED]) < 0.5 * apart(rows):
         why = "only as two columns, number by number, are they of length 1"
-        poses = _decoded(rows, "6d-interleaved", name)
-        return poses, Assumption("rotations", "6d-interleaved", why, "sure", forms)
-    poses = _decoded(rows, "6d", name)
-    natural = as_people_bend(poses, joints)
+        return Assumption("rotations", "6d-interleaved", why, "sure", forms)
+    natural = as_people_bend(_decoded(rows, "6d", name), joints)
+    form, why = "6d", "the first two rows, by which joints bend as people's do"
     if natural < -0.3:
-        poses, form, why = -poses, "6d-columns", "as rows, elbows and hands bend backwards"
-    else:
-        form, why = "6d", "the first two rows, by which joints bend as people's do"
+        form, why = "6d-columns", "as rows, elbows and hands bend backwards"
     sure: Sure = "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
-    return poses, Assumption("rotations", form, why, sure, forms)
+    return Assumption("rotations", form, why, sure, forms)
 
 
 def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.ndarray:
@@ -271,7 +288,7 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
         xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
         return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
     if form.startswith("6d"):
-        six = rows[..., [0, 2, 4, 1, 3, 5]] if form == "6d-interleaved" else rows
+        six = rows[..., _MIXED] if form == "6d-interleaved" else rows
         rotmat = matrix_from_rot6d(torch.from_numpy(np.ascontiguousarray(six)).double())
         poses = axis_angle_from_matrix(rotmat).numpy()
         return poses if form == "6d" else -poses
@@ -282,20 +299,6 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
             f"{name} has 9 numbers for a joint, which are no rotation matrices; save rotations."
         )
     return axis_angle_from_matrix(rotmat).numpy()
-
-
-def check_fps(fps: float, name: str) -> float:
-    """Refuse rates that cannot be made 30 honestly.
-
-    Raises:
-        MotionError: naming the limits.
-    """
-    if not LOWEST_FPS <= fps <= HIGHEST_FPS:
-        raise MotionError(
-            f"{name} has {fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} can be"
-            f" resampled to {FPS} (if it lies, say --assume rate=N)."
-        )
-    return fps
 
 
 def at_30_fps(motion: Motion, fps: float) -> Motion:

@@ -22,7 +22,7 @@ from model.formats.numbers import (
     laid_out,
     shape_of,
 )
-from model.formats.read import USUAL_RATES, Assumption
+from model.formats.read import Assumption
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -590,43 +590,24 @@ def _split(key: str) -> tuple[str, str]:
 
 
 def _rate(draft: Draft, stated: dict[str, str]) -> None:
-    """From the user, the file, or as usual."""
+    """From the file, or as usual."""
     numbers: dict[str, float] = {}
     for key, value in stated.items():
         try:
             numbers[key] = float(value)
         except ValueError:
             continue
-    told = draft.told.get("rate")
-    if told is not None:
-        draft.fps = float(told)
-        draft.assume("rate", told, "as you say" + made_30(draft.fps), "told", USUAL_RATES)
-    elif not numbers:
+    values = {f"{value:g}" for value in numbers.values()}
+    if not numbers:
         why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
-        draft.assume("rate", f"{FPS}", why, "unsure", USUAL_RATES)
+        draft.goes_at(FPS, why, "unsure")
+        return
+    key, fps = next(iter(numbers.items()))
+    if len(values) > 1:
+        said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
+        draft.goes_at(fps, said, "unsure", tuple(sorted(values)))
     else:
-        key, draft.fps = next(iter(numbers.items()))
-        others = {f"{value:g}" for value in numbers.values()}
-        if len(others) > 1:
-            said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
-            draft.assume("rate", f"{draft.fps:g}", said, "unsure", tuple(sorted(others)))
-            return
-        is_ours = abs(draft.fps - FPS) < 0.01
-        why = f"as `{key}` says"
-        rate, why = f"{draft.fps:g}", why + made_30(draft.fps)
-        draft.assume("rate", rate, why, "stated", USUAL_RATES, is_ours)
-
-
-def made_30(fps: float) -> str:
-    """What another rate means, for the sentence that tells it."""
-    if abs(fps - FPS) < 0.01:
-        return ""
-    if fps > FPS - 1.0:
-        return f"; resampled to {FPS}"
-    return (
-        f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
-        f" above {fps / 2:g} Hz, and its jerk and high frequencies say nothing beside motion of 30"
-    )
+        draft.goes_at(fps, f"as `{key}` says", "stated")
 
 
 def _complete(draft: Draft) -> None:

@@ -6,7 +6,7 @@ The file format is documented in ``docs/formats.md``. What other people's tools 
 
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -21,13 +21,13 @@ from conventions.rates import FPS
 from model.motion.rotations import matrix_from_axis_angle
 from model.storage.files import written_atomically
 from model.storage.npz import (
+    MAX_ABS_VALUE,
     Header,
     MotionError,
     listed,
     opened_archive,
     read_array,
     read_headers,
-    read_numbers,
 )
 
 ExpressionBasis = Literal["flame100", "arkit52"]
@@ -60,16 +60,7 @@ class Motion:
     """Shape coefficients of SMPL-X."""
 
     def __post_init__(self) -> None:
-        num_frames = len(self.poses)
-        if num_frames == 0:
-            raise MotionError("The motion has no frames; at least 1 is needed.")
-        wanted = {name: (num_frames, columns) for name, columns in _COLUMNS.items()}
-        for name, shape in {**wanted, "betas": (NUM_BETAS,)}.items():
-            array = getattr(self, name)
-            if array.shape != shape:
-                raise MotionError(f"`{name}` must have the shape {shape}; it has {array.shape}.")
-            if not np.isfinite(array).all():
-                raise MotionError(f"`{name}` holds values that are not finite (NaN or infinite).")
+        _check(vars(self))
         if self.expression_basis not in get_args(ExpressionBasis):
             raise MotionError(
                 f"The expression basis must be flame100 or arkit52; it is {self.expression_basis}."
@@ -160,25 +151,55 @@ def load_motion(path: str | Path) -> Motion:
         MotionError: if the file is missing, is no such file, or holds what a motion cannot; the
             message is one sentence that names the file.
     """
-    path = Path(path)
-    with opened_archive(path) as archive:
-        return _read_archive(archive, path.name)
+    name = Path(path).name
+    with opened_archive(Path(path)) as archive:
+        headers = read_headers(archive, name)
+        missing = [key for key in _REQUIRED if key not in headers]
+        if missing:
+            raise MotionError(
+                f"{name} lacks {listed(missing)}; it holds {listed(sorted(headers)) or 'nothing'}, "
+                f"but a BEAT2 motion file needs {listed(_REQUIRED)}."
+            )
+        check_length((headers["poses"][0] or (0,))[0], name)
+        basis = read_basis(archive, headers, name)
+        arrays = {key: read_array(archive, key) for key in _REQUIRED}
+    for key, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            raise MotionError(f"{name}: `{key}` must hold numbers; it holds {array.dtype}.")
+        largest = float(np.abs(array).max(initial=0.0))
+        if MAX_ABS_VALUE < largest < math.inf:
+            raise MotionError(
+                f"{name} holds {largest:.3g} in `{key}`, beyond {MAX_ABS_VALUE:g}; radians and "
+                "metres are expected."
+            )
+    fps = [f"{each:g}" for each in arrays.pop("mocap_frame_rate").flat[:2]]
+    if fps != [f"{FPS}"]:
+        said = f"{' and '.join(fps) or 'no'} frames per second"
+        raise MotionError(f"{name} has {said}; resample it to {FPS} first.")
+    numbers = {key: np.ascontiguousarray(array, np.float32) for key, array in arrays.items()}
+    try:
+        _check(numbers)
+    except MotionError as error:
+        raise MotionError(f"{name}: {error}") from None
+    return Motion(expression_basis=basis, **numbers)
 
 
-def _read_archive(archive: zipfile.ZipFile, name: str) -> Motion:
-    headers = read_headers(archive, name)
-    missing = [key for key in _REQUIRED if key not in headers]
-    if missing:
-        raise MotionError(
-            f"{name} lacks {listed(missing)}; it holds {listed(sorted(headers)) or 'nothing'}, "
-            f"but a BEAT2 motion file needs {listed(_REQUIRED)}."
-        )
-    _check_headers(headers, name)
-    fps = float(read_array(archive, "mocap_frame_rate").reshape(-1)[0])
-    if fps != FPS:
-        raise MotionError(f"{name} has {fps:g} frames per second; resample it to {FPS} first.")
-    arrays = {key: read_numbers(archive, key, name) for key in (*_COLUMNS, "betas")}
-    return Motion(expression_basis=read_basis(archive, headers, name), **arrays)
+def _check(arrays: Mapping[str, Any]) -> None:
+    """That they are of one motion, and finite."""
+    frames = arrays["poses"].shape[:1]
+    if frames == (0,):
+        raise MotionError("The motion has no frames; at least 1 is needed.")
+    wanted = {name: (*frames, columns) for name, columns in _COLUMNS.items()}
+    for name, shape in {**wanted, "betas": (NUM_BETAS,)}.items():
+        array = arrays[name]
+        if array.shape != shape:
+            raise MotionError(f"`{name}` must have the shape {shape}; it has {array.shape}.")
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            where = f", first in frame {bad[0][0]}" if array.ndim > 1 else ""
+            raise MotionError(
+                f"`{name}` holds values that are not finite (NaN or infinite){where}."
+            )
 
 
 def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) -> ExpressionBasis:
@@ -198,31 +219,6 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
             f"{name} has the expression basis '{basis[:40]}'; flame100 and arkit52 are known."
         )
     return cast(ExpressionBasis, basis)
-
-
-def _check_headers(headers: dict[str, Header], name: str) -> None:
-    num_frames = headers["poses"][0][0] if headers["poses"][0] else 0
-    if headers["poses"][0][:1] == (0,):
-        raise MotionError(f"{name} has no frames; at least 1 is needed.")
-    check_length(num_frames, name)
-    for key in (*_COLUMNS, "betas", "mocap_frame_rate"):
-        shape, dtype = headers[key]
-        if dtype.kind not in "fiu":
-            raise MotionError(f"{name}: `{key}` must hold numbers; it holds {dtype}.")
-        if key in _COLUMNS:
-            is_right = len(shape) == 2 and shape[1] == _COLUMNS[key]
-            wanted = f"(frames, {_COLUMNS[key]})"
-        elif key == "betas":
-            is_right, wanted = shape == (NUM_BETAS,), f"({NUM_BETAS},)"
-        else:
-            is_right, wanted = math.prod(shape) == 1, "()"
-        if not is_right:
-            raise MotionError(f"{name}: `{key}` must have the shape {wanted}; it has {shape}.")
-        if key in _COLUMNS and shape[0] != num_frames:
-            raise MotionError(
-                f"{name}: `{key}` has {shape[0]} frames but `poses` has {num_frames}; they must "
-                "be equal."
-            )
 
 
 def check_length(num_frames: int, name: str) -> None:

@@ -112,28 +112,6 @@ def read_headers(
     return headers
 
 
-def read_numbers(archive: zipfile.ZipFile, key: str, name: str) -> np.ndarray:
-    """An array of finite numbers of plausible size, as float32.
-
-    Raises:
-        MotionError: if it holds others.
-    """
-    array = read_array(archive, key)
-    if not np.isfinite(array).all():
-        where = "" if array.ndim < 2 else f" in frame {_first_bad_frame(array)}"
-        raise MotionError(
-            f"{name} holds values that are not finite (NaN or infinite) in `{key}`{where}; "
-            "repair the file first."
-        )
-    largest = float(np.abs(array).max(initial=0.0))
-    if largest > MAX_ABS_VALUE:
-        raise MotionError(
-            f"{name} holds {largest:.3g} in `{key}`, beyond {MAX_ABS_VALUE:g}; radians and "
-            "metres are expected."
-        )
-    return np.ascontiguousarray(array, dtype=np.float32)
-
-
 def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
     """Any array that holds no Python objects."""
     with archive.open(f"{key}.npy") as file:
@@ -174,7 +152,3 @@ def _read_npy_header(file: io.BufferedIOBase) -> Header | None:
     if any(type(length) is not int or length < 0 for length in shape):
         return None  # numpy takes True for a length
     return shape, dtype
-
-
-def _first_bad_frame(array: np.ndarray) -> int:
-    return int(np.argmin(np.isfinite(array).all(axis=1)))

@@ -146,7 +146,7 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "line 0, there is no MOTION"),
+        ("", "line 1, there is no MOTION"),
         ("BIERARCHY", "line 1, it does not begin with HIERARCHY"),
         ("HIERARCHY\nROOT a\n{\nMOTION\n", "no joint has channels"),
         ("HIERARCHY\nROOT a\n{\nCHANNELS 9 x", "cannot have '9' channels"),

@@ -127,21 +127,20 @@ REFUSED = [
         for key, shape in (
             ("poses", (5, 156)), ("poses", (5, 55, 3)), ("poses", ()), ("trans", (5,)),
             ("trans", (5, 4)), ("expressions", (5, 50)), ("betas", (10,)),
-            ("mocap_frame_rate", (2,)),
         )
     ),
     *(
-        (with_value(key, value), f"not finite (NaN or infinite) in `{key}`{where}")
-        for key, where in (("poses", " in frame 4"), ("trans", ""), ("betas", ""))
+        (with_value(key, value), f"`{key}` holds values that are not finite (NaN or {where}")
+        for key, where in (("poses", "infinite), first in frame 4"), ("betas", "infinite)."))
         for value in (np.nan, np.inf)
     ),
-    (with_value("expressions", -np.inf), "in `expressions` in frame 4"),
     (given_key("poses", TRAP), "pickled Python objects in `poses`"),
     (given_key("extra", TRAP), "pickled Python objects in `extra`"),
-    (given_key("trans", np.zeros((4, 3))), "`trans` has 4 frames but `poses` has 5"),
+    (given_key("trans", np.zeros((4, 3))), "`trans` must have the shape (5, 3); it has (4, 3)"),
     (given_key("trans", np.full((5, 3), 1e200)), "1e+200"),
     (given_key("trans", np.full((5, 3), "x")), "must hold numbers"),
     (given_key("mocap_frame_rate", 60.0), "has 60 frames per second; resample it to 30"),
+    (given_key("mocap_frame_rate", [30, 30]), "has 30 and 30 frames per second"),
     (lambda _: valid_arrays(0), "no frames"),
     (given_key("expression_basis", "mine"), "the expression basis 'mine'"),
     (given_key("expression_basis", 3.0), "must be one text"),
