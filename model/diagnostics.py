@@ -21,10 +21,11 @@ from model.faults.table import find_faults
 from model.generation.base import Windowing
 from model.measures.beats import (
     BEAT_JOINTS,
-    audio_to_motion_and_chance,
-    beats_per_joint_s,
+    audio_to_motion,
+    beats_of,
     counted,
     joint_speeds,
+    with_chance,
 )
 from model.measures.differences import diversity, error_to_reference
 from model.measures.joints import (
@@ -257,13 +258,14 @@ def _measure_beats(
     speeds_of: BeatSpeeds,
     onsets_s: Float[np.ndarray, " onsets"],
 ) -> BeatMeasures:
-    num_onsets = len(counted(onsets_s, len(tracks.joints) / FPS))
+    duration_s = len(tracks.joints) / FPS
+    num_onsets = len(counted(onsets_s, duration_s))
     score = mean = highest = rate = math.nan
     if len(tracks.joints) > 1:
-        positions = _rooted(tracks)
-        rate = beats_per_joint_s(positions, usual_speed)
+        beats = beats_of(_rooted(tracks), usual_speed)
+        rate = sum(map(len, beats)) / len(beats) / duration_s
         if num_onsets:
-            score, chance = audio_to_motion_and_chance(positions, onsets_s, usual_speed)
+            score, chance = with_chance(audio_to_motion, onsets_s, beats, duration_s)
             mean, highest = float(chance.mean()), float(chance.max())
     return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
 

@@ -1,8 +1,8 @@
 """BeatAlign: do beats of motion and of speech fall together? In both directions, with chance.
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
-above 0.3 of that joint's mean speed; speech beats are onsets as librosa finds them at 512 samples
-(`model.speech.acoustics`). The direction of EMAGE asks for each onset how near the next motion beat
+above 0.3 of that joint's mean speed; speech beats are onsets as librosa finds them at 512 samples.
+The direction of EMAGE asks for each onset how near the next motion beat
 is (sigma 0.3 s; mean over onsets, then over the 13 upper-body joints; a joint without beats counts
 0). That of AsynFusion asks for each motion beat how near the next onset is (here sigma 0.1 s; the
 paper names none). Onsets in the first and last 2 s do not count. More beats, and jitter makes
@@ -13,7 +13,7 @@ Whose mean speeds decide what is slow changes every value. Papers on BEAT2 take 
 published (`read_mean_speeds`); without them, the reference's or the motion's own are taken.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,11 @@ from scipy.signal import argrelextrema
 
 from conventions.joints import NUM_JOINTS, UPPER_BODY
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.acoustics import onset_times
+from model.speech.prepared_librosa import librosa
 from model.storage.npz import MotionError
 
+ONSET_HOP = 512
+"""Samples a step, by which BeatAlign is defined."""
 BEAT_JOINTS = list(UPPER_BODY)
 NEIGHBOURS = 7
 SPEED_THRESHOLD = 0.3
@@ -36,8 +38,10 @@ MAX_SPEEDS_BYTES = 64 * 1024
 
 
 def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
-    """Times in seconds at which sounds begin."""
-    return onset_times(waveform, SAMPLE_RATE)
+    """Times in seconds at which sounds begin; none in silence."""
+    return librosa().onset.onset_detect(
+        y=waveform, sr=SAMPLE_RATE, hop_length=ONSET_HOP, units="time"
+    )
 
 
 def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
@@ -109,29 +113,26 @@ def counted(onsets: Float[np.ndarray, " n"], duration_s: float) -> Float[np.ndar
     return onsets[(onsets >= MARGIN_S) & (onsets < duration_s - MARGIN_S)]
 
 
-def beats_per_joint_s(
+def beats_of(
     positions: Float[np.ndarray, "T J 3"], mean_speed: Float[np.ndarray, " 13"]
-) -> float:
-    """How many beats of motion a second has, mean over `BEAT_JOINTS`; more raise every score."""
-    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
-    return sum(map(len, beats)) / len(beats) / (len(positions) / FPS)
-
-
-def audio_to_motion_and_chance(
-    positions: Float[np.ndarray, "T J 3"],
-    onsets: Float[np.ndarray, " n"],
-    mean_speed: Float[np.ndarray, " 13"],
-) -> tuple[float, Float[np.ndarray, " shifts"]]:
-    """EMAGE's direction, and the same for the onsets shifted in a circle.
+) -> list[Float[np.ndarray, " beats"]]:
+    """Of each of `BEAT_JOINTS`, in seconds.
 
     Args:
         positions: of all joints, the pelvis in place.
     """
-    duration = len(positions) / FPS
-    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
-    inside = counted(onsets, duration)
-    chance = [audio_to_motion(each, beats) for each in _shifted(inside, duration)]
-    return audio_to_motion(inside, beats), np.array(chance)
+    return motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
+
+
+def with_chance(
+    score: Callable[[np.ndarray, Sequence[np.ndarray]], float],
+    onsets: Float[np.ndarray, " n"],
+    beats: Sequence[np.ndarray],
+    duration_s: float,
+) -> tuple[float, Float[np.ndarray, " shifts"]]:
+    """The score of one direction, and the same for the onsets shifted in a circle."""
+    inside = counted(onsets, duration_s)
+    return score(inside, beats), np.array([score(s, beats) for s in _shifted(inside, duration_s)])
 
 
 def beat_scores(
@@ -139,21 +140,12 @@ def beat_scores(
     onsets: Float[np.ndarray, " n"],
     mean_speed: Float[np.ndarray, " 13"],
 ) -> dict[str, float]:
-    """Both directions and the chance level of each: the mean over onsets shifted in a circle.
-
-    Args:
-        positions: of all joints, the pelvis in place.
-    """
-    duration = len(positions) / FPS
-    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
-    inside = counted(onsets, duration)
-    shifted = _shifted(inside, duration)
-    directions = {"audio_to_motion": audio_to_motion, "motion_to_audio": motion_to_audio}
-    scores = {}
-    for name, score in directions.items():
-        scores[f"beat_align_{name}"] = score(inside, beats)
-        chance = [score(onsets_, beats) for onsets_ in shifted]
-        scores[f"beat_align_{name}_chance"] = float(np.mean(chance))
+    """Both directions and the mean chance of each; see `beats_of`."""
+    beats, scores = beats_of(positions, mean_speed), {}
+    for score in (audio_to_motion, motion_to_audio):
+        name = f"beat_align_{score.__name__}"
+        scores[name], chance = with_chance(score, onsets, beats, len(positions) / FPS)
+        scores[f"{name}_chance"] = float(chance.mean())
     return scores
 
 

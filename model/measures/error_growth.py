@@ -68,7 +68,6 @@ def measure_error_growth(
     skeleton: RestSkeleton,
     point: str,
     noise_rad: float = NOISE_RAD,
-    draws: int = DRAWS,
     seed: int = 0,
 ) -> ErrorGrowth:
     """The experiment on one motion.
@@ -89,7 +88,7 @@ def measure_error_growth(
     clean = _points(global_rot, bones)
     generator = torch.Generator().manual_seed(seed)
     moved_local, moved_global, recovered, jerks = [], [], [], []
-    for _ in range(draws):
+    for _ in range(DRAWS):
         turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
         noise = matrix_from_axis_angle(turn)
         noisy_global = global_rot @ noise

@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.motion import Motion, first_frames
-from model.speech.acoustics import mel_filters
+from model.speech.prepared_librosa import librosa
 
 Ground = Literal["face", "body", "unknown"]
 MOST_LAG_FRAMES = 3 * FPS
@@ -77,7 +77,8 @@ def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"
     count = len(waveform) * FPS // SAMPLE_RATE
     padded = np.pad(np.asarray(waveform, np.float32), (_WINDOW // 2, _WINDOW))
     starts = np.round((np.arange(count) + 0.5) * hop).astype(int)
-    filters, taper = mel_filters(SAMPLE_RATE, _FFT, BANDS, _LOWEST_HZ), np.hanning(_WINDOW)
+    filters = librosa().filters.mel(sr=SAMPLE_RATE, n_fft=_FFT, n_mels=BANDS, fmin=_LOWEST_HZ)
+    taper = np.hanning(_WINDOW)
     power = np.empty((count, BANDS), np.float32)
     for first in range(0, count, 1000):
         windows = padded[starts[first : first + 1000, None] + np.arange(_WINDOW)] * taper

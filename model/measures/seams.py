@@ -132,26 +132,6 @@ def find_period(tracks: Tracks) -> Period | None:
     return _described(best, by_part[best.part])
 
 
-def chance_of_pulses(jerk: Float[np.ndarray, " N"], frames: int) -> float:
-    """Probability that jerk without a period has so high a mean at any frame of a period that was
-    known before; 1 for less than `MIN_PERIODS` and where nothing moves."""
-    if len(jerk) < MIN_PERIODS * frames or jerk.mean() < STILL_M_S3:
-        return 1.0
-    scores = _scores(jerk)
-    if not scores.any():
-        return 1.0
-    deviations = _fold(scores, frames).max() * np.sqrt(len(scores) // frames) / scores.std()
-    return float(min(1.0, frames * norm.sf(deviations)))
-
-
-def part_jerk_by_phase(tracks: Tracks, part: str, frames: int) -> Float[np.ndarray, " frames"]:
-    """Mean jerk in m/s^3 of a part of the body at each frame of a period; NaN where there is none.
-
-    As in `seams.jerk_by_window_phase`, a jump between frames f - 1 and f is highest at f.
-    """
-    return by_phase(_part_jerk(tracks, part), frames)
-
-
 def _part_jerk(tracks: Tracks, part: str) -> Float[np.ndarray, " N"]:
     """Entry i is the mean third difference of the part's points over frames i to i + 3."""
     tips = [point - NUM_JOINTS for point in PARTS[part] if point >= NUM_JOINTS]
@@ -227,8 +207,11 @@ def _fold(values: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " f
 
 
 def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
-    """Mean at each place of a period, of third differences counted at their frame i + 2; NaN where
-    there is none."""
+    """Mean jerk at each place of a period; a pop at any offset stands out. NaN where there is none.
+
+    A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
+    middle: a jump between frames f - 1 and f is highest at phase f.
+    """
     phase = (np.arange(len(jerk)) + 2) % frames
     count = np.bincount(phase, minlength=frames)
     total = np.bincount(phase, weights=jerk, minlength=frames)
@@ -262,26 +245,21 @@ def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
     )
 
 
-def joins_of(num_frames: int, window_advance: int) -> list[int]:
-    """First frame of every window but the first; the frames that two windows share start there."""
-    return list(range(window_advance, num_frames, window_advance))
-
-
-def seam_jerk_ratio(
-    positions: Float[np.ndarray, "T points 3"], window_advance: int, overlap: int
-) -> float:
+def seam_jerk_ratio(jerk: Float[np.ndarray, " N"], window_advance: int, overlap: int) -> float:
     """Peak jerk around the joins of windows over peak jerk of equally long stretches elsewhere.
 
-    1 says that joins cannot be told from the rest. Peaks of the jerk averaged over points are
-    compared, and a join's stretch holds every third difference that touches frames ``join - 1`` to
-    ``join + overlap``: a pop shows wherever in the shared frames it sits. NaN without a whole join
-    or without a stretch clear of joins.
+    1 says that joins cannot be told from the rest. A join is the first frame of every window but
+    the first, where the frames that two windows share start. Its stretch holds every third
+    difference that touches frames ``join - 1`` to ``join + overlap``: a pop shows wherever in the
+    shared frames it sits. NaN without a whole join or without a stretch clear of joins.
+
+    Args:
+        jerk: entry i: of frames i to i + 3, averaged over points.
     """
-    jerk = derivative_magnitudes(positions, 3).mean(axis=1)  # entry i: frames i to i + 3
     stretch = overlap + 5
     is_interior = np.ones(len(jerk), dtype=bool)
     seam_peaks = []
-    for join in joins_of(len(positions), window_advance):
+    for join in range(window_advance, len(jerk) + 3, window_advance):
         first = join - 4
         is_interior[max(0, first) : first + stretch] = False
         if first >= 0 and first + stretch <= len(jerk):
@@ -294,17 +272,6 @@ def seam_jerk_ratio(
     if not seam_peaks or not interior_peaks or np.mean(interior_peaks) < STILL_M_S3:
         return float("nan")
     return float(np.mean(seam_peaks) / np.mean(interior_peaks))
-
-
-def jerk_by_window_phase(
-    positions: Float[np.ndarray, "T points 3"], window_advance: int
-) -> Float[np.ndarray, " window_advance"]:
-    """Mean jerk of all points at each place of a window, m/s^3; a pop at any offset stands out.
-
-    A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
-    middle: a jump between frames f - 1 and f is highest at phase f. NaN where the clip has none.
-    """
-    return by_phase(derivative_magnitudes(positions, 3).mean(axis=1), window_advance)
 
 
 @dataclass(frozen=True)
@@ -321,25 +288,25 @@ class RecurringJerk:
     """Probability that jerk without a period stands out so at some frame of the window."""
 
 
-def recurring_jerk(
-    positions: Float[np.ndarray, "T points 3"], window_advance: int
-) -> RecurringJerk:
-    """What `jerk_by_window_phase` peaks at, by medians, so that no single jump can do it.
+def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
+    """What `by_phase` peaks at, by medians, so that no single jump can do it.
 
     NaN under 4 whole windows, and where nothing moves.
     """
-    jerk = derivative_magnitudes(positions, 3).mean(axis=1)
-    chance = chance_of_pulses(jerk, window_advance)
-    jerk = np.concatenate([np.full(2, np.nan), jerk])  # entry f: differences over f - 2 to f + 1
-    num_windows = len(jerk) // window_advance
+    by_frame = np.concatenate([np.full(2, np.nan), jerk])  # entry f: frames f - 2 to f + 1
+    num_windows = len(by_frame) // window_advance
     if num_windows < MIN_PERIODS:
         return RecurringJerk(None, num_windows, float("nan"))
-    windows = jerk[: num_windows * window_advance].reshape(num_windows, window_advance)
+    windows = by_frame[: num_windows * window_advance].reshape(num_windows, window_advance)
     medians = np.nanmedian(windows, axis=0)
     usual = float(np.median(medians))
     if usual < STILL_M_S3:
         return RecurringJerk(None, num_windows, float("nan"))
-    phase = int(medians.argmax())
+    phase, chance, scores = int(medians.argmax()), 1.0, _scores(jerk)
+    if len(jerk) >= MIN_PERIODS * window_advance and scores.any():
+        whole = np.sqrt(len(scores) // window_advance)
+        deviations = _fold(scores, window_advance).max() * whole / scores.std()
+        chance = float(min(1.0, window_advance * norm.sf(deviations)))
     return RecurringJerk(phase, num_windows, float(medians[phase] / usual), chance)
 
 
@@ -361,15 +328,16 @@ def seam_measures(tracks: Tracks, windows: Windowing | None, period: Period | No
     """Folded on the windows, or else on the period; a period may start anywhere, so that joins are
     looked for in windows only."""
     if windows is not None:
+        jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)
         return SeamMeasures(
-            seam_jerk_ratio(tracks.joints, windows.advance, windows.overlap),
-            jerk_by_window_phase(tracks.joints, windows.advance),
-            recurring_jerk(tracks.joints, windows.advance),
+            seam_jerk_ratio(jerk, windows.advance, windows.overlap),
+            by_phase(jerk, windows.advance),
+            recurring_jerk(jerk, windows.advance),
             windows.advance,
             period,
         )
     unknown = RecurringJerk(None, 0, math.nan)
     if period is None:
         return SeamMeasures(math.nan, np.empty(0), unknown)
-    folded = part_jerk_by_phase(tracks, period.part, period.frames)
+    folded = by_phase(_part_jerk(tracks, period.part), period.frames)
     return SeamMeasures(math.nan, folded, unknown, period.frames, period)

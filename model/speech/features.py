@@ -4,6 +4,7 @@ Everything is computed at 100 Hz (160 samples; 16000 / 30 is no integer) and ave
 exact span of each motion frame. Blocks bound the memory, and give the same numbers for any size.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.acoustics import fundamentals, mel_powers
+from model.speech.prepared_librosa import librosa
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum
@@ -87,8 +88,9 @@ def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops
 
     Of the first hop it is not known whether its pitch is steady; it counts as if it were.
     """
-    log_mel, energy = _log_mel(waveform, first, last)
-    hz = _fundamental(waveform, first, last)
+    decibels = _by_blocks(waveform, first, last, FFT_SIZE, _decibels)
+    log_mel, energy = decibels[:, :NUM_MELS], decibels[:, NUM_MELS]
+    hz = _by_blocks(waveform, first, last, PITCH_WINDOW, _fundamental)
     low, high = PITCH_RANGE_HZ
     in_range = (hz > low * 1.05) & (hz < high * 0.97)
     pitch = np.log2(hz)
@@ -134,41 +136,41 @@ def _heard_by(
     return piece
 
 
-def _log_mel(
-    waveform: Float32[np.ndarray, " N"], first: int, last: int
-) -> tuple[Float64[np.ndarray, "hops mels"], Float64[np.ndarray, " hops"]]:
-    """Mel power and total power in dB."""
-    log_mel = np.empty((last - first, NUM_MELS))
-    energy = np.empty(last - first)
-    for start in range(first, last, BLOCK_FRAMES):
-        stop = min(last, start + BLOCK_FRAMES)
-        mels, power = mel_powers(
-            _heard_by(waveform, start, stop, FFT_SIZE),
-            SAMPLE_RATE,
-            window=np.hanning(WINDOW).astype(np.float32),
-            fft_size=FFT_SIZE,
-            hop=HOP,
-            num_mels=NUM_MELS,
-            lowest_hz=LOWEST_MEL_HZ,
-        )
-        block = slice(start - first, stop - first)
-        log_mel[block] = 10 * np.log10(mels + 1e-8)
-        energy[block] = 10 * np.log10(power + 1e-6)
-    return log_mel, energy
+def _by_blocks(
+    waveform: Float32[np.ndarray, " N"],
+    first: int,
+    last: int,
+    size: int,
+    analyse: Callable[[Float32[np.ndarray, " samples"]], np.ndarray],
+) -> Float64[np.ndarray, " hops *numbers"]:
+    """What windows of ``size`` samples tell, some hops at a time."""
+    parts = [
+        analyse(_heard_by(waveform, start, min(last, start + BLOCK_FRAMES), size))
+        for start in range(first, last, BLOCK_FRAMES)
+    ]
+    return np.concatenate(parts).astype(np.float64)
 
 
-def _fundamental(
-    waveform: Float32[np.ndarray, " N"], first: int, last: int
-) -> Float64[np.ndarray, " hops"]:
-    """In Hz, whether there is one or not."""
-    found = np.empty(last - first)
-    for start in range(first, last, BLOCK_FRAMES):
-        stop = min(last, start + BLOCK_FRAMES)
-        piece = _heard_by(waveform, start, stop, PITCH_WINDOW)
-        found[start - first : stop - first] = fundamentals(
-            piece, SAMPLE_RATE, window=PITCH_WINDOW, hop=HOP, range_hz=PITCH_RANGE_HZ
-        )
-    return found
+def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "hops 65"]:
+    """Power in mel bands (Slaney's scale), and in all of the spectrum."""
+    spectrum = librosa().stft(
+        piece, n_fft=FFT_SIZE, hop_length=HOP, win_length=WINDOW, center=False,
+        window=np.hanning(WINDOW).astype(np.float32),
+    )  # fmt: skip
+    power = np.abs(spectrum) ** 2
+    mels = librosa().feature.melspectrogram(
+        S=power, sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS, fmin=LOWEST_MEL_HZ
+    )
+    return 10 * np.log10(np.concatenate([mels + 1e-8, power.sum(axis=0)[None] + 1e-6])).T
+
+
+def _fundamental(piece: Float32[np.ndarray, " samples"]) -> Float64[np.ndarray, " hops"]:
+    """In Hz, whether there is one or not (YIN, de Cheveigne and Kawahara, JASA 2002)."""
+    low, high = PITCH_RANGE_HZ
+    return librosa().yin(
+        piece, fmin=low, fmax=high, sr=SAMPLE_RATE,
+        frame_length=PITCH_WINDOW, hop_length=HOP, center=False,
+    )  # fmt: skip
 
 
 def average_over_frames(

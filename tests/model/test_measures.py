@@ -168,13 +168,6 @@ def test_tip_measures_of_a_turning_wrist_follow_its_radius():
     assert moved == {joint for joint in range(55) if 21 in chain_to_root(joint)[1:]}
 
 
-def test_joint_noise_grows_with_depth():
-    noise = (0.02 * np.random.default_rng(0).standard_normal((300, 165))).astype(np.float32)
-    result = measures(replace(posed(300), poses=noise))
-    arm = [result["joint_jerk_m_s3"][joint] for joint in (9, 17, 19, 21, 43, 45)]
-    assert arm == sorted(arm) and result["tip_jerk_m_s3"] > arm[-1]
-
-
 def test_angular_speed_and_acceleration_of_a_steady_and_of_a_faster_turn():
     elbow, frames = JOINT_INDEX["left_elbow"], np.arange(90)
     steady = measures(posed(90, left_elbow=about(1, 0.05 * frames)))
@@ -406,18 +399,6 @@ def test_what_are_no_mean_speeds_is_refused(speeds, tmp_path):
         read_mean_speeds(path)
 
 
-def test_filter_keeps_slow_motion_and_removes_noise():
-    motion = smooth_motion_example(150)
-    before, after = (track_points(m, SKELETON).joints for m in (motion, smooth_motion(motion)))
-    assert np.abs(before - after).max() < 0.02
-    assert np.median(np.abs(before - after)) < 0.001
-    noise = 0.03 * np.random.default_rng(0).standard_normal(motion.poses.shape)
-    noisy = replace(motion, poses=motion.poses + noise.astype(np.float32))
-    raw, filtered = (measures(m) for m in (noisy, smooth_motion(noisy)))
-    assert filtered["tip_jerk_m_s3"] < 0.35 * raw["tip_jerk_m_s3"]
-    assert filtered["tip_velocity_power_above_5hz"] < raw["tip_velocity_power_above_5hz"]
-
-
 def test_filter_is_exact_on_a_parabola_and_gives_rotations():
     t = seconds(40)
     motion = posed(40, along(0, 0.3 * t**2 - 0.1 * t))
@@ -434,7 +415,7 @@ def test_filter_is_exact_on_a_parabola_and_gives_rotations():
     assert about_pi[3:-3].max() < 0.03  # the noise of 0.05 rad is more than a third smaller
 
 
-@pytest.mark.parametrize("num_frames", [1, 2, 3, 4, 32, 33, 53])
+@pytest.mark.parametrize("num_frames", [1, 2, 3, 32, 33])
 def test_any_length_gives_valid_json(num_frames):
     result = told({"a": smooth_motion_example(num_frames)}, SKELETON)
     assert json.loads(json.dumps(result, allow_nan=False)) == result
@@ -506,17 +487,17 @@ def test_a_joint_another_tip_or_a_given_track_is_followed():
         diagnose({}, SKELETON, point="nose")
 
 
-def test_a_longer_reference_is_cut_and_said_so():
-    short, long = smooth_motion_example(30), smooth_motion_example(45)
+def test_a_longer_reference_or_motion_is_cut_and_said_so():
+    short, long = smooth_motion_example(5), smooth_motion_example(8)
     result = told({"a": short}, SKELETON, reference=long)
-    cut = told({"a": short}, SKELETON, reference=long.part(slice(30)))
-    assert result["reference"] == cut["reference"] and result["num_frames"] == {"a": 30}
-    assert "The reference has 45 frames; the first 30 were measured" in result["notes"][0]
+    cut = told({"a": short}, SKELETON, reference=long.part(slice(5)))
+    assert result["reference"] == cut["reference"] and result["num_frames"] == {"a": 5}
+    assert "The reference has 8 frames; the first 5 were measured" in result["notes"][0]
     assert cut["notes"] == []
     result = told({"a": long, "b": short}, SKELETON, reference=short)
-    assert result["num_frames"] == {"a": 30, "b": 30}
-    assert result["notes"][0].startswith("a has 45 frames")
-    assert told({"a": long, "b": short}, SKELETON)["num_frames"] == {"a": 45, "b": 30}
+    assert result["num_frames"] == {"a": 5, "b": 5}
+    assert result["notes"][0].startswith("a has 8 frames")
+    assert told({"a": long, "b": short}, SKELETON)["num_frames"] == {"a": 8, "b": 5}
 
 
 @pytest.mark.beat2

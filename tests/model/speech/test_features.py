@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from model.measures.beats import speech_onsets
 from model.speech import features
+from model.speech.audio import load_speech
 from model.speech.causal import BLOCK_FRAMES, BLOCK_SAMPLES, LOOK_AHEAD, CausalMel, RunningVoice
 from model.speech.features import (
     NUM_MELS,
@@ -14,9 +16,20 @@ from model.speech.features import (
     augment_mel,
     in_other_throats,
 )
+from tests.helpers import ROOT
 from tests.model.made import made_waveform
 
 ENERGY, ONSET, PITCH, VOICED = range(NUM_MELS, NUM_MELS + 4)
+
+
+def test_features_are_those_that_the_bundled_weights_were_trained_with():
+    """Of seconds 3 to 5 of an example, by the code with which they were."""
+    told = np.load(ROOT / "tests" / "model" / "speech" / "heard.npz")
+    speech = load_speech(ROOT / "examples" / "three_reasons.wav")
+    found = MelEncoder().encode(speech.waveform, speech.num_frames)
+    np.testing.assert_allclose(found[90:150], told["features"], atol=1e-4)
+    np.testing.assert_allclose(speech_onsets(speech.waveform)[:40], told["onsets_s"])
+    assert len(speech_onsets(np.zeros(32_000, np.float32))) == 0
 
 
 def tone(frequency: float, seconds: float = 2.0) -> np.ndarray:

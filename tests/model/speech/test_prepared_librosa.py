@@ -19,9 +19,9 @@ print("hears", prepared_librosa.librosa().doubled(21.0))
 WHOLE = """
 import numpy as np
 from model.speech.features import MelEncoder
-from model.speech.acoustics import onset_times
+from model.measures.beats import speech_onsets
 sound = np.random.default_rng(0).normal(0, 0.1, 16000).astype(np.float32)
-print("hears", MelEncoder().encode(sound, 30).sum(), onset_times(sound, 16000))
+print("hears", MelEncoder().encode(sound, 30).sum(), speech_onsets(sound))
 """
 
 
