@@ -600,7 +600,7 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
     values = {f"{value:g}" for value in numbers.values()}
     if not numbers:
         why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
-        draft.goes_at(FPS, why, "unsure")
+        draft.goes_at(float(FPS), why, "unsure")
         return
     key, fps = next(iter(numbers.items()))
     if len(values) > 1:

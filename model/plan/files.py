@@ -22,6 +22,7 @@ from pathlib import Path
 from conventions.rates import FPS
 from model.plan.kinds import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
+    MAX_BYTES,
     PHASES,
     SIDES,
     Blink,
@@ -36,20 +37,18 @@ from model.plan.plan import (
     Side,
     Smile,
     Stand,
-    bytes_within,
     plan_of_json,
 )
 from model.plan.tier_files import (
     NamedTier,
     TierRow,
-    decoded,
     elan_of,
     elan_tiers,
-    is_textgrid,
+    text_of,
     textgrid_of,
     textgrid_tiers,
 )
-from model.storage.files import written_atomically
+from model.storage.files import bytes_within, written_atomically
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS
@@ -443,7 +442,7 @@ def read_plan_file(path: Path) -> PlanRead:
     Raises:
         PlanError: if the file is missing, too large, or holds no plan; one sentence.
     """
-    return plan_in(bytes_within(path), path.name)
+    return plan_in(bytes_within(path, MAX_BYTES, PlanError), path.name)
 
 
 def plan_in(data: bytes, file: str) -> PlanRead:
@@ -464,7 +463,7 @@ def annotated_plan(path: Path) -> GesturePlan:
     Raises:
         PlanError: if it tells no gestures of both hands with their goals.
     """
-    tiers, duration_s = _grid_tiers(bytes_within(path), path.name)
+    tiers, duration_s = _grid_tiers(bytes_within(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
     for name in (f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)):
         if name not in there:
@@ -474,13 +473,7 @@ def annotated_plan(path: Path) -> GesturePlan:
 
 def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float]:
     """The tiers of a TextGrid without empty intervals, and its length."""
-    try:
-        text = decoded(data)
-    except UnicodeDecodeError as error:
-        raise PlanError(f"{file} is no text in UTF-8 or UTF-16.") from error
-    if not is_textgrid(text):
-        raise PlanError(f"{file} is no TextGrid; save one as text in Praat.")
-    tiers, duration_s = textgrid_tiers(text)
+    tiers, duration_s = textgrid_tiers(text_of(data, file, PlanError), file, PlanError)
     if not tiers:
         raise PlanError(f"{file} has no tier at all.")
     if not 0 < duration_s < 1e6:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from model.storage.files import written_atomically
+from model.storage.files import bytes_within, written_atomically
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, ...] = get_args(Side)
@@ -239,32 +239,13 @@ EVENTS: dict[str, type] = {
 """Of what a plan's lists are."""
 
 
-def bytes_within(path: Path, most: int | None = None) -> bytes:
-    """What a file holds that belongs to plans.
-
-    Raises:
-        PlanError: if it is missing or larger than ``most``, usually `MAX_BYTES`.
-    """
-    most = MAX_BYTES if most is None else most
-    try:
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise PlanError(f"{path.name} could not be read: {reason}.") from error
-    if len(data) > most:
-        told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
-        raise PlanError(f"{path.name} is larger than {told}.")
-    return data
-
-
 def read_plan(path: Path) -> GesturePlan:
     """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
 
     Raises:
         PlanError: if the file is missing, too large, or holds no such plan.
     """
-    return plan_of_json(bytes_within(path), path.name)
+    return plan_of_json(bytes_within(path, MAX_BYTES, PlanError), path.name)
 
 
 def plan_of_json(data: bytes, file: str) -> GesturePlan:

@@ -35,7 +35,8 @@ from model.plan.editing import (
     within_reach,
 )
 from model.plan.kinds import REST_PLACE, TOGETHER_S, Spoken, strokes_of
-from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Smile, bytes_within
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Smile
+from model.storage.files import bytes_within
 
 _CLOSE = 0.02
 """A wish this close to what is there, as a share of it, is met already."""
@@ -43,16 +44,6 @@ LIMITS = {
     "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
     "stroke_s": (0.2, 1.0), "both": (0.0, 1.0), "smile": (0.0, 1.0),
 }  # fmt: skip
-
-
-Limits = Mapping[str, tuple[float, float]]
-
-
-def _check(told: Style | Manner, limits: Limits) -> None:
-    for name, (least, most) in limits.items():
-        value = getattr(told, name)
-        if not least <= value <= most:
-            raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
 
 
 def _within(told: Mapping[str, float]) -> dict[str, float]:
@@ -77,7 +68,8 @@ class Style:
     """Mean size of smiles over all the time, none being 0."""
 
     def __post_init__(self) -> None:
-        _check(self, LIMITS)
+        for name, limits in LIMITS.items():
+            _number(name, getattr(self, name), *limits)
 
 
 def style_of(plan: GesturePlan) -> Style:
@@ -131,15 +123,12 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) ->
     if _differs(style.both, now.both):
         plan = _with_both(plan, style.both)
     now = style_of(plan)
-    changes: list[Callable[[GesturePlan, Gesture], Edited]] = []
     if _differs(style.stroke_s, now.stroke_s):
         speed = float(np.clip(now.stroke_s / style.stroke_s, 0.2, 5))
-        changes.append(lambda each, gesture: hastened(each, gesture, speed))
+        plan = _each(plan, lambda each, gesture: hastened(each, gesture, speed))
     if _differs(style.size_m, now.size_m):
         size = float(np.clip(style.size_m / now.size_m, 0.1, 4))
-        changes.append(lambda each, gesture: sized(each, gesture, size))
-    for change in changes:
-        plan = _each(plan, change)
+        plan = _each(plan, lambda each, gesture: sized(each, gesture, size))
     by_m = style.height_m - style_of(plan).height_m
     if _differs(style.height_m, now.height_m) and abs(by_m) > 1e-3:
         plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m))
@@ -293,7 +282,7 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
 def read_wish(path: Path) -> StyleWish:
     """A style file; a `PlanError` if it is missing, too large, or says anything else."""
     try:
-        told = tomllib.loads(bytes_within(path, MAX_BYTES).decode("utf-8"))
+        told = tomllib.loads(bytes_within(path, MAX_BYTES, PlanError).decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise PlanError(f"{path.name} is no TOML file.") from error
     try:
@@ -353,7 +342,8 @@ class Manner:
     smile: float = 1.0
 
     def __post_init__(self) -> None:
-        _check(self, MANNER_LIMITS)
+        for name, limits in MANNER_LIMITS.items():
+            _number(name, getattr(self, name), *limits)
 
     @staticmethod
     def of(told: Any) -> Manner:
@@ -361,8 +351,7 @@ class Manner:
         names = {each.name for each in fields(Manner)}
         if not isinstance(told, dict) or not set(told) <= names:
             raise PlanError(f"A manner is an object of some of {', '.join(sorted(names))}.")
-        numbers = {name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told}
-        return Manner(**numbers)
+        return Manner(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
 
     def done(self, phase: HandPhase) -> HandPhase:
         """A phase of a gesture as large and as high as it shall be."""

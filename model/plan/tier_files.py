@@ -11,6 +11,7 @@ guard before it as is here. ELAN's times are whole milliseconds; a moment is a s
 from __future__ import annotations
 
 import codecs
+import io
 import re
 import xml.etree.ElementTree as ET
 from collections import deque
@@ -20,7 +21,6 @@ from datetime import UTC, datetime
 from itertools import pairwise
 from math import nan
 from urllib.parse import quote
-from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -59,14 +59,13 @@ class NamedTier:
     """The tier whose rows these tell more of, one for one of some of them."""
 
 
-def decoded(data: bytes) -> str:
-    """Text in UTF-8, or in UTF-16 with a byte order mark, as Praat writes it.
-
-    Raises:
-        UnicodeDecodeError: if it is neither.
-    """
+def text_of(data: bytes, name: str, error: type[ValueError]) -> str:
+    """Text in UTF-8, or in UTF-16 with a byte order mark, as Praat writes it; else an ``error``."""
     is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    return data.decode("utf-16" if is_utf16 else "utf-8-sig")
+    try:
+        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
+    except UnicodeDecodeError as cause:
+        raise error(f"{name} is no text in UTF-8 or UTF-16.") from cause
 
 
 def is_textgrid(text: str) -> bool:
@@ -74,13 +73,15 @@ def is_textgrid(text: str) -> bool:
     return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
 
 
-def textgrid_tiers(text: str) -> tuple[list[NamedTier], float]:
+def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
     """The tiers of a TextGrid with all of their rows, and how long it is; what is no number there
-    is nan, as is a length that is not told."""
+    is nan, as is a length that is not told. Of another text an ``error`` is made."""
+    if not is_textgrid(text):
+        raise error(f"{name} is no TextGrid; save one as text in Praat.")
     tiers: list[NamedTier] = []
     rows: list[TierRow] = []
     numbers: deque[float] = deque(maxlen=6)
-    length, kind, name = nan, "", ""
+    length, kind, called = nan, "", ""
     for found in _VALUE.finditer(text):
         if found[2] is not None:
             numbers.append(_number(found[2]))
@@ -88,17 +89,17 @@ def textgrid_tiers(text: str) -> tuple[list[NamedTier], float]:
         told = found[1].replace('""', '"')
         if told in _CLASSES and len(numbers) in (0, 3):  # after a head of two times and a count
             if kind:
-                tiers.append(NamedTier(name, tuple(rows), kind == "TextTier"))
+                tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
             elif numbers:
                 length = numbers[1]
-            kind, name, rows = told, "", []
-        elif kind and not (name or numbers):
-            name = told
+            kind, called, rows = told, "", []
+        elif kind and not (called or numbers):
+            called = told
         elif kind and numbers:
             rows.append(TierRow(numbers[-1 if kind == "TextTier" else -2], numbers[-1], told))
         numbers.clear()
     if kind:
-        tiers.append(NamedTier(name, tuple(rows), kind == "TextTier"))
+        tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
     return tiers, length
 
 
@@ -299,34 +300,19 @@ def _around(rows: Sequence[TierRow]) -> list[tuple[int, int]]:
 
 def _parsed(data: bytes, name: str) -> ET.Element:
     """The elements of a file, read without entities, definitions or anything outside of it."""
-    builder, depth, count = ET.TreeBuilder(), 0, 0
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-
-    def start(tag: str, fields: dict[str, str]) -> None:
-        nonlocal depth, count
-        depth, count = depth + 1, count + 1
-        if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-            raise PlanError(f"{name} is nested deeper or holds more than any ELAN file.")
-        builder.start(tag, fields)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    def refuse(*_: object) -> None:
+    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
         raise PlanError(f"{name} defines a document type, which no ELAN file does.")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = builder.data
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    depth = count = 0
     try:
-        parser.Parse(data, True)
-        return builder.close()
+        events = ET.iterparse(io.BytesIO(data), ("start", "end"))
+        for event, _ in events:
+            depth, count = (depth + 1, count + 1) if event == "start" else (depth - 1, count)
+            if depth > MAX_DEPTH or count > MAX_ELEMENTS:
+                raise PlanError(f"{name} is nested deeper or holds more than any ELAN file.")
+        return events.root  # pyright: ignore[reportAttributeAccessIssue]
     except PlanError:
         raise
-    except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
+    except (ET.ParseError, LookupError, ValueError) as error:
         raise PlanError(f"{name} is no ELAN file: {str(error)[:80]}.") from None
 
 

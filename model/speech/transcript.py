@@ -7,15 +7,16 @@ from math import inf
 from pathlib import Path
 from typing import Literal
 
-from model.plan.tier_files import NamedTier, decoded, is_textgrid, textgrid_tiers
+from model.plan.tier_files import NamedTier, is_textgrid, text_of, textgrid_tiers
+from model.storage.files import bytes_within
 
 MAX_BYTES = 8 * 2**20
 """An hour of speech with all its phones has less than 4 MiB."""
 MAX_WORDS = 50_000
 """Intervals of a tier."""
 MAX_GESTURE_TIERS = 4
-MAX_TEXT_BYTES = 256 * 2**10
-"""Of a plain text; what is said in an hour has less than 80 KiB."""
+MAX_TEXT = 256 * 2**10
+"""Characters of a plain text; what is said in an hour has less than 80,000."""
 TEXT_SUFFIX = ".txt"
 WORD_TIERS = ("words", "word")
 PHONE_TIERS = ("phones", "phone")
@@ -95,30 +96,7 @@ def read_transcript(path: str | Path) -> Transcript:
         TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
     """
     path = Path(path)
-    text = _read_text(path, MAX_BYTES)
-    if not is_textgrid(text):
-        raise TranscriptError(f"{path.name} is no TextGrid; save one as text in Praat.")
-    found, _ = textgrid_tiers(text)
-    tiers = {tier.name: tier for tier in found if not tier.has_points}
-    named = [name for name in tiers if name.lower() in WORD_TIERS]
-    if not named and len(tiers) != 1:
-        there = ", ".join(name[:40] for name in list(tiers)[:8]) or "no interval tier"
-        raise TranscriptError(f"{path.name} has no tier called words; it has {there}.")
-    of_words = named[0] if named else next(iter(tiers))
-    words = _intervals(tiers[of_words], "word", path.name)
-    if not words:
-        raise TranscriptError(f"{path.name} holds no words.")
-    of_gestures = [name for name in tiers if name != of_words and GESTURE_TIER.search(name)]
-    gestures = [
-        GestureTier(name, _intervals(tiers[name], "gesture", path.name))
-        for name in of_gestures[:MAX_GESTURE_TIERS]
-    ]
-    return Transcript(
-        tuple(Word(word.start_s, word.end_s, word.text) for word in words),
-        tuple(tier for tier in gestures if tier.phases),
-        phones=_phones(tiers, path.name),
-        accents=_accents(found),
-    )
+    return _of_grid(_text_in(path), path.name)
 
 
 def read_words(path: str | Path) -> Transcript | str:
@@ -128,31 +106,44 @@ def read_words(path: str | Path) -> Transcript | str:
         TranscriptError: as `read_transcript`, or if a plain text is too large or has no words.
     """
     path = Path(path)
-    if path.suffix.lower() != TEXT_SUFFIX:
-        return read_transcript(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(400)
-    except OSError:
-        head = b""  # which `read_text` tells of
-    # UTF-16 has a zero beside each of these letters.
-    is_grid = is_textgrid(head.replace(b"\0", b"").decode("latin-1"))
-    return read_transcript(path) if is_grid else read_text(path)
-
-
-def read_text(path: str | Path) -> str:
-    """A plain text of what is said, in UTF-8 or UTF-16.
-
-    Raises:
-        TranscriptError: if it is missing, too large, no text, or has no words.
-    """
-    path = Path(path)
-    text = _read_text(path, MAX_TEXT_BYTES)
+    text = _text_in(path)
+    if path.suffix.lower() != TEXT_SUFFIX or is_textgrid(text):
+        return _of_grid(text, path.name)
+    if len(text) > MAX_TEXT:
+        raise TranscriptError(f"{path.name} holds more than {MAX_TEXT} characters.")
     if any(ord(sign) < 32 and not sign.isspace() for sign in text):
         raise TranscriptError(f"{path.name} is no plain text; save it as UTF-8.")
     if not any(sign.isalnum() for sign in text):
         raise TranscriptError(f"{path.name} holds no words.")
     return text
+
+
+def _text_in(path: Path) -> str:
+    return text_of(bytes_within(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
+
+
+def _of_grid(text: str, name: str) -> Transcript:
+    found, _ = textgrid_tiers(text, name, TranscriptError)
+    tiers = {tier.name: tier for tier in found if not tier.has_points}
+    named = [each for each in tiers if each.lower() in WORD_TIERS]
+    if not named and len(tiers) != 1:
+        there = ", ".join(each[:40] for each in list(tiers)[:8]) or "no interval tier"
+        raise TranscriptError(f"{name} has no tier called words; it has {there}.")
+    of_words = named[0] if named else next(iter(tiers))
+    words = _intervals(tiers[of_words], "word", name)
+    if not words:
+        raise TranscriptError(f"{name} holds no words.")
+    of_gestures = [each for each in tiers if each != of_words and GESTURE_TIER.search(each)]
+    gestures = [
+        GestureTier(each, _intervals(tiers[each], "gesture", name))
+        for each in of_gestures[:MAX_GESTURE_TIERS]
+    ]
+    return Transcript(
+        tuple(Word(word.start_s, word.end_s, word.text) for word in words),
+        tuple(tier for tier in gestures if tier.phases),
+        phones=_phones(tiers, name),
+        accents=_accents(found),
+    )
 
 
 def _phones(tiers: dict[str, NamedTier], name: str) -> tuple[Interval, ...]:
@@ -189,20 +180,3 @@ def _intervals(tier: NamedTier, what: str, name: str) -> tuple[Interval, ...]:
     if len(found) > MAX_WORDS:
         raise TranscriptError(f"{name} holds {len(found)} {what}s; at most {MAX_WORDS} are read.")
     return tuple(sorted(found, key=lambda interval: interval.start_s))
-
-
-def _read_text(path: Path, max_bytes: int) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
-    except OSError as error:
-        raise TranscriptError(
-            f"{path.name} could not be read: {(error.strerror or str(error)).lower()}."
-        ) from error
-    if len(data) > max_bytes:
-        most = f"{max_bytes // 2**20} MiB" if max_bytes >= 2**20 else f"{max_bytes // 2**10} KiB"
-        raise TranscriptError(f"{path.name} is larger than {most}, the most that is read.")
-    try:
-        return decoded(data)
-    except UnicodeDecodeError as error:
-        raise TranscriptError(f"{path.name} is no text in UTF-8 or UTF-16.") from error

@@ -68,6 +68,20 @@ def written_atomically(path: str | Path) -> Iterator[Path]:
             pass
 
 
+def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
+    """What a file holds; an ``error`` with one sentence if it is missing or larger."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as cause:
+        reason = (cause.strerror or str(cause)).lower()
+        raise error(f"{path.name} could not be read: {reason}.") from cause
+    if len(data) > most:
+        told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
+        raise error(f"{path.name} is larger than {told}, the most that is read.")
+    return data
+
+
 def file_sha256(path: Path) -> str:
     """Of a file's bytes."""
     with path.open("rb") as file:

@@ -284,7 +284,7 @@ LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier",
 def test_a_textgrid_comes_back_whatever_its_labels_hold() -> None:
     spans = tier("of", *((k, k + 1, label) for k, label in enumerate(LABELS)))
     told = [spans, tier("none"), tier('a "b"', *((k, label) for k, label in enumerate(LABELS)))]
-    assert textgrid_tiers(textgrid_of(told, 7.0)) == (
+    assert textgrid_tiers(textgrid_of(told, 7.0), "a", PlanError) == (
         [spans, NamedTier("none", (TierRow(0.0, 7.0, ""),)), told[2]],
         7.0,
     )
@@ -321,7 +321,7 @@ SHORT = """File type = "ooTextFile short"
 def test_praats_short_format_exponents_and_times_before_zero_are_read_as_they_stand() -> None:
     words = (TierRow(0.0, 0.5, 'so "it" now'), TierRow(0.5, 2.0, "goes"))
     apex = NamedTier("apex", (TierRow(-1.0, -1.0, "here"),), has_points=True)
-    assert textgrid_tiers(SHORT) == ([NamedTier("words", words), apex], 2.0)
+    assert textgrid_tiers(SHORT, "a", PlanError) == ([NamedTier("words", words), apex], 2.0)
 
 
 def eaf(body: str, head: str = "") -> str:
@@ -398,7 +398,7 @@ def test_hostile_elan_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
 def test_large_and_missing_files_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("model.plan.plan.MAX_BYTES", 100)
+    monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
     (tmp_path / "a.eaf").write_text(" " * 101)
     with pytest.raises(PlanError, match="is larger than"):
         read_plan_file(tmp_path / "a.eaf")
@@ -406,7 +406,7 @@ def test_large_and_missing_files_are_refused(
         with pytest.raises(PlanError, match="could not be read"):
             read_plan_file(tmp_path / f"missing{ending}")
     monkeypatch.setattr("model.plan.tier_files.MAX_ELEMENTS", 3)
-    monkeypatch.setattr("model.plan.plan.MAX_BYTES", 10_000)
+    monkeypatch.setattr("model.plan.files.MAX_BYTES", 10_000)
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     with pytest.raises(PlanError, match="holds more than any ELAN file"):
         read_plan_file(tmp_path / "a.eaf")

@@ -65,7 +65,7 @@ def test_excitement_moves_all_sliders_one_way():
     assert wild.stroke_s < style.stroke_s < calm.stroke_s and excited(style, 0.0) == style
     with pytest.raises(PlanError, match=r"from -1 to 1; got 2"):
         excited(style, 2.0)
-    with pytest.raises(PlanError, match="size_m is 2; it must lie between"):
+    with pytest.raises(PlanError, match=r"size_m is a number from .* got 2\."):
         Style(10.0, 2.0, 0.0, 0.3, 0.0, 0.0)
 
 
@@ -149,7 +149,7 @@ def test_a_gesture_without_room_stays_and_is_counted():
         ("size_m =", "style.toml is no TOML file."),
         ("\x00", "style.toml is no TOML file."),
         ("a." * 3000 + "b = 1", "a style has no 'a'"),
-        ("#" * 20_000, "style.toml is larger than 10 kB."),
+        ("#" * 20_000, "style.toml is larger than 10 kB"),
     ],
 )
 def test_what_is_no_style_is_refused_in_a_sentence(tmp_path, text, sentence):
