@@ -52,7 +52,6 @@ GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
 STEPS_LABEL = "Sampler steps"
 STEPS_HELP = "Empty: what each system usually takes. A number for all, or full=20, local=5, …"
-FACE_STEPS_LABEL = "Steps of the face"
 USUAL_SAMPLER = "each system's usual one"
 SAMPLER_LABEL = "Sampler"
 SAMPLER_HELP = "The way from noise to motion. Leave it, unless you compare samplers."

@@ -50,7 +50,6 @@ Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 OF_SYSTEMS: Mapping[str, str] = {
     "steps": "steps",
-    "face_steps": "steps of the face",
     "sampler": "sampler",
     "guidance": "strength of the speech",
 }
@@ -220,10 +219,8 @@ class Ask:
     samples: int = 1
     """Motions per system."""
     steps: PerSystem = None
-    """Sampler steps, of all systems or by name; the body's, where a system draws the face by steps
-    of its own."""
-    face_steps: PerSystem = None
-    """Of systems that draw the face by steps of its own; the others have none."""
+    """Sampler steps, of all systems or by name; the body's, where a system draws the face in a
+    share of them."""
     sampler: Annotated[str | None, written(str, "NAME", "each its usual one")] = None
     """Of systems that have it; the others take their usual one."""
     guidance: Strength = None
@@ -324,8 +321,7 @@ class Ask:
             raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
         if not 1 <= self.samples <= MAX_SAMPLES:
             raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {self.samples}.")
-        _check_steps("Steps", self.steps)
-        _check_steps("Face steps", self.face_steps)
+        _check_steps(self.steps)
         if self.guidance is not None and not 0 <= self.guidance <= MAX_GUIDANCE:
             raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {self.guidance:g}.")
         if self.seed < 0:
@@ -335,10 +331,10 @@ class Ask:
             check_size(self.size)
 
 
-def _check_steps(what: str, asked: Steps) -> None:
+def _check_steps(asked: Steps) -> None:
     for system, count in asked.items() if isinstance(asked, Mapping) else [("", asked)]:
         if count is not None and not 1 <= count <= MAX_STEPS:
-            whose = f"{what} of {system}" if system else what
+            whose = f"Steps of {system}" if system else "Steps"
             raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
 
 

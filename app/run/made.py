@@ -247,10 +247,8 @@ def _load_systems(ask: Ask) -> tuple[System, ...]:
             f"No trained systems were found in {ask.weights}; "
             "name a folder of weights with --weights DIR."
         )
-    asked = ask.steps, ask.face_steps
-    unused = [
-        name for steps in asked if isinstance(steps, Mapping) for name in steps if name not in names
-    ]
+    by_name = ask.steps if isinstance(ask.steps, Mapping) else {}
+    unused = [name for name in by_name if name not in names]
     if unused:
         raise RunError(
             f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
@@ -269,12 +267,9 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
 
     known = {sampler.name for sampler in system.samplers}
     sampler = system.sampler(ask.sampler if ask.sampler in known else None)
-    of_face = None if sampler.face_steps is None else steps_of(ask.face_steps, system.name)
-    steps, face_steps = sampler.counts(steps_of(ask.steps, system.name), of_face)
     usual: dict[str, Any] = {name: getattr(ask, name) for name in SAMPLING} | {
         "speaker": ask.speaker or next(iter(system.speakers)),
-        "steps": steps,
-        "face_steps": face_steps,
+        "steps": steps_of(ask.steps, system.name) or sampler.steps,
         "sampler": sampler.name,
         "guidance": system.strength(None if system.guidance is None else ask.guidance),
     }
@@ -285,7 +280,7 @@ def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[st
     """By system. A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
-        RunError: if no system has the sampler, or none takes guidance, steps of the face or a plan.
+        RunError: if no system has the sampler, or none takes guidance or a plan.
         PlanError: if the plan cannot be used.
     """
     from model.plan.files import read_plan_file
@@ -311,11 +306,7 @@ def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[st
             reporter.note(f"{system.name} takes no guidance.")
         if (plans or ask.style) and not performs:
             reporter.note(f"{system.name} performs no plans.")
-        if steps_of(ask.face_steps, system.name) is not None and own.face_steps is None:
-            reporter.note(f"{system.name} takes no steps for the face alone.")
         options[system.name] = own
-    if ask.face_steps is not None and all(each.face_steps is None for each in options.values()):
-        raise RunError("None of these systems takes steps for the face alone; leave them out.")
     return options
 
 

@@ -118,8 +118,6 @@ class Draw:
     sampler: str
     steps: int
     guidance: float
-    face_steps: int | None = None
-    """Of the face, in systems that draw it by steps of its own."""
     first_sample: int = 0
     condition: Any = None
     """What it follows beside them; see `System.condition`."""
@@ -300,19 +298,18 @@ class System(ABC):
         return guidance
 
     def settled(self, asked: Sampling) -> Sampling:
-        """How it draws if it is asked so, with nothing left open but steps of a face that has none
-        of its own.
+        """How it draws if it is asked so, with nothing left open.
 
         Raises:
             UnknownNameError: if it has no such sampler.
-            ValueError: if it takes none of what is asked.
+            ValueError: if guidance is asked of a system that takes none.
         """
         sampler = self.sampler(asked.sampler)
-        if asked.face_steps is not None and sampler.face_steps is None:
-            raise ValueError(f"{self.name} takes no steps for the face alone; leave them out.")
-        steps, face_steps = sampler.counts(asked.steps, asked.face_steps)
-        strength = self.strength(asked.guidance)
-        return Sampling(sampler=sampler.name, steps=steps, face_steps=face_steps, guidance=strength)
+        return Sampling(
+            sampler=sampler.name,
+            steps=asked.steps or sampler.steps,
+            guidance=self.strength(asked.guidance),
+        )
 
     def able(self, asked: Sampling) -> Sampling:
         """What of it can be asked of this system; one that hears as it was trained is not asked

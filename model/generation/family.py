@@ -148,8 +148,6 @@ class Family:
     """Its generators that are taken where nobody has chosen, by what for."""
     plans: tuple[str, ...] = ()
     """Generators that draw a plan of gestures first, and can be given one."""
-    face_steps_help: str = ""
-    """For a person, where a sampler has `Sampler.face_steps`."""
     ladder: Ladder | None = None
     claim: Claim | None = None
     files_title: str = ""

@@ -87,7 +87,7 @@ def generate_motion(
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if guidance, or steps of the face, are asked of a system that takes none.
+        ValueError: if guidance is asked of a system that takes none.
         Cancelled: if ``should_cancel`` said so.
     """
     found: dict[int, list[Motion]] = {}

@@ -29,20 +29,10 @@ class Sampler:
     name: str
     steps: int
     """Where nothing else is asked for."""
-    face_steps: int | None = None
-    """Of the face, where that is drawn by steps of its own."""
     title: str = ""
     """What a person calls it; empty for its name."""
     guidance: float | None = None
     """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
-
-    def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
-        """Steps of the body and of the face, as asked for or as usual; a face of which nothing is
-        asked takes its usual share of the body's."""
-        taken = steps or self.steps
-        if self.face_steps is None:
-            return taken, None
-        return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,17 +42,13 @@ class Sampling:
     sampler: str | None = None
     """One of the system's own."""
     steps: int | None = None
-    face_steps: int | None = None
-    """Of systems that draw the face by steps of its own."""
     guidance: float | None = None
     """Strength of the speech (`model.sampling.flow`): 1 is the network as trained, 0 is deaf. Any
     other than 1 asks the network for a batch of two."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "face_steps"):
-            count = getattr(self, name)
-            if count is not None and count < 1:
-                raise ValueError(f"{name} is {count}; at least 1 is needed.")
+        if self.steps is not None and self.steps < 1:
+            raise ValueError(f"steps is {self.steps}; at least 1 is needed.")
         if self.guidance is not None and not 0 <= self.guidance <= 10:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
 

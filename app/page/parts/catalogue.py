@@ -47,8 +47,6 @@ class Catalogue:
     """Of all its systems."""
     usual_steps: str = ""
     """How many steps systems take where nothing is asked for, for a person."""
-    with_face_steps: tuple[str, ...] = ()
-    """Systems that draw the face by steps of its own."""
 
     @property
     def system_choices(self) -> list[tuple[str, str]]:
@@ -75,12 +73,6 @@ def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
     return groups
 
 
-def face_steps_help(systems: Sequence[str]) -> str | None:
-    """What their families say of drawing the face by steps of its own."""
-    told = dict.fromkeys(family_of(name).face_steps_help for name in systems)
-    return " ".join(told) or None
-
-
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
     """Systems and speakers from the cards beside the weights in ``weights``.
 
@@ -101,7 +93,6 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
         examples,
         tuple(dict.fromkeys(sampler.name for sampler in samplers)),
         ", ".join(dict.fromkeys(usual)),
-        tuple(name for name in names if family_of(name).samplers_of(name)[0].face_steps),
     )
 
 

@@ -22,12 +22,11 @@ from app.page.parts.catalogue import (
     Example,
     about_systems,
     default_systems,
-    face_steps_help,
     groups_of,
     point_choices,
     strength_choices,
 )
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, arrange_chips
+from app.page.parts.html_parts import AT_ONCE, arrange_chips
 from app.page.tabs.services import SEEN, Services, set_here
 from app.run.ask import (
     MAX_CLIPS,
@@ -43,7 +42,7 @@ from model.systems.registry import sampler_title
 
 ORDER = (
     *("speech", "systems", "speaker", "seed", "samples", "steps", "sampler", "post_filter"),
-    *("reference", "joint", "start_frame", "transcript", "face_steps", "guidance", "words"),
+    *("reference", "joint", "start_frame", "transcript", "guidance", "words"),
     *("has_video", "plan", "clips"),
 )
 """In which programs give what the form asks for."""
@@ -82,16 +81,10 @@ def ask_from_form(
                 limit=PAGE_VIDEOS,
             )
         )
-    apart = [name for name in systems if name in catalogue.with_face_steps]
     steps, named = told["steps"], dict(catalogue.system_choices)
     if isinstance(steps, dict):  # by name, whole or as the form shows it
         steps = {named.get(name, name): count for name, count in steps.items()}
-    face_steps = dict.fromkeys(apart, told["face_steps"]) if told["face_steps"] else None
-    ask = Ask(
-        **{**told, "systems": systems, "steps": steps, "face_steps": face_steps},
-        **set_here(config, folder),
-        **SEEN,
-    )
+    ask = Ask(**{**told, "systems": systems, "steps": steps}, **set_here(config, folder), **SEEN)
     ask.check()
     return ask
 
@@ -211,23 +204,6 @@ def build_form(services: Services) -> FormParts:
         label=text.GUIDANCE_LABEL,
         info=text.GUIDANCE_HELP,
         elem_id="guidance",
-    )
-    of["face_steps"] = gr.Slider(
-        minimum=0,
-        maximum=50,
-        value=0,
-        step=1,
-        label=text.FACE_STEPS_LABEL,
-        buttons=[],
-        visible=False,
-        info=face_steps_help(catalogue.with_face_steps),
-        elem_id="face-steps",
-    )
-    of["systems"].change(
-        lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
-        of["systems"],
-        of["face_steps"],
-        **PRIVATE,
     )
     of["post_filter"] = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     of["has_video"] = gr.Checkbox(

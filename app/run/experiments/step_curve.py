@@ -72,8 +72,6 @@ class StepPoint:
 
     system: str
     steps: int
-    face_steps: int | None
-    """Of systems that draw the face by steps of its own."""
     ms_per_frame: float
     """By the clock, one motion at a time, with the features of the speech."""
     tip_jerk_m_s3: float
@@ -145,7 +143,6 @@ def _points_of(
             StepPoint(
                 system=system.name,
                 steps=count,
-                face_steps=system.samplers[0].counts(count, None)[1],
                 ms_per_frame=1e3 * seconds / motion.num_frames,
                 tip_jerk_m_s3=jerk,
                 distance_cm=100 * float(apart.mean()),

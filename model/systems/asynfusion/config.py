@@ -11,6 +11,8 @@ from model.training.config import PAPER, SMOKE, TrainConfig
 
 DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
 SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
+FACE_SHARE = {DDIM: 1.0, LCM_SYNC: 1.0, LCM_ASYNC: 0.5}
+"""Of the body's steps, those that the face takes."""
 
 Aim = Literal["noise", "teacher"]
 """What training aims at: the noise (eq. 12), or a teacher's consistency."""
@@ -111,11 +113,9 @@ FAMILY = Family(
     package="model.systems.asynfusion",
     place=3,
     samplers={
-        DDIM: (Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"], guidance=2.5),),
-        LCM_SYNC: (Sampler("lcm", 8, 8, "LCM", guidance=2.5),),
-        LCM_ASYNC: (Sampler("lcm", 8, 4, "LCM", guidance=2.5),),
+        DDIM: (Sampler("ddim", 25, SAMPLER_TITLES["ddim"], guidance=2.5),),
+        **dict.fromkeys((LCM_SYNC, LCM_ASYNC), (Sampler("lcm", 8, "LCM", guidance=2.5),)),
     },
     shared_weights={LCM_ASYNC: LCM_SYNC},
     usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),
-    face_steps_help="AsynFusion draws face and body apart; 0 is what it usually takes.",
 )

@@ -13,7 +13,7 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained
 from model.sampling.flow import seeded_noise
-from model.systems.asynfusion.config import FAMILY, DualBranchConfig
+from model.systems.asynfusion.config import FACE_SHARE, FAMILY, DualBranchConfig
 from model.systems.asynfusion.network import (
     GESTURE,
     DualBranchNetwork,
@@ -58,7 +58,7 @@ class AsynFusionSystem(System):
             self.network,
             guide,
             partial(self._noise, draw),
-            (draw.face_steps or draw.steps, draw.steps),
+            (max(1, round(draw.steps * FACE_SHARE[self.name])), draw.steps),
             WAYS[WAYS.index(draw.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),

@@ -38,7 +38,6 @@ FORM = {
     "joint": "right_middle",
     "start_frame": 0,
     "transcript": None,
-    "face_steps": 0,
 }
 ANSWERS: list[int] = []
 """Of the server to what a browser asks before anything else has happened."""

@@ -226,8 +226,6 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
         ({"words": "guess"}, "no way to words 'guess'; choose one of recognise, none"),
         ({"samples": 0}, "1 to 8; got 0"),
-        ({"face_steps": 0}, "Face steps must be 1 to 1000; got 0"),
-        ({"face_steps": 4}, "None of these systems takes steps for the face alone"),
         ({"steps": 0}, "1 to 1000; got 0"),
         ({"steps": {LOCAL: 1, WORLD: 1001}}, f"Steps of {WORLD} must be 1 to 1000; got 1001"),
         ({"steps": {"globaldiff/full": 5}}, "'globaldiff/full', which is none of the systems of"),

@@ -1,7 +1,6 @@
 """What forms are given becomes the requests and plans of a command line, or a sentence."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +123,6 @@ def test_every_field_of_the_form_reaches_the_run(form):
         ({"sampler": ["euler"]}, "The field sampler cannot be used"),
         ({"joint": ["right_middle"]}, "The field joint cannot be used"),
         ({"guidance": "much"}, "The field guidance cannot be used"),
-        ({"face_steps": float("nan")}, "The field face_steps cannot be used"),
         ({"samples": float("nan")}, "The field samples cannot be used"),
         ({"speaker": "a" * 5001}, "The field speaker cannot be used"),
     ],
@@ -135,14 +133,8 @@ def test_a_form_that_cannot_be_done_gives_a_sentence(form, changes, words):
 
 
 def test_steps_go_to_the_systems_that_have_them(form):
-    catalogue = replace(fakes.CATALOGUE, with_face_steps=("globaldiff/global",))
-
-    def asked(**fields: object) -> tuple[object, object]:
-        ask = read(form, catalogue, **fields)
-        return ask.steps, ask.face_steps
-
-    assert asked(face_steps=3.0) == (7, {"globaldiff/global": 3})
-    assert asked(steps="global=5") == ({"globaldiff/global": 5}, None), "as the form calls it"
+    assert read(form).steps == 7
+    assert read(form, steps="global=5").steps == {"globaldiff/global": 5}, "as the form calls it"
 
 
 def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(form, tmp_path):

@@ -1,9 +1,13 @@
 """Three systems of two files: as they are asked, streamed and guided."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from model.generation.windows import GenerateOptions, generate_motion
+from model.systems.asynfusion import sampling
+from model.systems.asynfusion.network import Pair
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech
 from tests.model.systems.asynfusion.made import make_asynfusion
@@ -28,11 +32,7 @@ def test_three_systems_move_by_two_files(folder):
     )
     ddim, sync, apart = (load_system(name, folder) for name in list_systems(folder))
     assert sync.sha256s == apart.sha256s != ddim.sha256s
-    assert [(s.samplers[0].steps, s.samplers[0].face_steps) for s in (ddim, sync, apart)] == [
-        (25, 25),
-        (8, 8),
-        (8, 4),
-    ]
+    assert [s.samplers[0].steps for s in (ddim, sync, apart)] == [25, 8, 8]
     assert sync.network.consistent and not ddim.network.consistent
 
 
@@ -49,14 +49,19 @@ def test_the_face_is_its_own_and_lives(folder):
     np.testing.assert_allclose(again.poses, one.poses, atol=1e-3)
 
 
-def test_the_systems_of_one_network_differ_by_their_steps_alone(folder):
+def test_the_systems_of_one_network_differ_by_the_steps_of_the_face_alone(folder, monkeypatch):
     sync, apart = (load_system(f"asynfusion/lcm-{kind}", folder) for kind in ("sync", "async"))
-    usual = moved(apart)[0]
-    assert np.abs(usual.poses - moved(sync)[0].poses).max() > 1e-5
-    np.testing.assert_array_equal(usual.poses, moved(sync, face_steps=4)[0].poses)
-    np.testing.assert_array_equal(
-        moved(apart, steps=4)[0].poses, moved(sync, steps=4, face_steps=2)[0].poses
-    )
+    assert np.abs(moved(apart)[0].poses - moved(sync)[0].poses).max() > 1e-5
+    counts = []
+
+    def sample(*args: Any, **told: Any) -> Pair:
+        counts.append(args[3])
+        return sampling.sample(*args, **told)
+
+    monkeypatch.setattr("model.systems.asynfusion.system.sample", sample)
+    for system, steps in ((sync, 8), (apart, 8), (apart, 5), (apart, 1)):
+        moved(system, steps=steps)
+    assert list(dict.fromkeys(counts)) == [(8, 8), (4, 8), (2, 5), (1, 1)]
 
 
 @pytest.mark.parametrize("name", ["asynfusion/ddim", "asynfusion/lcm-async"])
@@ -72,8 +77,6 @@ def test_speech_can_be_heard_more_strongly(folder, name):
 
 def test_what_it_cannot_do_is_said(folder, tmp_path):
     ddim = load_system("asynfusion/ddim", folder)
-    with pytest.raises(ValueError, match="face_steps is 0"):
-        moved(ddim, face_steps=0)
     with pytest.raises(ValueError, match="asynfusion/ddim has no sampler 'lcm'"):
         moved(ddim, sampler="lcm")
     always_heard = load_system("asynfusion/ddim", make_asynfusion(tmp_path, speech_dropout=0.0))
