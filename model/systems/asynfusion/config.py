@@ -43,13 +43,6 @@ class AsynFusionLoss:
     huber_delta: float = 1.0
     """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
     none."""
-    feet: float = 0.0
-    """Of the steps of ankles and feet through forward kinematics, `losses.points_loss`. The paper
-    has no term on the body in the world."""
-    contact: float = 0.0
-    """Of the horizontal steps of feet that stand in the recording, `losses.contact_loss`."""
-    time_weight_floor: float | None = 0.1
-    """Of these two, see `model.sampling.flow.time_weight`."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from torch.nn import functional as F
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, decode
+from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, interpolate, time_weight
+from model.sampling.flow import SpeechGuide, interpolate
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
@@ -43,7 +43,7 @@ HUBER_C = 0.03
 
 
 class BranchesTask(DescentTask):
-    """Both branches descend eqs. 12 to 14 and terms on feet; or a student, which begins as its
+    """Both branches descend eqs. 12 to 14; or a student, which begins as its
     teacher (`DDIM` among the helpers), the consistency with it."""
 
     is_compiled = True
@@ -78,7 +78,7 @@ class BranchesTask(DescentTask):
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            vectors, recorded = self.targets.of(batch.rows(shard.mine), rotations=False)
+            vectors = self.targets.windows(batch.rows(shard.mine))
             motion = shard.of(batch.expression), vectors.to(shard.device)
             x_1 = both(lambda n, m: n.normalise(m), self.normalisers, motion)
             noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
@@ -106,12 +106,6 @@ class BranchesTask(DescentTask):
                     x_1[which], noise[which], t[which],
                 )  # fmt: skip
             terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
-        if config.loss.feet or config.loss.contact:
-            body, of = self.normaliser.restore(predicted[GESTURE]), self.targets
-            posed = decode(body, of.space, of.skeleton, of.root)
-            recorded = recorded.to(shard.device)
-            found = foot_terms(config.loss, posed.positions, recorded.positions, t[GESTURE])
-            terms |= {name: term.mean() for name, term in found.items()}
         return StepLoss(terms)
 
 
@@ -158,21 +152,6 @@ def noise_terms(
         "noise": weights.noise * losses.simple_loss(noise_of(x_t, predicted, t), noise),
         "velocity": weights.velocity * losses.difference_loss(told, wanted),
         "huber": weights.huber * huber.mean((1, 2)),
-    }
-
-
-def foot_terms(
-    weights: AsynFusionLoss,
-    positions: Float[Tensor, "B T 55 3"],
-    recorded: Float[Tensor, "B T 55 3"],
-    t: Float[Tensor, " B"],
-) -> dict[str, Float[Tensor, " B"]]:
-    """Weighted terms on feet in the world, in metres; the nearer to the data, the heavier."""
-    feet, wanted = (joints[:, :, losses.FEET] for joints in (positions, recorded))
-    by_sample = time_weight(t, weights.time_weight_floor)
-    return {
-        "feet": weights.feet * by_sample * losses.points_loss(feet, wanted, 1),
-        "contact": weights.contact * by_sample * losses.contact_loss(positions, recorded),
     }
 
 

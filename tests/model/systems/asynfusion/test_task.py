@@ -1,9 +1,7 @@
 """The teacher's and the student's losses against the papers' equations, and short trainings."""
 
-import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -15,14 +13,12 @@ from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
 from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
-    foot_terms,
     make_task,
     noise_terms,
     one_solver_step,
     pseudo_huber,
 )
 from model.systems.registry import family_of, load_system
-from model.training import losses
 from model.training.task import TaskSetup
 from tests.model.systems.asynfusion.made import (
     BODY,
@@ -32,17 +28,12 @@ from tests.model.systems.asynfusion.made import (
     tiny_network,
 )
 from tests.model.training.made import (
-    FP32,
     assert_equal_states,
     killed_at,
-    log_of,
     quick,
     run,
     state_of,
 )
-
-MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
-"""Of 1 / ((1 - t)^2 + .1) over t."""
 
 
 @pytest.fixture(scope="module")
@@ -83,22 +74,6 @@ def test_the_terms_are_equations_12_to_14():
         torch.testing.assert_close(terms["velocity"][k], (error.diff(dim=0) ** 2).mean())
     exact = noise_terms(weights, normaliser, x_t, x_1, x_1, noise, t)
     assert all(float(term.max()) < 1e-8 for term in exact.values())
-
-
-def test_feet_are_held_where_they_stand_and_the_more_so_the_nearer_to_the_data():
-    weights = replace(presets(DDIM)["demo"].loss, feet=2.0, contact=3.0)
-    recorded = torch.zeros(2, 5, 55, 3)
-    slid = recorded.clone()
-    slid[:, :, losses.FEET[0], 0] = 0.001 * torch.arange(5)  # a millimetre a frame
-    terms = foot_terms(weights, slid, recorded, torch.tensor([0.0, 1.0]))
-    early, late = (1 / ((1 - t) ** 2 + 0.1) / MEAN_WEIGHT for t in (0.0, 1.0))
-    assert float(terms["contact"][0]) == pytest.approx(3 * 0.1**2 / 4 * early, rel=1e-3)
-    assert float(terms["contact"][1]) == pytest.approx(3 * 0.1**2 / 4 * late, rel=1e-3)
-    step = 0.001**2 / (2 * losses.SMOOTH_L1_BETA) / 12
-    assert float(terms["feet"][1]) == pytest.approx(2 * step * late, rel=1e-3)
-    other = recorded.clone()
-    other[:, :, 20, 0] = 0.01 * torch.arange(5)  # a hand
-    assert not any(t.any() for t in foot_terms(weights, other, recorded, torch.rand(2)).values())
 
 
 @pytest.mark.parametrize("strength", [1.0, 2.5])
@@ -151,21 +126,14 @@ def test_a_killed_and_resumed_student_equals_one_that_was_not(trained, data_fold
     assert_equal_states(state_of(out), state_of(student))
 
 
-def test_the_student_begins_as_its_teacher_and_terms_on_feet_are_a_switch(
-    trained, data_folder, tmp_path
-):
+def test_the_student_begins_as_its_teacher(trained, data_folder, tmp_path):
     teacher, student = trained
     data = prepare(data_folder, student.with_name("prepared-mel64"), MelEncoder())
     usual = quick(LCM_SYNC)
-    feet = replace(usual, loss=replace(usual.loss, contact=1.0))
-    task = make_task(feet, data, TaskSetup(teacher / "weights"))
+    task = make_task(usual, data, TaskSetup(teacher / "weights"))
     taught = load_system(DDIM, teacher / "weights").network.state_dict()
     for name, tensor in task.network.state_dict().items():
         assert torch.equal(tensor, taught[name]), name
-    rng = np.random.default_rng(0)
-    batch = data.window_batch(data.of_split("train"), 60, 2, rng, context=task.context)
-    parts = task.step_loss(task.network, batch, torch.Generator().manual_seed(0), FP32).parts
-    assert {*parts} - {"feet", "contact"} == {*parts} & {*log_of(student)[0]} != {*parts}
     with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
         make_task(usual, data, TaskSetup(tmp_path))
     with pytest.raises(ValueError, match="'huge' of asynfusion/ddim; choose one of demo, paper"):
