@@ -55,8 +55,8 @@ from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
-from model.systems.matching.config import HEARING_JUDGE
-from model.systems.matching.network import load_judge
+from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.matching import load_judge
 from model.systems.registry import list_systems, load_system
 from processes.job import Job, JobsError
 from processes.pool import JobPool

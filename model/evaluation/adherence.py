@@ -49,7 +49,7 @@ from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
 from model.plan.tracks import hand_tracks, tracks_of
 from model.speech.audio import Speech
-from model.systems.autoencoders.config import FGD_ENCODER
+from model.systems.helpers.config import FGD_ENCODER
 from model.systems.registry import load_system, usual_planner
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]

@@ -47,7 +47,7 @@ from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
-from model.systems.matching.network import MatchingJudge
+from model.systems.helpers.matching import MatchingJudge
 
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (

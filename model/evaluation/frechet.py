@@ -19,7 +19,7 @@ from model.evaluation.tables import Estimate, bootstrap_of
 from model.measures.differences import GESTURE_DIM, batches, pair_distances
 from model.motion.motion import Motion
 from model.networks.autoencoder import FrozenEncoder, input_vectors
-from model.systems.autoencoders.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
+from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
 ENCODERS = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
 """Which encoder each distance needs."""

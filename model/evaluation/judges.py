@@ -2,7 +2,7 @@
 on, what does the speaker decide of it, and does it rest where speech does?
 
 Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), put to a judge that was
-trained on recorded motion alone (`model.systems.matching.network`): it is given 10 s of motion and
+trained on recorded motion alone (`model.systems.helpers.matching`): it is given 10 s of motion and
 two speeches of 10 s. Chance is .5. Pieces are cut from where speech begins to where it ends, so
 that silence before and after it tells nothing.
 
@@ -49,8 +49,8 @@ from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechError
 from model.speech.features import NUM_MELS
 from model.storage.npz import MotionError
-from model.systems.matching.config import HEARING_JUDGE
-from model.systems.matching.network import MatchingJudge, agreement
+from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.matching import MatchingJudge, agreement
 
 NO_HEARING_JUDGE = (
     f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."

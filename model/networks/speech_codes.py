@@ -2,7 +2,7 @@
 and mean plans.
 
 It has the part that WavLM has in the papers. It is trained on the corpus's exact annotation, as
-many microphones hear it (`model.systems.speech_encoder`), and is frozen for all that listen to it.
+many microphones hear it (`model.systems.helpers`), and is frozen for all that listen to it.
 """
 
 from dataclasses import dataclass

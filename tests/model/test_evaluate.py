@@ -33,13 +33,12 @@ from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.storage.checkpoint import save_weights
-from model.systems.autoencoders.config import JUDGES
-from model.systems.matching.config import HEARING_JUDGE
-from model.systems.matching.network import load_judge
+from model.systems.helpers.config import AUTOENCODERS, HEARING_JUDGE
+from model.systems.helpers.matching import load_judge
 from model.systems.registry import load_system
 from processes.pool import JobPool
 from tests.model.made import make_data_folder
-from tests.model.systems.matching.made import make_judge
+from tests.model.systems.helpers.made_matching import make_judge
 
 ROW = ClipRow(
     measures={"tip_jerk_m_s3": 1.0},
@@ -87,9 +86,9 @@ def judges() -> dict[str, FrozenEncoder]:
     torch.manual_seed(0)
     found = {}
     for measure, name in ENCODERS.items():
-        small = replace(JUDGES[name], width=16, latent_dim=8)
+        small = replace(AUTOENCODERS[name], width=16, latent_dim=8)
         network = MotionAutoencoder(small).eval().requires_grad_(False)
-        channels = JUDGES[name].channels
+        channels = AUTOENCODERS[name].channels
         statistics = Normaliser(torch.zeros(channels), torch.ones(channels))
         found[measure] = FrozenEncoder(network, statistics, "")
     return found

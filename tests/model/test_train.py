@@ -21,8 +21,8 @@ from model.speech.codes import CodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
-from model.systems.autoencoders.config import MOTION_VAE
 from model.systems.globaldiff.config import BEST
+from model.systems.helpers.config import MOTION_VAE
 from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
 from model.train import main
@@ -236,7 +236,7 @@ def test_the_missing_encoder_is_named(root, annotated_folder, tmp_path):
 def test_a_loss_that_is_no_number_stops_and_keeps_the_last_good_state(
     root, annotated_folder, monkeypatch
 ):
-    import model.systems.autoencoders.task as module
+    import model.systems.helpers.task as module
 
     real, calls = module.losses.simple_loss, []
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from model.evaluation.frechet import Moments
     from model.motion.motion import Motion
     from model.networks.autoencoder import FrozenEncoder
-    from model.systems.autoencoders.emage import EmageEncoder
+    from model.systems.helpers.emage import EmageEncoder
 
 TITLE = "Distribution: FGD to the recorded set, our encoder"
 
@@ -128,7 +128,7 @@ def _clips_of(name: str, numbers: list[dict[str, Any]]) -> Iterator[Moments]:
 def _encoder() -> FrozenEncoder:
     """Read once by each process that measures."""
     from model.networks.autoencoder import load_encoder
-    from model.systems.autoencoders.config import FGD_ENCODER
+    from model.systems.helpers.config import FGD_ENCODER
 
     return load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
 
@@ -165,7 +165,7 @@ def codes_path(record: Path) -> Path:
 def keep_codes(record: Path, weights: Path, motions: Mapping[str, Sequence[Motion]]) -> None:
     """Leave the codes of one clip's motions beside its record, whole or not at all; of each system
     those of all samples."""
-    from model.systems.autoencoders.emage import emage_codes
+    from model.systems.helpers.emage import emage_codes
 
     encoder = _emage_encoder(weights)
     codes = [
@@ -192,7 +192,7 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
         frames: of each clip, by the path of its record, which has codes beside it.
     """
     from model.evaluation.frechet import Moments
-    from model.systems.autoencoders.emage import FRAMES_A_CODE, ROOT_OFFSET, WHOLE_FRAMES
+    from model.systems.helpers.emage import FRAMES_A_CODE, ROOT_OFFSET, WHOLE_FRAMES
 
     records = [record for record, count in frames.items() if count >= WHOLE_FRAMES]
     codes = sum(count // WHOLE_FRAMES for count in frames.values()) * WHOLE_FRAMES // FRAMES_A_CODE
@@ -216,6 +216,6 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
 @cache
 def _emage_encoder(weights: Path) -> EmageEncoder:
     """Read once by each process that measures."""
-    from model.systems.autoencoders.emage import load_emage_encoder
+    from model.systems.helpers.emage import load_emage_encoder
 
     return load_emage_encoder(weights)

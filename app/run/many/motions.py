@@ -399,7 +399,7 @@ def _origin_of(
         numbers: of each clip, in ``systems`` by name the ``sha256`` of its file.
         mean_speeds: published ones that BeatAlign was measured with.
     """
-    from model.systems.autoencoders.config import FGD_ENCODER
+    from model.systems.helpers.config import FGD_ENCODER
     from model.training.loop import revision
 
     digests = {

@@ -21,10 +21,15 @@ from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.matching.config import HEARING_JUDGE
-from model.systems.matching.network import load_judge
+from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.matching import load_judge
 from tests.helpers import ROOT, beat2_folder
-from tests.model.systems.matching.made import made_envelope, made_features, made_motion, make_judge
+from tests.model.systems.helpers.made_matching import (
+    made_envelope,
+    made_features,
+    made_motion,
+    make_judge,
+)
 
 EXAMPLES = ROOT / "examples"
 FRAMES = 1500

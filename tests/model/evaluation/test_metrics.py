@@ -15,7 +15,7 @@ from model.measures.differences import l1_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.systems.autoencoders.config import JUDGE, JUDGES
+from model.systems.helpers.config import AUTOENCODERS, JUDGE
 from tests.helpers import smooth_motion_example
 from tests.model.made import shaken
 
@@ -103,7 +103,7 @@ def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     )
     rest = frechet.motion_features(encoder, later)
     np.testing.assert_allclose(rest[6:], features[16:], atol=1e-4)
-    shape = JUDGES["fed-encoder"]
+    shape = AUTOENCODERS["fed-encoder"]
     statistics = Normaliser(torch.zeros(52), torch.ones(52))
     face = FrozenEncoder(MotionAutoencoder(shape).eval().requires_grad_(False), statistics, "")
     assert frechet.motion_features(face, motion).shape == (50, 32)

@@ -8,7 +8,7 @@ import torch
 from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
 from model.networks.config import AutoencoderConfig
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders.config import JUDGES, MOTION_VAE, presets
+from model.systems.helpers.config import AUTOENCODERS, presets
 from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
@@ -86,7 +86,7 @@ def test_shapes_that_cannot_be_are_refused(changes):
         AutoencoderConfig(**changes)
 
 
-@pytest.mark.parametrize("system", [MOTION_VAE, *JUDGES])
+@pytest.mark.parametrize("system", AUTOENCODERS)
 def test_bundled_weights_are_of_the_size_that_is_told_and_small(system):
     config = presets(system)["demo"].autoencoder
     assert sum(p.numel() for p in MotionAutoencoder(config).parameters()) < 1e6

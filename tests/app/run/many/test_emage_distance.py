@@ -15,9 +15,9 @@ from app.run.many.distances import EMAGE_TITLE, LEAST_CODES, emage_distances, ke
 from app.run.many.motions import diagnose_folders
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
-from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
+from model.systems.helpers.emage import CODE_DIM, emage_codes, load_emage_encoder
 from tests.helpers import smooth_motion_example
-from tests.model.systems.made_emage import emage_tensors
+from tests.model.systems.helpers.made_emage import emage_tensors
 
 FRAMES = {"a": 1000, "b": 1500, "c": 1700, "short": 20}
 """About 260 codes, and a clip that has none."""

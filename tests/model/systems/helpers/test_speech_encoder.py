@@ -14,10 +14,10 @@ from model.data.recordings import DataError
 from model.networks.speech_codes import SpeechReading, load_codes
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder
+from model.systems.helpers.task import reading_terms
 from model.systems.planned.config import PLANNER, PlannerConfig
-from model.systems.speech_encoder.task import terms
 from model.training.task import Start
-from tests.model.systems.speech_encoder.made import SPOKEN, make_encoder_weights, make_spoken_folder
+from tests.model.systems.helpers.made_spoken import SPOKEN, make_encoder_weights, make_spoken_folder
 from tests.model.training.made import log_of, quick, run
 
 
@@ -73,10 +73,12 @@ def test_losses_are_those_of_what_is_right():
     told = torch.tensor([[[1, 0.7, 0, 1, 0, 0.2], [0, 0.0, 1, 0, 1, 0.4]]])
     said = torch.where(told > 0.5, 30.0, -30.0)
     said[..., 1], said[..., 5] = told[..., 1], told[..., 5]
-    losses = terms(SpeechReading(sure, said), phone, told)
+    losses = reading_terms(SpeechReading(sure, said), phone, told)
     assert max(losses.values()) < 1e-6
     said[0, 1, 1], said[0, 0, 1] = 5.0, 0.5  # the strength counts where there is an accent
-    assert terms(SpeechReading(sure, said), phone, told)["strength"].item() == pytest.approx(0.04)
+    assert reading_terms(SpeechReading(sure, said), phone, told)[
+        "strength"
+    ].item() == pytest.approx(0.04)
 
 
 def test_a_planner_begins_with_weights_that_heard_no_codes(root, tmp_path):

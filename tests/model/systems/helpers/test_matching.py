@@ -10,7 +10,7 @@ from conventions.joints import JOINT_INDEX
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.config import MatchingConfig
-from model.systems.matching.network import (
+from model.systems.helpers.matching import (
     PARTS,
     STILL_RAD_S,
     TRACKS,
@@ -20,10 +20,10 @@ from model.systems.matching.network import (
     arm_speed,
     motion_tracks,
 )
-from model.systems.matching.task import contrastive_loss, make_task, share_right
+from model.systems.helpers.task import contrastive_loss, make_task, share_right
 from model.training.task import TaskSetup
 from tests.model.made import shaken
-from tests.model.systems.matching.made import made_data, tiny_config, trained
+from tests.model.systems.helpers.made_matching import made_data, tiny_config, trained
 
 SHAPE = MatchingConfig(speech_width=16, motion_width=16, dilations=(1, 2), track_dim=4)
 ALL = tuple(PARTS)

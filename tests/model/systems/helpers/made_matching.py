@@ -12,8 +12,8 @@ from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import Motion
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
-from model.systems.matching.config import HEARING_JUDGE, MatchingTrainConfig, presets
-from model.systems.matching.task import make_task
+from model.systems.helpers.config import HEARING_JUDGE, MatchingTrainConfig, presets
+from model.systems.helpers.task import make_task
 from model.training.task import DescentTask, TaskSetup
 from tests.helpers import smooth_motion_example
 

@@ -8,9 +8,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from model.storage.cards import CheckpointError
-from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
+from model.systems.helpers.emage import CODE_DIM, emage_codes, load_emage_encoder
 from tests.helpers import smooth_motion_example
-from tests.model.systems.made_emage import Chains, distances, emage_tensors, levels
+from tests.model.systems.helpers.made_emage import Chains, distances, emage_tensors, levels
 
 WITHIN = 2
 

@@ -8,7 +8,7 @@ from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
 from model.plan.tier_files import NamedTier
 from model.speech.codes import SPEECH_ENCODER, CodesConfig
-from model.systems.speech_encoder.config import SpeechEncoderConfig
+from model.systems.helpers.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder, save_made
 from tests.model.plan.made import HANDS, grid, tier
 

@@ -1,0 +1,96 @@
+"""What is trained to serve systems and their evaluation, and how."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from model.generation.family import Family
+from model.motion.spaces import Representation
+from model.networks.config import AutoencoderConfig, MatchingConfig
+from model.speech.codes import SPEECH_ENCODER, CodesConfig
+from model.training.config import SMOKE, THROATS, GeometricWeights, TrainConfig
+
+MOTION_VAE = "motion-vae"
+FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
+HEARING_JUDGE = "hearing-judge"
+JUDGE = AutoencoderConfig(
+    rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
+)
+"""Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
+trained with L_m is not judged by its own teacher."""
+AUTOENCODERS = {
+    MOTION_VAE: AutoencoderConfig(),
+    FGD_ENCODER: JUDGE,
+    FMD_ENCODER: replace(JUDGE, face_channels=52),
+    FED_ENCODER: replace(JUDGE, motion_channels=0, face_channels=52),
+}
+"""L_m's teacher, and the encoders of FGD (body), FMD (body and face) and FED (face) by name."""
+
+
+@dataclass(frozen=True)
+class AutoencoderTrainConfig(TrainConfig):
+    """One training of an autoencoder."""
+
+    autoencoder: AutoencoderConfig = field(default_factory=AutoencoderConfig)
+    representation: Representation = "normalised"
+    loss: GeometricWeights = field(default_factory=GeometricWeights)
+    window_frames: int = 60
+
+
+@dataclass(frozen=True)
+class MatchingTrainConfig(TrainConfig):
+    """One training of the judge of matched speech."""
+
+    matching: MatchingConfig = field(default_factory=MatchingConfig)
+    piece_frames: int = 300
+    """Of one piece of speech or motion that is told from others."""
+    pieces: int = 4
+    """Cut one after the other from each window, so that others of the same clip, with the same
+    voice and the same habits, are among the wrong ones."""
+    arm_speed_weight: float = 0.3
+    """Of the error of the arms' log speed told from speech alone, beside the contrastive loss."""
+
+
+@dataclass(frozen=True)
+class SpeechEncoderConfig(TrainConfig):
+    """One training of the speech encoder."""
+
+    codes: CodesConfig = field(default_factory=CodesConfig)
+    window_frames: int = 300
+
+
+def presets(system: str) -> Mapping[str, TrainConfig]:
+    """Settings by name."""
+    if system == HEARING_JUDGE:
+        judge = MatchingTrainConfig(
+            system=system, steps=300, batch_size=16, learning_rate=1e-3, warmup_steps=30,
+            ema_decay=0.98,
+        )  # fmt: skip
+        tiny = replace(judge.matching, speech_width=8, motion_width=8, dilations=(1,))
+        smoke = replace(judge, matching=tiny, piece_frames=60, pieces=2, **SMOKE)
+        return {"demo": judge, "smoke": smoke}
+    if system == SPEECH_ENCODER:
+        encoder = SpeechEncoderConfig(
+            system=system, steps=4000, batch_size=16, learning_rate=3e-3, ema_decay=0.995,
+            save_every=500, validate_every=1000, throats=THROATS,
+        )  # fmt: skip
+        small = replace(encoder.codes, width=16, codes=8, dilations=(1, 2))
+        return {
+            "demo": encoder,
+            "smoke": replace(encoder, codes=small, window_frames=60, **SMOKE),
+        }
+    config = AutoencoderTrainConfig(
+        system=system, autoencoder=AUTOENCODERS[system], steps=3000, batch_size=32,
+        learning_rate=1e-3,
+    )  # fmt: skip
+    shape = replace(config.autoencoder, width=16, blocks_per_scale=1)
+    return {"demo": config, "smoke": replace(config, autoencoder=shape, **SMOKE)}
+
+
+FAMILY = Family(
+    name="helpers",
+    title="Networks that serve systems",
+    presets=presets,
+    package="model.systems.helpers",
+    place=7,
+    helpers=(*AUTOENCODERS, HEARING_JUDGE, SPEECH_ENCODER),
+)

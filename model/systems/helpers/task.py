@@ -1,0 +1,239 @@
+"""Training of the autoencoders, of the judge of matched speech, and of the speech encoder."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from model.data.annotated import annotated_speech, prepare_plans
+from model.data.prepared import Batch, PreparedData
+from model.data.recordings import DataError
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import Normaliser, decode
+from model.networks.autoencoder import MotionAutoencoder, input_vectors
+from model.networks.speech_codes import CodesNetwork, SpeechReading
+from model.speech.codes import TOLD
+from model.systems.helpers.config import (
+    AutoencoderTrainConfig,
+    MatchingTrainConfig,
+    SpeechEncoderConfig,
+)
+from model.systems.helpers.matching import (
+    PARTS,
+    MatchingNetwork,
+    agreement,
+    arm_speed,
+    motion_tracks,
+)
+from model.training import losses
+from model.training.config import TrainConfig
+from model.training.losses import geometric_terms
+from model.training.parallel import Draws
+from model.training.targets import fit_features, heard, statistics_batch
+from model.training.task import DescentTask, StepLoss, TaskSetup
+
+
+def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
+    """What trains the network that the config is of."""
+    return TASKS[type(config)](config, data, setup)
+
+
+class AutoencoderTask(DescentTask):
+    """An autoencoder's input back, its geometry, and the codes' KL term."""
+
+    config: AutoencoderTrainConfig
+
+    def __init__(
+        self, config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup
+    ) -> None:
+        given = setup.begin(config, data)
+        frames = config.window_frames
+        normaliser = (
+            given.normaliser if given else fit_input(config, statistics_batch(data, frames))
+        )
+        network = MotionAutoencoder(config.autoencoder)
+        super().__init__(setup, config, given, network, normaliser, frames)
+        self.skeleton = open_body_skeleton()
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        config, shape, shard = self.config, self.config.autoencoder, draws.shard
+        space, body = shape.rotation_space, slice(shape.motion_channels)
+        face = slice(shape.motion_channels, None)
+        num_frames = batch.poses.shape[1]
+        num_frames -= num_frames % max(shape.scales)
+        vectors = input_vectors(
+            shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
+        )[:, :num_frames]
+        seen = self.normaliser.normalise(vectors)
+        hidden, noise = None, None
+        if network.training:
+            draw = torch.rand(draws.size, num_frames, generator=draws.generator)
+            hidden = shard.of(draw < shape.mask_share)
+            if shape.kl_weight > 0:
+                noise = [
+                    draws.noise((num_frames // scale, shape.latent_dim))
+                    for scale in sorted(shape.scales)
+                ]
+        with shard.autocast():
+            restored, codes = network(seen, hidden, noise)
+        restored = restored.float()
+        terms = {}
+        if shape.motion_channels > 0:
+            simple = losses.simple_loss(restored[..., body], seen[..., body])
+            terms["simple"] = config.loss.simple * simple
+            terms |= geometric_terms(
+                config.loss,
+                decode(self.normaliser.restore(restored)[..., body], space, self.skeleton),
+                decode(vectors[..., body], space, self.skeleton),
+            )
+        if shape.face_channels > 0:
+            pair = restored[..., face], seen[..., face]
+            terms["face"] = config.loss.simple * losses.simple_loss(*pair)
+            terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
+        if shape.kl_weight > 0:
+            terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
+        return StepLoss({name: term.mean() for name, term in terms.items()})
+
+
+def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
+    """Statistics of what the network sees. All face units share one standard deviation, as the
+    channels of a body part do: one for each would blow up units that hardly move.
+
+    Raises:
+        DataError: if the network is to see faces and they never move.
+    """
+    shape = config.autoencoder
+    vectors = input_vectors(shape, batch.poses, batch.transl, batch.expression).flatten(0, 1)
+    motion, face = vectors.split([shape.motion_channels, shape.face_channels], dim=-1)
+    parts = []
+    if shape.motion_channels > 0:
+        parts.append(Normaliser.fit(motion, config.representation))
+    if shape.face_channels > 0:
+        if not (face != face[0]).any():
+            raise DataError(f"{config.system} learns from faces in ARKit's units; these have none.")
+        parts.append(Normaliser.fit(face, groups=[range(shape.face_channels)]))
+    return Normaliser(
+        torch.cat([part.mean for part in parts]), torch.cat([part.std for part in parts])
+    )
+
+
+TRACK_STD_FLOOR = 0.01
+"""Of a track: a jaw that never moves is not blown up."""
+
+
+class MatchingTask(DescentTask):
+    """For each part, the cross-entropy of finding the speech of a motion, and the motion of a
+    speech, among all pieces of the batch (InfoNCE, van den Oord et al. 2018; in both directions as
+    in CLIP); and the error of the arms' log speed told from speech.
+
+    Several processes compare the pieces of their own shares.
+    """
+
+    config: MatchingTrainConfig
+
+    def __init__(self, config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
+        given = setup.begin(config, data)
+        normaliser = (
+            given.normaliser
+            if given
+            else fit_tracks(motion_tracks(statistics_batch(data, config.piece_frames).poses))
+        )
+        network = MatchingNetwork(config.matching)
+        super().__init__(
+            setup, config, given, network, normaliser, config.pieces * config.piece_frames
+        )
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        config, shard = self.config, draws.shard
+
+        def pieces(x: Float[Tensor, "B T C"]) -> Float[Tensor, "N P C"]:
+            return x.unflatten(1, (config.pieces, config.piece_frames)).flatten(0, 1)
+
+        with torch.no_grad():
+            tracks = self.normaliser.normalise(motion_tracks(shard.of(batch.poses)))
+            speech = shard.of(heard(config, network, batch, draws.generator))
+        with shard.autocast():
+            heard_tracks, seen_tracks, told, log_scale = network(pieces(speech), pieces(tracks))
+        terms, shares = {}, {}
+        for part, scale in zip(PARTS, log_scale.exp(), strict=True):
+            agreements = agreement(heard_tracks[part].float(), seen_tracks[part].float())
+            terms[part] = contrastive_loss(scale * agreements)
+            shares[f"{part}_share_right"] = share_right(agreements.detach())
+        wanted = arm_speed(pieces(tracks))
+        error = (told.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
+        terms["arm_speed"] = config.arm_speed_weight * error
+        return StepLoss(terms, shares)
+
+
+def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
+    """Statistics of `motion_tracks`."""
+    flat = tracks.flatten(0, 1)
+    return Normaliser(flat.mean(0), flat.std(0).clamp_min(TRACK_STD_FLOOR))
+
+
+def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
+    """Cross-entropy of the diagonal, over rows and over columns."""
+    own = torch.arange(len(scores), device=scores.device)
+    return (F.cross_entropy(scores, own) + F.cross_entropy(scores.T, own)) / 2
+
+
+def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
+    """How often a motion (row) agrees more with its own speech than with another of the batch."""
+    own = agreements.diagonal()[:, None]
+    others = ~torch.eye(len(agreements), dtype=torch.bool, device=agreements.device)
+    return (own > agreements)[others].float().mean()
+
+
+_NUMBERS = ("strength", "speed")
+"""Of `TOLD` those that are no logits."""
+
+
+class CodesTask(DescentTask):
+    """Cross-entropies of phone, accent, phrase end, voice and strokes on words, squared errors of
+    an accent's strength where there is one and of the speed."""
+
+    config: SpeechEncoderConfig
+
+    def __init__(self, config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> None:
+        given, shape = setup.begin(config, data), config.codes
+        self.spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
+        network = CodesNetwork(shape)
+        normaliser = given.normaliser if given else fit_features(data)
+        super().__init__(
+            setup, config, given, network, normaliser, config.window_frames, shape.context
+        )
+
+    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+        config, shard = self.config, draws.shard
+        with torch.no_grad():
+            features = shard.of(heard(config, network, batch, draws.generator))
+            speech = self.normaliser.normalise(features)
+            phone, told = (shard.of(part) for part in self.spoken.of(batch))
+        with shard.autocast():
+            reading = network(speech)
+        inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
+        found = SpeechReading(reading.phone[:, inside].float(), reading.told[:, inside].float())
+        right = (found.phone.argmax(-1) == phone).float().mean()
+        return StepLoss(reading_terms(found, phone, told), {"phones_right": right})
+
+
+def reading_terms(
+    found: SpeechReading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
+) -> dict[str, Float[Tensor, ""]]:
+    """Each part of the loss."""
+    losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
+    for number, name in enumerate(TOLD):
+        said, wanted = found.told[..., number], told[..., number]
+        if name not in _NUMBERS:
+            losses[name] = F.binary_cross_entropy_with_logits(said, wanted)
+            continue
+        counts = told[..., TOLD.index("accent")] if name == "strength" else torch.ones_like(said)
+        losses[name] = ((said - wanted).square() * counts).sum() / counts.sum().clamp_min(1)
+    return losses
+
+
+TASKS: dict[type[TrainConfig], type] = {
+    AutoencoderTrainConfig: AutoencoderTask,
+    MatchingTrainConfig: MatchingTask,
+    SpeechEncoderConfig: CodesTask,
+}

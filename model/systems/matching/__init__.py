@@ -1,1 +1,0 @@
-"""The judge of matched and mismatched speech: may import what systems may."""
