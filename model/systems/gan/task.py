@@ -1,8 +1,7 @@
-"""Training of generator and discriminator against each other: their losses, the penalty, and the
-watch that stops a collapsed training."""
+"""Training of generator and discriminator against each other: their losses, and the penalty."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 import torch.distributed as dist
@@ -18,23 +17,12 @@ from model.systems.gan.config import GanConfig
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses
-from model.training.loop import TrainingError
 from model.training.losses import geometric_terms
 from model.training.parallel import Draws, compiled
 from model.training.targets import conditions, fit_motion_prior, prepare_targets
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
-PATIENCE = 1000
-"""Steps in a row that a training may look collapsed."""
-SEPARATED = 0.995
-"""Share of right verdicts, on real and on fake steps alike, from which on the discriminator tells
-all of them apart, and its gradient says nothing more."""
-STILL = 0.05
-"""Spread of generated motion over the batch, as a share of the recorded, below which all of it is
-one motion."""
 FAR = 5.0
-MEMORY = 0.98
-"""Of the running means that these limits hold for: verdicts on one batch come and go."""
 
 
 def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
@@ -64,52 +52,6 @@ def gradient_penalty(
     return slope.square().sum((1, 2)) / 2
 
 
-@dataclass
-class Watch:
-    """Tells when generator and discriminator no longer teach each other."""
-
-    accuracy_real: float = 0.5
-    accuracy_fake: float = 0.5
-    liveliness: float = 1.0
-    separated: int = 0
-    """Steps in a row in which the discriminator told everything apart."""
-    still: int = 0
-    """Steps in a row in which the generator made one motion of all noise and speech."""
-
-    def state_dict(self) -> dict[str, float]:
-        """What a resumed run needs."""
-        return asdict(self)
-
-    def load_state_dict(self, state: Mapping[str, float]) -> None:
-        """The inverse of `state_dict`."""
-        vars(self).update(state)
-
-    def see(self, numbers: dict[str, float], step: int) -> None:
-        """Look at a step's log.
-
-        Raises:
-            TrainingError: if it has looked collapsed for `PATIENCE` steps.
-        """
-        for name in ("accuracy_real", "accuracy_fake", "liveliness"):
-            setattr(self, name, MEMORY * getattr(self, name) + (1 - MEMORY) * numbers[name])
-        apart = min(self.accuracy_real, self.accuracy_fake) > SEPARATED
-        self.separated = self.separated + 1 if apart else 0
-        self.still = self.still + 1 if self.liveliness < STILL else 0
-        if self.separated >= PATIENCE:
-            raise TrainingError(
-                f"The training has collapsed at step {step}: for {PATIENCE} steps the "
-                f"discriminator has told more than {SEPARATED:.1%} of generated steps from real "
-                "ones, and teaches nothing more. Lower its learning rate or raise the gradient "
-                "penalty; the last saved state is kept."
-            )
-        if self.still >= PATIENCE:
-            raise TrainingError(
-                f"The training has collapsed at step {step}: for {PATIENCE} steps generated "
-                f"motion has spread less than {STILL:.0%} of recorded motion. Raise the geometric "
-                "weight or lower the learning rates; the last saved state is kept."
-            )
-
-
 @dataclass(frozen=True)
 class Drawn:
     """What a step draws for its windows: both ends of a denoising step, and what is told."""
@@ -135,7 +77,7 @@ class GanTask(DescentTask):
     exported. Losses of validation are the explicit terms, which alone can be compared from step to
     step."""
 
-    kept = (*DescentTask.kept, "discriminator", "judging", "watch")
+    kept = (*DescentTask.kept, "discriminator", "judging")
     is_compiled = True
     config: GanConfig
     network: Generator
@@ -151,7 +93,6 @@ class GanTask(DescentTask):
             setup, config, given, generator, normaliser, shape.window_frames, shape.speech_context
         )
         self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
-        self.watch = Watch()
         self.training_terms = (
             compiled(self.explicit_terms) if self.compiles else self.explicit_terms
         )
@@ -162,11 +103,7 @@ class GanTask(DescentTask):
         return self.config.betas
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
-        """See `Task`; both networks change at once, each by the other as it was.
-
-        Raises:
-            TrainingError: if the training has collapsed.
-        """
+        """See `Task`; both networks change at once, each by the other as it was."""
         config = self.config
         self.network.train()
         draws = Draws(len(batch.clips), generator, self.shard)
@@ -202,7 +139,6 @@ class GanTask(DescentTask):
         }
         logged = self.shard.mean({name: value.detach() for name, value in numbers.items()})
         losses.finite_or_raise(logged, number, batch.clips)
-        self.watch.see(logged, number)
         self.descend(
             number,
             {

@@ -7,14 +7,11 @@ from model.systems.gan.config import DiscriminatorConfig
 from model.systems.gan.network import FINGERS, Discriminator, Generator
 from model.systems.gan.sampling import posterior, signal_and_noise, times
 from model.systems.gan.task import (
-    PATIENCE,
-    Watch,
     discriminator_loss,
     gaussian_loss,
     generator_loss,
     gradient_penalty,
 )
-from model.training.loop import TrainingError
 from tests.model.made import made_components, made_prior, shaken
 from tests.model.systems.gan.made_generator import TINY, made_generator, told
 
@@ -37,7 +34,7 @@ def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor
 def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
     generator = made_generator().eval()
     with torch.no_grad():
-        x = sampled(generator, steps, 300)
+        x = sampled(generator, steps, 200)
     found = torch.einsum("nic,njc->cij", x, x) / len(x)
     wanted = generator.prior.covariance
     scale = wanted.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
@@ -50,11 +47,11 @@ def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
     torch.testing.assert_close(bends, expected, rtol=0.1, atol=0.0)
 
 
-def test_it_continues_its_seed_in_every_number_of_steps():
+def test_it_continues_its_seed_in_any_number_of_steps():
     generator = made_generator().eval()
     process = torch.linalg.cholesky(generator.prior.covariance + 1e-5 * torch.eye(60))
     seed = (process @ torch.randn(TINY.channels, 60, 64)).permute(2, 1, 0)[:, :8]
-    for steps in (1, 5, 10):
+    for steps in (1, 5):
         with torch.no_grad():
             x = sampled(generator, steps, 64, seed=seed, has_seed=torch.ones(64).bool())
         error = (x[:, :8] - seed).square().mean() / seed.square().mean()
@@ -200,21 +197,3 @@ def test_scores_belong_to_their_windows_and_hear_everything():
     assert torch.equal(
         network(x_before, x_now, before, now, **known | deaf | {"speech": noise}), unheard
     )
-
-
-def seen(watch: Watch, steps: int, **changes: float) -> Watch:
-    numbers = {"accuracy_real": 0.7, "accuracy_fake": 0.7, "liveliness": 0.9, **changes}
-    for step in range(steps):
-        watch.see(numbers, step)
-    return watch
-
-
-def test_only_a_collapse_that_lasts_stops_the_training():
-    watch, apart = seen(Watch(), 3000), {"accuracy_real": 1.0, "accuracy_fake": 1.0}
-    seen(watch, PATIENCE - 1, **apart)
-    seen(watch, 50)  # one bad spell is none
-    with pytest.raises(TrainingError, match=r"told more than 99.5% of generated steps"):
-        seen(watch, 2 * PATIENCE, **apart)
-    seen(Watch(), 3000, accuracy_real=0.0, accuracy_fake=1.0)  # everything is called fake
-    with pytest.raises(TrainingError, match="spread less than 5% of recorded motion"):
-        seen(Watch(), 2 * PATIENCE, liveliness=0.01)

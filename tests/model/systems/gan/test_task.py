@@ -22,7 +22,6 @@ from model.systems.gan.config import (
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system
-from model.train import main
 from model.training.parallel import Draws
 from model.training.task import Start, Task, TaskSetup
 from tests.model.training.made import (
@@ -31,7 +30,6 @@ from tests.model.training.made import (
     log_of,
     quick,
     run,
-    state_of,
 )
 
 
@@ -164,28 +162,6 @@ def test_errors_on_a_batch_fall(batch, changed):
     found = [task.step(k, batch, torch.Generator().manual_seed(0)) for k in range(8)]
     assert found[-1]["simple"] < 0.9 * found[0]["simple"]
     assert found[-1]["discriminator"] < found[0]["discriminator"]
-
-
-def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(
-    trained, data_folder, monkeypatch, capsys
-):
-    """A generator that is wrecked after the first save is told apart at once."""
-    monkeypatch.setattr(module, "PATIENCE", 3)
-    monkeypatch.setattr(module, "MEMORY", 0.1)
-    real = module.Generator.drawn
-
-    def wrecked(self, mean, deviation, latent, has_seed):
-        return real(self, mean, deviation, latent, has_seed) + 30.0
-
-    monkeypatch.setattr(module.Generator, "drawn", wrecked)
-    out = trained.with_name("collapsed")
-    command = ["smoke", "--system", WEIGHTS, "--data", str(data_folder), "--out", str(out)]
-    command += ["--steps", "40", "--set", "save_every=2", "--set", "warmup_steps=0"]
-    command += ["--set", "batch_size=2"]
-    assert main([*command, "--set", "validate_every=99", "--no-compile"]) == 1
-    message = capsys.readouterr().err.splitlines()[-1]
-    assert "has collapsed at step" in message and "Lower its learning rate" in message
-    assert 0 < state_of(out)["step"] < 40
 
 
 def test_presets_and_shapes_that_cannot_be_are_named():
