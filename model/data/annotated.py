@@ -101,11 +101,7 @@ class Plans:
 
 
 def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
-    """Read the annotation beside the recordings once, then map the arrays.
-
-    Raises:
-        DataError: if a clip has no annotated plan: only the corpus writes them.
-    """
+    """Read the annotation beside the recordings once, then map the arrays."""
     plans = [_annotated(data, clip) for clip in data.clips]
     learned = [
         (plan, clip)

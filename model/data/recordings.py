@@ -77,11 +77,7 @@ def speaker_of(clip_name: str) -> tuple[int, str]:
 
 
 def read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
-    """Motion and sound of one recording, each of its own length.
-
-    Raises:
-        MotionError, SpeechError: if either file cannot be used.
-    """
+    """Motion and sound of one recording, each of its own length."""
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     return motion, load_speech(folder / "wave16k" / f"{name}.wav", SPEECH_LIMITS)
 

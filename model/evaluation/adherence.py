@@ -345,10 +345,6 @@ def adherence(
     Args:
         folder: a corpus with annotated plans.
         edits: of each clip.
-
-    Raises:
-        DataError, MotionError, SpeechError, CheckpointError, PlanError: if something that it needs
-            cannot be used.
     """
     answers, rng = Answers(list), np.random.default_rng(seed)
     system = load_system(usual_planner(), weights)

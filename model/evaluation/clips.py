@@ -269,11 +269,7 @@ class Cast:
 
 
 def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
-    """The frames that both motion and speech have.
-
-    Raises:
-        DataError, MotionError, SpeechError: if it cannot be used.
-    """
+    """The frames that both motion and speech have."""
     motion, speech = read_files(folder, name)
     return first_frames(motion, min(motion.num_frames, speech.num_frames)), speech
 

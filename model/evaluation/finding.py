@@ -131,11 +131,7 @@ def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
 
 
 def fit(folder: Path, names: Sequence[str], out: Path, seed: int = 0) -> None:
-    """Train the network and write it: what `model.plan.found` reads.
-
-    Raises:
-        MotionError, PlanError, OSError: if a clip or the file cannot be used.
-    """
+    """Train the network and write it: what `model.plan.found` reads."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     features, states, phases = [], [], []
@@ -231,9 +227,6 @@ def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, d
     Args:
         folder: a corpus with annotated plans.
         fits: train the network first.
-
-    Raises:
-        DataError, MotionError, PlanError, OSError: if something that it needs cannot be used.
     """
     total: defaultdict[str, Counts] = defaultdict(Counts)
     speakers: defaultdict[str, Counts] = defaultdict(Counts)

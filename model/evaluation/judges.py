@@ -253,9 +253,6 @@ def manner_of(motions: Grid) -> OfSpeaker:
 
     Args:
         motions: by speaker and noise seed.
-
-    Raises:
-        ValueError: see `model.measures.hearing.decided`.
     """
     return OfSpeaker(decided(motions)["arms"].by_speech, arm_rotations_same_noise(motions))
 

@@ -298,12 +298,7 @@ class System(ABC):
         return guidance
 
     def settled(self, asked: Sampling) -> Sampling:
-        """How it draws if it is asked so, with nothing left open.
-
-        Raises:
-            UnknownNameError: if it has no such sampler.
-            ValueError: if guidance is asked of a system that takes none.
-        """
+        """How it draws if it is asked so, with nothing left open."""
         sampler = self.sampler(asked.sampler)
         return Sampling(
             sampler=sampler.name,

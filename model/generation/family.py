@@ -222,19 +222,11 @@ class Family:
         return ()
 
     def card(self, name: str, folder: Path) -> Card:
-        """The card of the weights that a generator or a helper has.
-
-        Raises:
-            CheckpointError: if it is missing or no JSON object.
-        """
+        """The card of the weights that a generator or a helper has."""
         return load_card(self.home_of(name, folder), self.weights_of(name))
 
     def fields_of(self, name: str, card: Card) -> "dict[str, Any]":
-        """What it and the card of its weights say of a generator, as `System` has it.
-
-        Raises:
-            CheckpointError: if the card lacks something.
-        """
+        """What it and the card of its weights say of a generator, as `System` has it."""
         from model.speech.encoder import make_encoder
 
         return {

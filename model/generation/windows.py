@@ -149,12 +149,7 @@ def motion_pieces(
 
 
 def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
-    """What a system follows if it is given nothing, one for each sample.
-
-    Raises:
-        UnknownNameError: if the weights do not know ``options.speaker``.
-        ValueError: if the system follows speech alone.
-    """
+    """What a system follows if it is given nothing, one for each sample."""
     with one_thread():
         return tuple(_drawn(system, speech, options))
 
@@ -193,10 +188,6 @@ class WindowChain:
     """Windows that each start from the end of the one before."""
 
     def __init__(self, system: System, options: GenerateOptions) -> None:
-        """
-        Raises:
-            UnknownNameError, ValueError: as `generate_motion`.
-        """
         self._system = system
         self._draw = draw_of(system, options)
         self._made: Window | None = None

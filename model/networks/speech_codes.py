@@ -101,11 +101,7 @@ def heard_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
     """Where accents are heard; none where the encoder's weights are not in the folder.
 
     On 12 test clips of the corpus .97 of its accents are heard within .1 s, and .92 of what is
-    heard is one; noise without any speech has one a second.
-
-    Raises:
-        CheckpointError: if its weights are damaged.
-    """
+    heard is one; noise without any speech has one a second."""
     if not (folder / f"{SPEECH_ENCODER}.json").is_file():
         return ()
     return _accents(load_codes(folder), speech)

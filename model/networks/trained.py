@@ -49,11 +49,7 @@ class Trained:
             return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
 
     def as_of(self, network: Network) -> Network:
-        """An untrained network with these weights, never changed again.
-
-        Raises:
-            CheckpointError: if they are of another shape.
-        """
+        """An untrained network with these weights, never changed again."""
         load_into(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)
 
@@ -63,9 +59,6 @@ class Trained:
         Args:
             may_lack: the network may have parts which they do not know, which stay, and layers of
                 more inputs, which are not heard at first.
-
-        Raises:
-            CheckpointError: if they are of another shape.
         """
         tensors = self.tensors
         if may_lack:

@@ -154,12 +154,7 @@ def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
 
 
 def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
-    """The card of the weights that a system moves with.
-
-    Raises:
-        UnknownNameError: if there is no such system.
-        CheckpointError: if the card is missing or no JSON object.
-    """
+    """The card of the weights that a system moves with."""
     return family_of(name).card(name, folder)
 
 

@@ -178,11 +178,7 @@ def face_tensors(stream: Stream) -> dict[str, Tensor]:
 
 
 def read_streams(trained: Trained, seed_frames: int) -> Streams:
-    """Both, as saved.
-
-    Raises:
-        CheckpointError: if one of them is not there.
-    """
+    """Both, as saved."""
     named = trained.tensors.items()
     face = replace(
         trained, tensors={name.replace(_FACE, ".", 1): t for name, t in named if _FACE in name}

@@ -96,9 +96,6 @@ def sample(
         way: ``ddim`` keeps to the path of the noise that a step predicts; ``lcm`` adds new noise to
             the motion that it predicts (Luo et al. 2023).
         heard: tokens of the speech, then those of none where the guide asks twice.
-
-    Raises:
-        ValueError: if a count is below 1 or above 1,000.
     """
     twice = guide.twice
     told: dict[str, Any] = {

@@ -100,11 +100,7 @@ class EmageEncoder(nn.Module):
 
 
 def load_emage_encoder(path: Path) -> EmageEncoder:
-    """The encoder of EMAGE's file, which also holds a decoder that is not needed.
-
-    Raises:
-        CheckpointError: if the file cannot be read, or with the first key that differs.
-    """
+    """The encoder of EMAGE's file, which also holds a decoder that is not needed."""
     tensors = read_tensors(path)
     network = EmageEncoder()
     wanted = {f"encoder.{key}": tensor for key, tensor in network.state_dict().items()}

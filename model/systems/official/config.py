@@ -43,11 +43,7 @@ class OfficialFamily(Family):
         return () if official_folder() is None else self.systems
 
     def require_files(self) -> None:
-        """See `Family.require_files`.
-
-        Raises:
-            CheckpointError, EncoderError: if something is named, but not there, or not enough.
-        """
+        """See `Family.require_files`."""
         if official_folder() is not None:
             for part in PARTS:
                 official_file(part)
@@ -76,11 +72,7 @@ class OfficialFamily(Family):
 
     def card(self, name: str, folder: Path) -> Card:
         """What is known of the checkpoints, from their names. Speakers of the other systems are
-        no speaker to these.
-
-        Raises:
-            CheckpointError: if no folder was named, or it holds too little.
-        """
+        no speaker to these."""
         motion = official_file("motion")
         content = {
             "system": name,

@@ -227,11 +227,7 @@ def make_network(part: Part) -> nn.Module:
 
 
 def load_network(part: Part, path: Path) -> nn.Module:
-    """A network with the weights of a file, every one of them and no other.
-
-    Raises:
-        CheckpointError: if the file cannot be read, or with the first key that differs.
-    """
+    """A network with the weights of a file, every one of them and no other."""
     tensors = read_tensors(path)
     with torch.device("meta"):
         wanted = make_network(part).state_dict()

@@ -45,11 +45,7 @@ class OfficialEncoder:
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """See `model.speech.encoder.SpeechEncoder.encode`.
-
-        Raises:
-            EncoderError: if there are no features of this speech.
-        """
+        """See `model.speech.encoder.SpeechEncoder.encode`."""
         count = num_windows(num_frames, WINDOW_FRAMES, SEED_FRAMES)
         needed = WINDOW_SAMPLES + (count - 1) * STEP_SAMPLES
         padded = np.pad(waveform[:needed], (0, max(0, needed - len(waveform))))
@@ -90,9 +86,6 @@ def official_encoder(path: Path | None = None) -> OfficialEncoder:
 
     Args:
         path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
-
-    Raises:
-        EncoderError: if neither is there.
     """
     source = require_speech(path)
     if source.is_dir():

@@ -136,11 +136,7 @@ def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 
 def first_seed() -> Float[Tensor, "8 333"]:
     """The start of the motion file that ``OFFICIAL_SEED`` names, as the authors' script starts from
-    that of the recording; else somebody who stands still with hanging arms.
-
-    Raises:
-        MotionError: if the file cannot be read, or is too short.
-    """
+    that of the recording; else somebody who stands still with hanging arms."""
     named = os.environ.get(SEED_VARIABLE)
     return seed_of(load_motion(Path(named))) if named else standing()
 
@@ -186,13 +182,7 @@ def _changed(path: Path) -> float:
 
 
 def load(name: str, folder: Path) -> OfficialSystem:
-    """Read the checkpoints that were named.
-
-    Raises:
-        CheckpointError: if one of them is missing or does not fit.
-        EncoderError: if there is nothing to hear by.
-        MotionError: if the motion that clips are to start from cannot be read.
-    """
+    """Read the checkpoints that were named."""
     motion, expression = official_file("motion"), official_file("expression")
     card = FAMILY.card(name, folder)
     return OfficialSystem(
