@@ -173,7 +173,7 @@ _HEARD, _FOLLOWED = "heard", "followed."
 
 
 def save_performance(performance: KeptPerformance, path: Path) -> None:
-    """Write its windows and what they heard, to the bit; motion and condition have their own files."""
+    """Write its windows and what they heard, to the bit; the rest has files of its own."""
     fields = [window.fields_of(slice(None)) for window in performance.made]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:

@@ -198,6 +198,9 @@ class MotionBranch(nn.Module):
     ) -> None:
         super().__init__()
         width = config.width
+        self.positions: Tensor
+        positions = sinusoidal_positions(config.window_frames, width)
+        self.register_buffer("positions", positions, persistent=False)
         self.region_in = nn.Linear(inputs, width)
         self.body_in = nn.Linear(body_inputs, width)
         self.fuse = nn.Linear(3 * width, width)
@@ -211,19 +214,9 @@ class MotionBranch(nn.Module):
         nn.init.zeros_(self.out.weight)  # start at the mean pose, which normalisation puts at zero
         nn.init.zeros_(self.out.bias)
 
-    def forward(
-        self,
-        region: Float[Tensor, "B T inputs"],
-        body: Float[Tensor, "B T body_inputs"],
-        speech: Float[Tensor, "B T width"],
-        seed: Float[Tensor, "B S channels"],
-        has_seed: Bool[Tensor, " B"],
-        condition: Float[Tensor, "B width"],
-        positions: Float[Tensor, "T width"],
-    ) -> Float[Tensor, "B T channels"]:
-        x, seed_tokens, condition = self.enter(
-            region, body, speech, seed, has_seed, condition, positions
-        )
+    def forward(self, *told: Tensor) -> Float[Tensor, "B T channels"]:
+        """What the branch says of its region's channels, told what `enter` is."""
+        x, seed_tokens, condition = self.enter(*told)
         for block in self.blocks:
             x = block(x, seed_tokens, condition)
         return self.leave(x)
@@ -236,13 +229,12 @@ class MotionBranch(nn.Module):
         seed: Float[Tensor, "B S channels"],
         has_seed: Bool[Tensor, " B"],
         condition: Float[Tensor, "B width"],
-        positions: Float[Tensor, "T width"],
     ) -> tuple[Float[Tensor, "B T width"], Float[Tensor, "B S width"], Float[Tensor, "B width"]]:
         """What the blocks work on: frames, tokens of the seed, the condition."""
         x = self.fuse(torch.cat([self.region_in(region), self.body_in(body), speech], dim=-1))
-        x = x + positions
+        x = x + self.positions
         seed_tokens = torch.where(has_seed[:, None, None], self.seed_in(seed), self.no_seed)
-        seed_tokens = seed_tokens + positions[: seed.shape[1]]
+        seed_tokens = seed_tokens + self.positions[: seed.shape[1]]
         return x, seed_tokens, condition + self.seed_to_condition(seed_tokens.mean(1))
 
     def leave(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
@@ -253,16 +245,12 @@ class MotionBranch(nn.Module):
 class ConditionedNetwork(nn.Module):
     """What every network that hears speech begins with; the branches are its own."""
 
-    positions: Tensor
-
     def __init__(self, config: BranchConfig) -> None:
         super().__init__()
         width = config.width
         self.condition = TimeAndSpeaker(config.num_speakers, width)
         self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
-        positions = sinusoidal_positions(config.window_frames, width)
-        self.register_buffer("positions", positions, persistent=False)
 
     def hear(
         self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
@@ -324,7 +312,5 @@ class PriorNetwork(ConditionedNetwork):
         body = known
         if expression is not None:
             body = torch.cat([known, shown(expression, has_speech)], dim=-1)
-        unit = self.branch(
-            x_t, body, tokens, seed, has_seed, self.condition(t, speaker), self.positions
-        )
+        unit = self.branch(x_t, body, tokens, seed, has_seed, self.condition(t, speaker))
         return known + self.prior.shaped(unit.to(known.dtype), t, has_seed)

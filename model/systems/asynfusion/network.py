@@ -136,7 +136,7 @@ class DualBranchNetwork(ConditionedNetwork):
             known[which] = prior.carried(*seen) if self.consistent else prior.posterior(*seen)
             condition = self.condition(t[which], speaker)
             entered[which] = self.branches[which].enter(
-                x_t[which], known[which], heard, seed[which], has_seed, condition, self.positions
+                x_t[which], known[which], heard, seed[which], has_seed, condition
             )
         frames = {which: entered[which][0] for which in active}
         for layer in range(self.config.num_blocks):

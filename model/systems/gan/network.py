@@ -113,9 +113,7 @@ class Generator(ConditionedNetwork):
         body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
         fingers, rest = (
-            branch(
-                in_channels[..., region], body, tokens, seed, has_seed, condition, self.positions
-            ).float()
+            branch(in_channels[..., region], body, tokens, seed, has_seed, condition).float()
             for branch, region in zip(self.branches, self.regions, strict=True)
         )
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())

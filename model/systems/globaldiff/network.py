@@ -55,15 +55,8 @@ class MotionNetwork(ConditionedNetwork):
         body = torch.cat([x_t, shown(expression, has_speech)], dim=-1)
         x_1 = torch.empty_like(x_t)
         for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, TORSO_CHANNELS)):
-            predicted = branch(
-                x_t[..., channels],
-                body,
-                speech_tokens,
-                seed[..., channels],
-                has_seed,
-                condition,
-                self.positions,
-            )
+            region, known = x_t[..., channels], seed[..., channels]
+            predicted = branch(region, body, speech_tokens, known, has_seed, condition)
             x_1[..., channels] = predicted.to(x_1.dtype)  # it is bf16 under autocast
         return x_1
 

@@ -11,6 +11,8 @@ as far as it must and the whole arm turns, with the hand's pose as it was.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +24,6 @@ from torch import Tensor
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.kinematics import (
-    RestSkeleton,
     joint_positions_from_local,
     open_body_skeleton,
 )
@@ -65,9 +66,8 @@ class Limbs:
             Planted(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
             for start_s, end_s, foot, x, z, turn in (kept[_STOOD].tolist() if kept else ())
         }
-        skeleton = open_body_skeleton()
-        self._hands = LedHands(plan or GesturePlan(1.0), skeleton)
-        self._feet = HeldFeet(plan.planted if plan else (), skeleton, known)
+        self._hands = LedHands(plan or GesturePlan(1.0))
+        self._feet = HeldFeet(plan.planted if plan else (), known)
 
     def follow(self, motion: Motion) -> Motion:
         return self._feet.hold(self._hands.lead(motion))
@@ -79,14 +79,13 @@ class Limbs:
     def kept(self) -> dict[str, Tensor]:
         """Where feet have stood."""
         rows = [
-            (event.start_s, event.end_s, SIDES.index(event.foot), at.x, at.z, at.turn)
+            (event.start_s, event.end_s, SIDES.index(event.foot), *at)
             for event, at in self._feet.found.items()
         ]
         return {_STOOD: torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)}
 
 
-@dataclass(frozen=True)
-class Footing:
+class Footing(NamedTuple):
     """Where a planted foot stands."""
 
     x: float
@@ -98,17 +97,12 @@ class Footing:
 
 @dataclass
 class HeldFeet:
-    """Holds planted feet in a motion that comes piece by piece.
-
-    Args:
-        planted: when which foot stands, from a plan. A foot that never does is left as it is.
-        skeleton: the body that shall stand.
-        known: footings that are to be kept, of a performance before.
-    """
+    """Holds planted feet in a motion that comes piece by piece."""
 
     planted: Sequence[Planted]
-    skeleton: RestSkeleton
+    """When which foot stands, from a plan. A foot that never does is left as it is."""
     known: Mapping[Planted, Footing] = field(default_factory=dict)
+    """Footings that are to be kept, of a performance before."""
     found: dict[Planted, Footing] = field(default_factory=dict, init=False)
     """Of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
@@ -126,23 +120,27 @@ class HeldFeet:
         self._frames = frames.stop
         if not self.planted:
             return motion
-        local = motion.local_rotations().double()
-        trans = torch.from_numpy(motion.trans).double()
-        turned, places = joint_positions_from_local(local, self.skeleton, trans)
+        turned, places = joint_positions_from_local(
+            motion.local_rotations().double(),
+            open_body_skeleton(),
+            torch.from_numpy(motion.trans).double(),
+        )
         rotmat, joints = turned.numpy(), places.numpy()
         sides: list[Side] = [
             side for side in SIDES if any(event.foot == side for event in self.planted)
         ]
-        legs = [_Leg.of(side, self.skeleton) for side in sides]
-        feet = [self._foot(side, frames, rotmat, joints) for side in sides]
+        feet = [(_leg(side), *self._foot(side, frames, rotmat, joints)) for side in sides]
         lowered = _lowered(
-            [leg.room(joints, ankle) for leg, (ankle, _) in zip(legs, feet, strict=True)]
+            [_room(limb, ankle - joints[:, leg[0]]) for (leg, limb), ankle, _ in feet]
         )
         joints = joints - lowered[:, None, None] * [0.0, 1.0, 0.0]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
-        for leg, foot in zip(legs, feet, strict=True):
-            for joint, angles in leg.reached(rotmat, joints, *foot):
-                poses[:, joint] = angles
+        for (leg, limb), ankle, sole in feet:
+            hip = leg[0]  # the kneecap looks where it did
+            upper, bent = limb.reach(ankle - joints[:, hip], rotmat[:, hip, :, 2])
+            turns = _back(rotmat[:, 0]) @ upper, bent, _back(upper @ bent) @ sole
+            for joint, local in zip(leg, turns, strict=True):
+                poses[:, joint] = Rotation.from_matrix(local).as_rotvec().astype(np.float32)
         height = (motion.trans[:, 1] - lowered).astype(np.float32)
         return replace(
             motion,
@@ -207,43 +205,20 @@ def _lowered(rooms: Sequence[Float[np.ndarray, " T"]]) -> Float[np.ndarray, " T"
     return _SOFT_LEG_M * np.logaddexp(0.0, -least / _SOFT_LEG_M)
 
 
-@dataclass(frozen=True)
-class _Leg:
-    hip: int
-    knee: int
-    ankle: int
-    limb: HingedLimb
+@cache
+def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
+    """Hip, knee and ankle, and what they are of."""
+    hip, knee, ankle = (JOINT_INDEX[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    limb = HingedLimb(rest[knee] - rest[hip], rest[ankle] - rest[knee], _KNEE_AXIS)
+    return (hip, knee, ankle), limb
 
-    @classmethod
-    def of(cls, side: Side, skeleton: RestSkeleton) -> "_Leg":
-        hip, knee, ankle = (JOINT_INDEX[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
-        rest = skeleton.rest_joints.double().numpy()
-        limb = HingedLimb(rest[knee] - rest[hip], rest[ankle] - rest[knee], _KNEE_AXIS)
-        return cls(hip, knee, ankle, limb)
 
-    def room(
-        self, joints: Float[np.ndarray, "T 55 3"], ankle: Float[np.ndarray, "T 3"]
-    ) -> Float[np.ndarray, " T"]:
-        """How much higher the hip could be, metres; negative where the leg is too short."""
-        span = ankle - joints[:, self.hip]
-        longest = self.limb.length(np.full(len(ankle), LEAST_BEND))
-        aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
-        return np.sqrt(longest**2 - aside) + span[:, 1]
-
-    def reached(
-        self,
-        rotmat: Float[np.ndarray, "T 55 3 3"],
-        joints: Float[np.ndarray, "T 55 3"],
-        ankle: Float[np.ndarray, "T 3"],
-        sole: Float[np.ndarray, "T 3 3"],
-    ) -> Iterator[tuple[int, Float[np.ndarray, "T 3"]]]:
-        """Each joint of the leg with its local rotation, axis-angle; the kneecap looks where it
-        did."""
-        upper, bent = self.limb.reach(ankle - joints[:, self.hip], rotmat[:, self.hip, :, 2])
-        pelvis = rotmat[:, 0]
-        turned = (_back(pelvis) @ upper, bent, _back(upper @ bent) @ sole)
-        for joint, local in zip((self.hip, self.knee, self.ankle), turned, strict=True):
-            yield joint, Rotation.from_matrix(local).as_rotvec().astype(np.float32)
+def _room(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
+    """How much higher the hip could be, metres; negative where the leg is too short."""
+    longest = limb.length(np.full(len(span), LEAST_BEND))
+    aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
+    return np.sqrt(longest**2 - aside) + span[:, 1]
 
 
 def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
@@ -268,14 +243,10 @@ _FORWARD = np.array([0.0, 0.0, 1.0])
 
 @dataclass
 class LedHands:
-    """Leads the hands of a motion that comes piece by piece.
-
-    Args:
-        plan: what they shall do. A hand of which it says nothing is left as it is.
-    """
+    """Leads the hands of a motion that comes piece by piece."""
 
     plan: GesturePlan
-    skeleton: RestSkeleton
+    """What they shall do. A hand of which it says nothing is left as it is."""
     _frames: int = field(default=0, init=False)
 
     def go_on_with(self, plan: GesturePlan, first_frame: int) -> None:
@@ -290,7 +261,7 @@ class LedHands:
         if not sides:
             return motion
         turned, places = joint_positions_from_local(
-            motion.local_rotations().double(), self.skeleton
+            motion.local_rotations().double(), open_body_skeleton()
         )
         rotmat, joints = turned.numpy(), places.numpy()
         chest = JOINT_INDEX["spine3"]
@@ -298,7 +269,7 @@ class LedHands:
         for side in sides:
             wished = _planned(self.plan, side, frames) * OUTWARD[side]
             wished = np.einsum("tij,tj->ti", rotmat[:, chest], wished) + joints[:, chest]
-            for joint, angles in _reached(side, rotmat, joints, wished, self.skeleton):
+            for joint, angles in _reached(side, rotmat, joints, wished):
                 poses[:, joint] = angles
         return replace(motion, poses=poses.reshape(motion.poses.shape))
 
@@ -316,7 +287,6 @@ def _reached(
     rotmat: Float[np.ndarray, "T 55 3 3"],
     joints: Float[np.ndarray, "T 55 3"],
     wished: Float[np.ndarray, "T 3"],
-    skeleton: RestSkeleton,
 ) -> Iterator[tuple[int, Float[np.ndarray, "T 3"]]]:
     """Shoulder and elbow with their local rotations, axis-angle, that lead the wrist."""
     shoulder, elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in _ARM)
@@ -325,7 +295,7 @@ def _reached(
     led = span + LED * (wished - joints[:, wrist])
     straight = float(np.linalg.norm(upper[0]) + np.linalg.norm(lower[0]))
     reach = _at_most(np.linalg.norm(led, axis=1), LONGEST * straight)
-    hinge = _hinge(side, rotmat[:, shoulder], upper, lower, skeleton)
+    hinge = _hinge(side, rotmat[:, shoulder], upper, lower)
     opened = Rotation.from_rotvec(_opening(upper, lower, hinge, reach)[:, None] * hinge)
     swing = _between(upper + opened.apply(lower), led)
     parent = Rotation.from_matrix(rotmat[:, JOINT_INDEX[f"{side}_collar"]])
@@ -348,11 +318,10 @@ def _hinge(
     shoulder: Float[np.ndarray, "T 3 3"],
     upper: Float[np.ndarray, "T 3"],
     lower: Float[np.ndarray, "T 3"],
-    skeleton: RestSkeleton,
 ) -> Float[np.ndarray, "T 3"]:
     """About what the elbow bends: across both bones, and where the arm is nearly straight, as one
     that bends forwards in the T-pose."""
-    rest = skeleton.rest_joints.double().numpy()
+    rest = open_body_skeleton().rest_joints.double().numpy()
     bone = rest[JOINT_INDEX[f"{side}_elbow"]] - rest[JOINT_INDEX[f"{side}_shoulder"]]
     usual = shoulder @ unit(np.cross(bone, _FORWARD))
     across = np.cross(upper, lower)
