@@ -7,11 +7,10 @@ may be stored several times, at other speeds and as other microphones would have
 
 import json
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import torch
@@ -42,7 +41,14 @@ MAX_MISMATCH_S = 5.0
 """Between motion and sound of one recording; some of BEAT2's differ by seconds at the end."""
 CACHE_FORMAT = 2
 """Raised whenever the same folder gives other arrays."""
-_COLUMNS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
+MIN_FRAMES = 60
+Columns = Mapping[str, tuple[int, type]]
+"""How many numbers a frame has of which kind, by the name of each array."""
+_COLUMNS: Columns = {
+    "poses": (165, np.float32),
+    "transl": (3, np.float32),
+    "expression": (NUM_FACE_UNITS, np.float32),
+}
 
 
 @dataclass(frozen=True)
@@ -160,17 +166,12 @@ class PreparedData:
 
 
 def prepare(
-    folder: Path,
-    cache: Path,
-    encoder: SpeechEncoder,
-    *,
-    min_frames: int = 60,
-    augmented_copies: int = 0,
+    folder: Path, cache: Path, encoder: SpeechEncoder, *, augmented_copies: int = 0
 ) -> PreparedData:
     """Read ``folder`` once into ``cache`` (kept for the next run), then map it.
 
-    Clips that cannot be read or are shorter than ``min_frames`` are named in the log, counted and
-    left out.
+    Clips that cannot be read or are shorter than a window are named in the log, counted and left
+    out.
 
     Args:
         cache: begins the name of the folder; what the arrays are made from is added to it, so that
@@ -191,31 +192,33 @@ def prepare(
         "content": content,
         "encoder": encoder.name,
         "dim": encoder.dim,
-        "min_frames": min_frames,
+        "min_frames": MIN_FRAMES,
         "augmented_copies": augmented_copies,
     }
+    columns = {**_COLUMNS, "speech": (encoder.dim, np.float16)}
     index_path = cache / "index.json"
     if not index_path.is_file():
-        _fill_cache(folder, cache, encoder, split, origin)
+        cache.mkdir(parents=True, exist_ok=True)
+        read: list[PreparedClip] = []
+        _write(cache, columns, _by_clip(folder, encoder, split, augmented_copies, read))
+        named = dict(sorted(speaker_of(clip.name) for clip in read))
+        told = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
+        with written_atomically(index_path) as path:
+            path.write_text(json.dumps(told))
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
         raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
     clips = tuple(PreparedClip(**clip) for clip in index["clips"])
     speakers = {int(number): name for number, name in index["speakers"].items()}
-    num_frames = clips[-1].stop
-    arrays = {
-        name: np.memmap(cache / f"{name}.raw", np.float32, "r", shape=(num_frames, columns))
-        for name, columns in _COLUMNS.items()
-    }
-    speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
-    return PreparedData(folder, cache, clips=clips, speakers=speakers, speech=speech, **arrays)
+    arrays = _mapped(cache, columns, clips[-1].stop)
+    return PreparedData(folder, cache, clips=clips, speakers=speakers, **arrays)
 
 
 def arrays_beside(
     data: PreparedData,
     name: str,
     origin: dict,
-    columns: Mapping[str, tuple[int, type]],
+    columns: Columns,
     by_clip: Iterable[Sequence[np.ndarray]],
 ) -> list[np.ndarray]:
     """Arrays of all frames that are made of ``data`` and lie beside its own: made clip by clip
@@ -223,86 +226,70 @@ def arrays_beside(
 
     Args:
         origin: what they are made by; those of another origin are made anew.
-        columns: their number and the kind of number, by the name of each array.
         by_clip: for each clip in turn, its rows of each array.
     """
-    index, paths = data.folder / f"{name}.json", [data.folder / f"{each}.raw" for each in columns]
+    index = data.folder / f"{name}.json"
     if not index.is_file() or json.loads(index.read_text()) != origin:
-        with ExitStack() as stack:
-            parts = [stack.enter_context(written_atomically(path)) for path in paths]
-            files = [stack.enter_context(path.open("wb")) for path in parts]
-            for rows in tqdm(by_clip, desc=name, unit="clip", total=len(data.clips)):
-                for file, array in zip(files, rows, strict=True):
-                    file.write(array.tobytes())
+        bar = tqdm(by_clip, desc=name, unit="clip", total=len(data.clips))
+        _write(data.folder, columns, (rows for rows in bar))
         with written_atomically(index) as path:
             path.write_text(json.dumps(origin))
-    return [
-        np.memmap(path, kind, "r", shape=(len(data.poses), width))
-        for path, (width, kind) in zip(paths, columns.values(), strict=True)
-    ]
+    return [*_mapped(data.folder, columns, len(data.poses)).values()]
 
 
-def _fill_cache(
-    folder: Path, cache: Path, encoder: SpeechEncoder, split: dict[str, str], origin: dict
-) -> None:
-    """Write the arrays clip by clip, so that memory holds one, and the index last."""
-    cache.mkdir(parents=True, exist_ok=True)
-    clips: list[PreparedClip] = []
-    speakers: dict[int, str] = {}
-    skipped = 0
+def _write(folder: Path, columns: Columns, by_clip: Iterable[Sequence[np.ndarray]]) -> None:
+    """Write arrays clip by clip, so that memory holds one."""
     with ExitStack() as stack:
-        files: dict[str, IO[bytes]] = {}
-        for name in (*_COLUMNS, "speech"):
-            path = stack.enter_context(written_atomically(cache / f"{name}.raw"))
-            files[name] = stack.enter_context(path.open("wb"))
-        for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
-            try:
-                number, speaker = speaker_of(name)
-                recording = read_files(folder, name)
-                _check_lengths(*recording, origin["min_frames"])
-                encoded = encode_clip(*recording, encoder)
-            except (MotionError, SpeechError, DataError) as error:
-                log.warning("Skipped %s: %s", name, error)
-                skipped += 1
-                continue
-            speakers[number] = speaker
-            copies = origin["augmented_copies"] if kind == "train" else 0
-            for copy in range(1 + copies):
-                if copy > 0:
-                    encoded = encode_clip(*augmented_copy(*recording, name, copy), encoder)
-                start = clips[-1].stop if clips else 0
-                clips.append(PreparedClip(name, number, kind, start, encoded[0].num_frames, copy))
-                _append(files, *encoded)
-        if not clips:
-            raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
+        paths = [stack.enter_context(written_atomically(folder / f"{n}.raw")) for n in columns]
+        files = [stack.enter_context(path.open("wb")) for path in paths]
+        for rows in by_clip:
+            for file, array, (_, kind) in zip(files, rows, columns.values(), strict=True):
+                file.write(array.astype(kind).tobytes())
+
+
+def _mapped(folder: Path, columns: Columns, num_frames: int) -> dict[str, np.ndarray]:
+    return {
+        name: np.memmap(folder / f"{name}.raw", kind, "r", shape=(num_frames, width))
+        for name, (width, kind) in columns.items()
+    }
+
+
+def _by_clip(
+    folder: Path,
+    encoder: SpeechEncoder,
+    split: dict[str, str],
+    augmented_copies: int,
+    read: list[PreparedClip],
+) -> Iterator[Sequence[np.ndarray]]:
+    """The rows of each clip and of its copies; what they are is added to ``read``."""
+    skipped = 0
+    for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
+        try:
+            number, _ = speaker_of(name)
+            recording = read_files(folder, name)
+            _check_lengths(*recording)
+            encoded = encode_clip(*recording, encoder)
+        except (MotionError, SpeechError, DataError) as error:
+            log.warning("Skipped %s: %s", name, error)
+            skipped += 1
+            continue
+        for copy in range(1 + (augmented_copies if kind == "train" else 0)):
+            if copy > 0:
+                encoded = encode_clip(*augmented_copy(*recording, name, copy), encoder)
+            motion, features = encoded
+            start = read[-1].stop if read else 0
+            read.append(PreparedClip(name, number, kind, start, motion.num_frames, copy))
+            yield motion.poses, motion.trans, face_units(motion), features
+    if not read:
+        raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
     if skipped:
         log.warning("%d of %d clips were skipped.", skipped, len(split))
-    index = {
-        "origin": origin,
-        "clips": [vars(clip) for clip in clips],
-        "speakers": {str(number): name for number, name in sorted(speakers.items())},
-    }
-    with written_atomically(cache / "index.json") as path:
-        path.write_text(json.dumps(index))
 
 
-def _append(
-    files: dict[str, IO[bytes]], motion: Motion, features: Float[np.ndarray, "T dim"]
-) -> None:
-    rows = {
-        "poses": motion.poses.astype(np.float32),
-        "transl": motion.trans.astype(np.float32),
-        "expression": face_units(motion),
-        "speech": features.astype(np.float16),
-    }
-    for name, array in rows.items():
-        files[name].write(array.tobytes())
-
-
-def _check_lengths(motion: Motion, speech: Speech, min_frames: int) -> None:
+def _check_lengths(motion: Motion, speech: Speech) -> None:
     num_frames = min(motion.num_frames, speech.num_frames)
-    if num_frames < min_frames:
-        raise DataError(f"{num_frames} frames, {min_frames} needed.")
+    if num_frames < MIN_FRAMES:
+        raise DataError(f"{num_frames} frames, {MIN_FRAMES} needed.")
     if abs(motion.duration_s - speech.duration_s) > MAX_MISMATCH_S:
         raise DataError(
             f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"

@@ -49,7 +49,7 @@ def test_a_full_disk_leaves_no_cache_that_looks_whole(data_folder, tmp_path, mon
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("model.data.prepared._append", full)
+    monkeypatch.setattr("model.data.prepared.face_units", full)
     with pytest.raises(WriteError, match="the disk is full"):
         prepare(data_folder, tmp_path / "cache", MelEncoder())
     (cache,) = tmp_path.iterdir()
@@ -128,11 +128,14 @@ def test_arrays_are_used_again_and_only_for_what_they_were_made_for(
         def encode(self, waveform, num_frames):
             raise AssertionError("encoded again")
 
+    class Other(Never):
+        name = "other"
+
     again = prepare(data_folder, copies, Never(), augmented_copies=2)
     assert again.clips == data.clips and again.folder == data.folder
     first = prepare(data_folder, tmp_path / "prepared", MelEncoder())
     with pytest.raises(DataError, match="another version or with another encoder"):
-        prepare(data_folder, tmp_path / "prepared", Never(), min_frames=61)
+        prepare(data_folder, tmp_path / "prepared", Other())
     moved, name = shutil.copytree(data_folder, tmp_path / "elsewhere"), "1_ann_0_0_0"
     assert prepare(moved, tmp_path / "prepared", Never()).folder == first.folder
     save_motion(smooth_motion_example(120, 77), moved / "smplxflame_30" / f"{name}.npz")
