@@ -19,7 +19,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.prepared import PreparedData, prepare
+from model.data.prepared import Batch, PreparedClip, PreparedData, prepare
 from model.speech.encoder import make_encoder
 from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
@@ -94,13 +94,6 @@ def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
         )
 
 
-def restore_state(out: Path, task: Task) -> int:
-    """The first step to do, after the saved state was put back."""
-    state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
-    task.restore(state)
-    return int(state["step"])
-
-
 def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
     """Dotted names of the settings in which two parsed configs differ."""
     names: list[str] = []
@@ -111,12 +104,6 @@ def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
         elif one != other:
             names.append(prefix + key)
     return names
-
-
-def save_state(out: Path, step: int, task: Task) -> None:
-    """What `restore_state` reads, whole or not at all."""
-    with written_atomically(out / STATE_FILE) as path:
-        torch.save({"step": step, **task.state()}, path)
 
 
 def make_card(
@@ -139,12 +126,6 @@ def make_card(
         "date": datetime.date.today().isoformat(),
         "revision": revision(),
     }
-
-
-def origin_of(start: Start) -> dict[str, Any]:
-    """Which weights a training begins with, for its card."""
-    card = load_card(start.folder, start.system)
-    return {"system": start.system, "sha256": card.sha256, "steps": card.steps}
 
 
 def revision() -> str:
@@ -212,32 +193,38 @@ def train(
     with shard.first_alone():
         if shard.is_first:
             open_run(config, out, resume)
-    origin = start and origin_of(start)
+    origin = None
     if resume:  # what the run began with is told by what it saved, not by this command
         start = Start(out / "weights", config.system)
         origin = load_card(start.folder, start.system)["started_from"]
+    elif start is not None:
+        card = load_card(start.folder, start.system)
+        origin = {"system": start.system, "sha256": card.sha256, "steps": card.steps}
     with shard.first_alone():
         task = make_task(config, data, TaskSetup(helpers, start, shard, may_compile))
-    first = restore_state(out, task) if resume else 0
+    first = 0
+    if resume:
+        state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
+        task.restore(state)
+        first = int(state["step"])
     history = History(out / "log.csv", keep_below=first)
+
+    def batch_of(clips: tuple[PreparedClip, ...], rng: np.random.Generator) -> Batch:
+        size = config.batch_size
+        return data.window_batch(clips, task.window_frames, size, rng, task.context)
+
     progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step",
                     disable=not shard.is_first)  # fmt: skip
     for step in progress:
         rng = np.random.default_rng([config.random_seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        batch = data.window_batch(
-            train_clips, task.window_frames, config.batch_size, rng, task.context
-        )
-        history.add(step, task.step(step, batch, generator))
+        history.add(step, task.step(step, batch_of(train_clips, rng), generator))
         done = step + 1
         last = done == config.steps
         if last or done % config.validate_every == 0:
             sums: dict[str, Tensor] = {}
             for k in range(VALIDATION_BATCHES):  # the same every time
-                rng = np.random.default_rng([k, 91])
-                batch = data.window_batch(
-                    val_clips, task.window_frames, config.batch_size, rng, task.context
-                )
+                batch = batch_of(val_clips, np.random.default_rng([k, 91]))
                 parts = task.validate(batch, torch.Generator().manual_seed(k))
                 sums = {name: sums.get(name, 0.0) + value for name, value in parts.items()}
             means = {name: total / VALIDATION_BATCHES for name, total in shard.mean(sums).items()}
@@ -247,5 +234,6 @@ def train(
             history.flush()
             card = make_card(config, data, data_folder, done, history.last_validation, origin)
             save_weights(out / "weights", config.system, task.export(), card)
-            save_state(out, done, task)  # last: it needs the weights
+            with written_atomically(out / STATE_FILE) as path:  # last: it needs the weights
+                torch.save({"step": done, **task.state()}, path)
     shard.wait()
