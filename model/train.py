@@ -55,7 +55,6 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--random-seed", type=int, default=0, help="another training of its kind")
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--fp32", action="store_true", help="no bf16 even where it is faster")
     parser.add_argument("--no-compile", action="store_true", help="never compile the step")
     parser.add_argument("--resume", action="store_true", help="go on from the state in --out")
     args = parser.parse_args(arguments)
@@ -73,7 +72,6 @@ def main(arguments: list[str] | None = None) -> int:
             config = with_setting(config, setting)
         start = args.start_from and Start(args.start_from, args.start_system or args.system)
         with joined_processes() as shard:
-            shard = dataclasses.replace(shard, bf16=not args.fp32)
             train(
                 config,
                 family.make_task,
@@ -91,18 +89,6 @@ def main(arguments: list[str] | None = None) -> int:
     except (FloatingPointError, OSError) as error:
         sentence = printable(str(error))
         sys.stderr.write(f"Training stopped: {sentence} The last saved state is kept.\n")
-        return 1
-    except RuntimeError as error:
-        from torch._dynamo.exc import TorchDynamoException
-        from torch._inductor.runtime.cache_dir_utils import cache_dir
-
-        if not isinstance(error, TorchDynamoException):
-            raise
-        sys.stderr.write(
-            f"Training stopped: torch.compile failed ({str(error).splitlines()[0]}). A compiler "
-            f"that was killed may have left half a file: delete {cache_dir()}, or train with "
-            "--no-compile. The last saved state is kept.\n"
-        )
         return 1
     return 0
 

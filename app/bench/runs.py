@@ -29,7 +29,6 @@ from model.data.prepared import PreparedClip, PreparedData
 from model.data.recordings import NUM_FACE_UNITS
 from model.motion.motion import Motion
 from model.systems.registry import families, family_of, list_systems, usual_systems
-from model.training.parallel import WHOLE
 from model.training.task import TaskSetup
 
 START_TIMEOUT_S = 60.0
@@ -229,7 +228,7 @@ def training_rate(system: str, helpers: Path, config_name: str = "demo") -> floa
     config = replace(family.config(config_name, system), batch_size=BATCH)
     with tempfile.TemporaryDirectory(prefix="training-rate-") as folder:
         data = _made_up_data(Path(folder), SPEECH_DIMS[config.encoder])
-        task = family.make_task(config, data, TaskSetup(helpers, None, WHOLE, may_compile=False))
+        task = family.make_task(config, data, TaskSetup(helpers))
         started = 0.0
         for step in range(WARM_STEPS + TIMED_STEPS):
             if step == WARM_STEPS:

@@ -1,5 +1,5 @@
 """One training over one or several processes: whose share of a batch is which, what chance gives
-each, and what the processor trains fastest with (probed, not assumed).
+each, and whether its step can be compiled.
 
 ``torchrun`` starts the processes; they join over gloo on CPUs and over nccl on GPUs.
 """
@@ -7,7 +7,6 @@ each, and what the processor trains fastest with (probed, not assumed).
 import logging
 import os
 import shutil
-import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,8 +31,6 @@ class Shard:
     rank: int = 0
     count: int = 1
     device: torch.device = CPU
-    bf16: bool = True
-    """False keeps everything in fp32."""
 
     @property
     def is_first(self) -> bool:
@@ -50,9 +47,9 @@ class Shard:
         return rows[self.mine].to(self.device)
 
     def autocast(self) -> torch.autocast:
-        """bf16 for the network on a GPU, and on a processor that gains by it."""
-        use = self.bf16 and (self.device.type == "cuda" or bf16_is_faster())
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=use)
+        """bf16 for the network on a GPU."""
+        is_gpu = self.device.type == "cuda"
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=is_gpu)
 
     def wrap(self, network: nn.Module) -> nn.Module:
         """The network with gradients averaged over all processes."""
@@ -126,30 +123,6 @@ class Draws:
     def keep(self, dropout: float) -> Bool[Tensor, " B"]:
         """False for that share of the samples."""
         return self.shard.of(torch.rand(self.size, generator=self.generator) >= dropout)
-
-
-PROBE_SHAPE = (3840, 192, 384)
-"""Rows, inputs and outputs of the probed product: a feed-forward layer over 64 windows."""
-PROBE_RUNS = 5
-BF16_GAIN = 1.3
-"""Times faster that bf16 products must be; copies and what stays in fp32 eat less than that."""
-
-
-@cache
-def bf16_is_faster() -> bool:
-    """Whether this processor multiplies bf16 matrices clearly faster than fp32 ones."""
-    rows, inputs, outputs = PROBE_SHAPE
-    seconds = {}
-    for dtype in (torch.float32, torch.bfloat16):
-        x, weight = torch.ones(rows, inputs, dtype=dtype), torch.ones(outputs, inputs, dtype=dtype)
-        torch.nn.functional.linear(x, weight)  # the first call prepares the kernel
-        runs = []
-        for _ in range(PROBE_RUNS):
-            start = time.perf_counter()
-            torch.nn.functional.linear(x, weight)
-            runs.append(time.perf_counter() - start)
-        seconds[dtype] = min(runs)
-    return seconds[torch.float32] > BF16_GAIN * seconds[torch.bfloat16]
 
 
 @cache

@@ -27,10 +27,9 @@ from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.loop import TrainingError
-from model.training.parallel import Shard
+from model.training.parallel import WHOLE, Shard
 from model.training.task import DescentTask, TaskSetup
 from tests.model.training.made import (
-    FP32,
     assert_equal_states,
     killed_at,
     log_of,
@@ -110,7 +109,7 @@ def test_the_command_begins_with_given_weights_and_their_statistics_and_keeps_th
     old = {"config": card["config"], "steps": 9}
     save_weights(root / "other-corpus", "globaldiff/global", given, old)
     out = root / "onward"
-    command = ["smoke", "--system", "globaldiff/joint", "--steps", "2", "--fp32", "--no-compile"]
+    command = ["smoke", "--system", "globaldiff/joint", "--steps", "2", "--no-compile"]
     command += ["--data", str(annotated_folder), "--out", str(out)]
     for setting in ("learning_rate=0.0", "weight_decay=0.0", "batch_size=2", "save_every=1"):
         command += ["--set", setting]
@@ -145,11 +144,11 @@ def test_a_loss_is_the_mean_of_the_shares_of_processes_and_is_descended(data, sy
         generator = torch.Generator().manual_seed(0)
         return task.step_loss(task.network.train(), batch, generator, shard).parts
 
-    whole, *shares = (parts(shard) for shard in (FP32, *(Shard(k, 2, bf16=False) for k in (0, 1))))
+    whole, *shares = (parts(shard) for shard in (WHOLE, *(Shard(k, 2) for k in (0, 1))))
     for name, value in whole.items():
         mean = (shares[0][name] + shares[1][name]) / 2
         torch.testing.assert_close(mean, value, rtol=1e-3, atol=1e-6)
-    task.setup = replace(task.setup, shard=FP32)
+    task.setup = replace(task.setup, shard=WHOLE)
     found = [
         task.step(k, batch, torch.Generator().manual_seed(0))["total"]
         for k in range(3)  # the same draws each time
@@ -174,7 +173,7 @@ def test_what_a_network_is_told_is_on_the_device_that_trains_it(data, system, mo
     """``meta`` stands for a GPU: it mixes with the processor as little."""
     monkeypatch.setattr(DescentTask, "adam", lambda *_: None)
     monkeypatch.setattr(Shard, "autocast", lambda _: nullcontext())
-    shard, config = replace(FP32, device=torch.device("meta")), quick(system)
+    shard, config = replace(WHOLE, device=torch.device("meta")), quick(system)
     if system == PLANNER:
         config = replace(config, planner=replace(config.planner, codes=CodesConfig.codes))
     setup = TaskSetup(BUNDLED_WEIGHTS, shard=shard)
@@ -196,7 +195,7 @@ def test_flow_times_are_a_power_of_uniform_ones(data):
         with torch.no_grad():
             for seed in range(4):
                 generator = torch.Generator().manual_seed(seed)
-                task.step_loss(task.network, batch, generator, FP32)
+                task.step_loss(task.network, batch, generator, WHOLE)
         times[power] = torch.cat(seen)
     assert times[1.0].min() < 0.2 and times[1.0].max() > 0.8
     for power, found in times.items():
@@ -266,18 +265,6 @@ def test_a_full_disk_is_told_in_one_sentence(root, annotated_folder, monkeypatch
     message = capsys.readouterr().err.splitlines()[-1]
     assert "the disk is full" in message and "last saved state is kept" in message
     assert not (out / "state.pt").exists()
-
-
-def test_half_a_compiled_file_is_told_with_what_to_do(tmp_path, monkeypatch, capsys):
-    from torch._inductor.exc import InductorError
-
-    def fail(*_, **__):
-        raise InductorError(ImportError("c7.main.so: file too short"), None)  # type: ignore[arg-type]
-
-    monkeypatch.setattr("model.train.train", fail)
-    assert main(["smoke", "--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    message = capsys.readouterr().err
-    assert "c7.main.so: file too short" in message and "train with --no-compile" in message
 
 
 def test_speakers_beyond_the_table_are_named(data):

@@ -18,11 +18,8 @@ from model.systems.registry import family_of
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.loop import train
-from model.training.parallel import WHOLE
 from tests.helpers import ROOT
 
-FP32 = replace(WHOLE, bf16=False)
-"""Whether bf16 is used depends on the processor."""
 QUICK = {"steps": 2, "save_every": 1, "validate_every": 2, "warmup_steps": 0, "batch_size": 2}
 
 
@@ -33,7 +30,6 @@ def quick(system: str, **changes) -> Any:
 
 def run(config: TrainConfig, data: Path, out: Path, helpers=BUNDLED_WEIGHTS, **options) -> Path:
     torch.set_num_threads(1)  # also where it is made once, before a test: sums depend on it
-    options = {"shard": FP32, **options}
     train(config, family_of(config.system).make_task, data, out, helpers=helpers, **options)
     return out
 

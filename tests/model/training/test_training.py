@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,14 +14,12 @@ from model.motion.packing import ROTATION_DIM, decode, to_vectors
 from model.networks.branch import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
-from model.systems.globaldiff.config import GlobalDiffConfig, presets
-from model.systems.globaldiff.task import make_task
 from model.train import main
 from model.training import losses, parallel
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
 from model.training.targets import prepare_targets
-from model.training.task import TaskSetup, learning_rate_factor
+from model.training.task import learning_rate_factor
 from tests.helpers import ROOT
 from tests.model.training.made import log_of, train_in_two_processes
 
@@ -134,57 +131,19 @@ def test_attention_written_out_is_torchs_own():
     torch.testing.assert_close(attention(x, memory), wanted, atol=1e-6, rtol=1e-5)
 
 
-def losses_of(data, folder, steps: int, shard) -> list[float]:
-    config = GlobalDiffConfig(
-        network=presets("globaldiff/global")["smoke"].network,
-        batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6,
-    )  # fmt: skip
-    task = make_task(config, data, TaskSetup(folder, shard=shard))
-    clips, found = data.of_split("train"), []
-    for step in range(steps):
-        batch = data.window_batch(clips, 60, 8, np.random.default_rng(step))
-        found.append(task.step(step, batch, torch.Generator().manual_seed(step))["total"])
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("steps", "left"), [(60, 0.95), (500, 0.7)])
-def test_bf16_trains_as_fp32_does(data, tmp_path, monkeypatch, steps, left):
-    """Within 1 % of the loss, averaged over the last tenth."""
-    monkeypatch.setattr("model.training.parallel.bf16_is_faster", lambda: True)
-    fp32 = losses_of(data, tmp_path, steps, replace(WHOLE, bf16=False))
-    bf16 = losses_of(data, tmp_path, steps, WHOLE)
-    last = slice(-steps // 10, None)
-    assert fp32 != bf16
-    assert np.mean(fp32[last]) < left * fp32[0]
-    assert np.mean(bf16[last]) == pytest.approx(np.mean(fp32[last]), rel=0.01)
-
-
 @pytest.mark.slow
 def test_a_compiled_step_is_the_step(tmp_path, data_folder):
     """In processes of their own: the tests' checks of shapes are nothing that compiles."""
     if not parallel.can_compile():
         pytest.skip("There is no C++ compiler here.")
     for name, flags in (("plain", ["--no-compile"]), ("compiled", [])):
-        command = [sys.executable, "-m", "model.train", "smoke", "--fp32", "--steps", "3", *flags,
+        command = [sys.executable, "-m", "model.train", "smoke", "--steps", "3", *flags,
                    "--data", str(data_folder), "--out", str(tmp_path / name)]  # fmt: skip
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     plain, compiled = (log_of(tmp_path / name) for name in ("plain", "compiled"))
     for row, other in zip(plain, compiled, strict=True):
         for column in (name for name in row if row[name] and name != "split"):
             assert float(other[column]) == pytest.approx(float(row[column]), rel=2e-3, abs=1e-7)
-
-
-def test_bf16_is_used_where_the_probe_finds_it_faster(data, tmp_path, monkeypatch):
-    found = {}
-    for faster in (True, False):
-        monkeypatch.setattr("model.training.parallel.bf16_is_faster", lambda faster=faster: faster)
-        for may in (True, False):
-            shard = replace(WHOLE, bf16=may)
-            with shard.autocast():
-                assert torch.is_autocast_enabled("cpu") == (faster and may)
-            (found[faster and may],) = losses_of(data, tmp_path, 1, shard)
-    assert found[True] != found[False] == pytest.approx(found[True], rel=0.02)
 
 
 @pytest.mark.parametrize("space", ["local", "global", "axis-angle"])
@@ -232,7 +191,7 @@ def test_two_processes_train_as_one_does(tmp_path, data_folder, system):
     the adversary averages the gradients of two networks by itself.
     """
     arguments = ["smoke", "--system", system, "--steps", "4", "--data", str(data_folder)]
-    arguments += ["--fp32", "--no-compile"]  # bf16 rounds the sums of another batch differently
+    arguments += ["--no-compile"]
     assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
     train_in_two_processes(arguments, tmp_path / "two")
     one, two = log_of(tmp_path / "one"), log_of(tmp_path / "two")

@@ -22,10 +22,9 @@ from model.systems.gan.config import (
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import family_of, load_system
-from model.training.parallel import Draws
+from model.training.parallel import WHOLE, Draws
 from model.training.task import Start, Task, TaskSetup
 from tests.model.training.made import (
-    FP32,
     assert_equal_states,
     log_of,
     quick,
@@ -47,7 +46,7 @@ def data(trained, data_folder) -> PreparedData:
 @pytest.fixture(scope="module")
 def task(data) -> GanTask:
     """Never stepped."""
-    return make_task(quick(WEIGHTS), data, TaskSetup(BUNDLED_WEIGHTS, shard=FP32))
+    return make_task(quick(WEIGHTS), data, TaskSetup(BUNDLED_WEIGHTS))
 
 
 @pytest.fixture
@@ -61,14 +60,14 @@ def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
 
 
 def drawn_by(task: GanTask, batch: Batch, seed: int) -> Drawn:
-    draws = Draws(len(batch.clips), torch.Generator().manual_seed(seed), FP32)
+    draws = Draws(len(batch.clips), torch.Generator().manual_seed(seed), WHOLE)
     return task.draw(task.network, batch, draws)
 
 
 @pytest.fixture
 def changed(data, trained) -> Callable[..., GanTask]:
     """Tasks of other settings, which begin with the same weights."""
-    setup = TaskSetup(BUNDLED_WEIGHTS, Start(trained / "weights", WEIGHTS), FP32)
+    setup = TaskSetup(BUNDLED_WEIGHTS, Start(trained / "weights", WEIGHTS))
     return lambda **changes: make_task(quick(WEIGHTS, **changes), data, setup)
 
 
