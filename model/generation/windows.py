@@ -254,8 +254,13 @@ class PiecewiseMotion:
         if self._system.root_motion == "velocity":
             travelled = positions[:, -1:] * _HORIZONTAL
         self._travelled = travelled
-        poses = _poses(self._system, piece)
-        motions = _motions(self._system, poses, positions, piece.expression)
+        is_global = self._system.frame == "world"
+        local = local_from_global(piece.rotmat) if is_global else piece.rotmat
+        poses = axis_angle_from_matrix(local).flatten(-2)
+        motions = [
+            _motion(*one, self._system.expression_basis)
+            for one in zip(poses, positions, piece.expression, strict=True)
+        ]
         return motions if self._follower is None else [self._follower.follow(*motions)]
 
 
@@ -277,24 +282,6 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
         condition=options.conditions[0] if options.conditions else None,
         words=options.words,
     )
-
-
-def _poses(system: System, piece: Window) -> Float[Tensor, "B n 165"]:
-    is_global = system.frame == "world"
-    local = local_from_global(piece.rotmat) if is_global else piece.rotmat
-    return axis_angle_from_matrix(local).flatten(-2)
-
-
-def _motions(
-    system: System,
-    poses: Float[Tensor, "B n 165"],
-    positions: Float[Tensor, "B n 3"],
-    expressions: Float[Tensor, "B n E"],
-) -> list[Motion]:
-    return [
-        _motion(*one, system.expression_basis)
-        for one in zip(poses, positions, expressions, strict=True)
-    ]
 
 
 def _motion(
