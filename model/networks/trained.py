@@ -53,20 +53,14 @@ class Trained:
         load_into(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)
 
-    def start(self, network: nn.Module, *, may_lack: bool = False) -> None:
-        """Let a training of a network begin with these weights.
-
-        Args:
-            may_lack: the network may have parts which they do not know, which stay, and layers of
-                more inputs, which are not heard at first.
-        """
-        tensors = self.tensors
-        if may_lack:
-            fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
-            tensors = fresh | {
-                name: _with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
-                for name, tensor in tensors.items()
-            }
+    def start(self, network: nn.Module) -> None:
+        """Let a training of a network begin with these weights. Parts which they do not know stay
+        as they are, and what layers of more inputs hear besides is not heard at first."""
+        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+        tensors = fresh | {
+            name: _with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
+            for name, tensor in self.tensors.items()
+        }
         load_into(network, tensors, "network.", self.name)
 
 

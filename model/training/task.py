@@ -146,8 +146,6 @@ class DescentTask(ABC):
             on one.
     """
 
-    may_lack: ClassVar[bool] = False
-    """See `Trained.start`."""
     kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """What a resumed run needs as it was."""
     is_compiled: ClassVar[bool] = False
@@ -165,7 +163,7 @@ class DescentTask(ABC):
         statistics: Mapping[str, Tensor] = MappingProxyType({}),
     ) -> None:
         if given is not None:
-            given.start(network, may_lack=self.may_lack)
+            given.start(network)
         self.setup, self.config = setup, config
         self.window_frames, self.context = window_frames, context
         self.network = network.to(self.shard.device)

@@ -60,6 +60,22 @@ class Branch(MotionBranch):
         )
 
 
+@dataclass(frozen=True)
+class Stream:
+    """How the motion of one branch is normalised, and the prior it stands on."""
+
+    normaliser: Normaliser
+    prior: GaussianPrior
+
+    def tensors(self) -> dict[str, Tensor]:
+        """As saved with trained weights."""
+        return self.normaliser.tensors() | {"prior.covariance": self.prior.covariance}
+
+
+Streams = tuple[Stream, Stream]
+"""Of the expression branch and of the gesture branch."""
+
+
 class DualBranchNetwork(ConditionedNetwork):
     """Predicts x_1 of face and body, each from its own x_t at its own flow time (eq. 8).
 
@@ -67,19 +83,17 @@ class DualBranchNetwork(ConditionedNetwork):
     does not have: a network this small, trained this short, moves well only on one.
 
     Args:
-        priors: of the face's components and of the body's.
         consistent: whether x_1 is where the flow leads (a consistency function), not the mean of
             where it may come from. It decides on what part of the prior the network builds.
     """
 
-    def __init__(
-        self, config: DualBranchConfig, priors: Sequence[GaussianPrior], *, consistent: bool
-    ) -> None:
+    def __init__(self, config: DualBranchConfig, streams: Streams, *, consistent: bool) -> None:
         super().__init__(config)
         self.config = config
         self.consistent = consistent
-        self.expression = Branch(config, priors[EXPRESSION], config.expression_dim)
-        self.gesture = Branch(config, priors[GESTURE], config.gesture_dim)
+        face, body = (stream.prior for stream in streams)
+        self.expression = Branch(config, face, config.expression_dim)
+        self.gesture = Branch(config, body, config.gesture_dim)
 
     @property
     def branches(self) -> tuple[Branch, Branch]:
@@ -155,20 +169,6 @@ class DualBranchNetwork(ConditionedNetwork):
         return found
 
 
-@dataclass(frozen=True)
-class Stream:
-    """How the motion of one branch is normalised, and the prior it stands on."""
-
-    normaliser: Normaliser
-    prior: GaussianPrior
-
-    def tensors(self) -> dict[str, Tensor]:
-        """As saved with trained weights."""
-        return self.normaliser.tensors() | {"prior.covariance": self.prior.covariance}
-
-
-Streams = tuple[Stream, Stream]
-"""Of the expression branch and of the gesture branch."""
 _FACE = ".face."
 
 
@@ -187,11 +187,3 @@ def read_streams(trained: Trained, seed_frames: int) -> Streams:
         Stream(each.normaliser, each.prior(seed_frames)) for each in (face, trained)
     )
     return expression, gesture
-
-
-def make_network(
-    config: DualBranchConfig, streams: Streams, *, consistent: bool
-) -> DualBranchNetwork:
-    """An untrained network on the priors of its streams."""
-    priors = [stream.prior for stream in streams]
-    return DualBranchNetwork(config, priors, consistent=consistent)

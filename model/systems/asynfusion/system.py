@@ -18,7 +18,6 @@ from model.systems.asynfusion.network import (
     GESTURE,
     DualBranchNetwork,
     Streams,
-    make_network,
     read_streams,
 )
 from model.systems.asynfusion.sampling import WAYS, sample
@@ -105,6 +104,6 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
         frame="parent",
         root_motion="place",
         config=config,
-        network=trained.as_of(make_network(config, streams, consistent=consistent)),
+        network=trained.as_of(DualBranchNetwork(config, streams, consistent=consistent)),
         streams=streams,
     )

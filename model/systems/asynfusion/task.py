@@ -22,7 +22,6 @@ from model.systems.asynfusion.network import (
     Streams,
     both,
     face_tensors,
-    make_network,
     read_streams,
 )
 from model.systems.asynfusion.sampling import NUM_STEPS, flow_times, noise_of
@@ -61,8 +60,8 @@ class BranchesTask(DescentTask):
             face, body = fit_streams(shape, data, self.targets)
         self.teacher = None
         if taught is not None:
-            self.teacher = taught.as_of(make_network(shape, (face, body), consistent=False))
-        network = make_network(shape, (face, body), consistent=self.teacher is not None)
+            self.teacher = taught.as_of(DualBranchNetwork(shape, (face, body), consistent=False))
+        network = DualBranchNetwork(shape, (face, body), consistent=self.teacher is not None)
         if self.teacher is not None:
             network.load_state_dict(self.teacher.state_dict())
         super().__init__(

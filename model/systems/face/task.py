@@ -19,7 +19,6 @@ class FaceTask(DescentTask):
     """Flow matching of face units; plans are told where clips have annotated ones."""
 
     config: FaceTrainConfig
-    may_lack = True  # weights may know of no plans
 
     def __init__(self, config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.expression

@@ -29,7 +29,6 @@ class PlannerTask(DescentTask):
     """The negative log-likelihood of a plan's events."""
 
     config: PlannerTrainConfig
-    may_lack = True  # weights may have fewer tiers, or no codes
 
     def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.planner
@@ -80,7 +79,6 @@ class PlannedTask(MotionTask):
     """What GlobalDiff's network descends, told plans."""
 
     config: PlannedConfig
-    may_lack = True  # weights may know of no plans
 
     def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
         self.plans = prepare_plans(data, config.network.num_speakers)

@@ -18,9 +18,9 @@ TINY = DualBranchConfig(width=16, num_blocks=2, num_heads=2, num_speakers=4, spe
 
 def tiny_network(*, consistent: bool = False) -> DualBranchNetwork:
     """Its layers say something: those that begin at zero are moved away from it."""
+    streams = made_streams()
     torch.manual_seed(0)
-    priors = made_prior(FACE), made_prior(BODY)
-    network = DualBranchNetwork(TINY, priors, consistent=consistent)
+    network = DualBranchNetwork(TINY, streams, consistent=consistent)
     return shaken(network, by=0.1).requires_grad_(False)
 
 

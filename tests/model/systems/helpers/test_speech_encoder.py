@@ -76,9 +76,8 @@ def test_losses_are_those_of_what_is_right():
     losses = reading_terms(SpeechReading(sure, said), phone, told)
     assert max(losses.values()) < 1e-6
     said[0, 1, 1], said[0, 0, 1] = 5.0, 0.5  # the strength counts where there is an accent
-    assert reading_terms(SpeechReading(sure, said), phone, told)[
-        "strength"
-    ].item() == pytest.approx(0.04)
+    losses = reading_terms(SpeechReading(sure, said), phone, told)
+    assert losses["strength"].item() == pytest.approx(0.04)
 
 
 def test_a_planner_begins_with_weights_that_heard_no_codes(root, tmp_path):
