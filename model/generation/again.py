@@ -183,11 +183,7 @@ def save_performance(performance: KeptPerformance, path: Path) -> None:
 
 
 def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> KeptPerformance:
-    """What `save_performance` has written of a system's motion after a condition.
-
-    Raises:
-        KeptError: if it is kept no longer, or damaged.
-    """
+    """What `save_performance` has written of a system's motion after a condition."""
     try:
         tensors = load(path.read_bytes())
         names = [name for name in tensors if name.startswith(_FOLLOWED)]

@@ -237,11 +237,7 @@ class System(ABC):
         return self.samplers[0].guidance
 
     def speaker_index(self, speaker: str) -> int:
-        """Index of a speaker by name.
-
-        Raises:
-            UnknownNameError: if these weights were not trained on that speaker.
-        """
+        """Index of a speaker by name."""
         if speaker not in self.speakers:
             raise UnknownNameError(
                 f"There is no speaker {speaker!r}; choose one of {', '.join(self.speakers)}."
@@ -249,11 +245,7 @@ class System(ABC):
         return self.speakers[speaker]
 
     def sampler(self, name: str | None) -> Sampler:
-        """The sampler called ``name``, or the usual one.
-
-        Raises:
-            UnknownNameError: if the system has no such sampler.
-        """
+        """The sampler called ``name``, or the usual one."""
         if name is None:
             return self.samplers[0]
         for sampler in self.samplers:
@@ -263,11 +255,7 @@ class System(ABC):
         raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
 
     def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
-        """What it follows beside whole speech, drawn for the first sample.
-
-        Raises:
-            ValueError: of a system that follows nothing else, as the two below.
-        """
+        """What it follows beside whole speech, drawn for the first sample."""
         raise ValueError(f"{self.name} follows speech alone.")
 
     def condition_stream(self, draw: Draw) -> ConditionStream:
@@ -286,11 +274,7 @@ class System(ABC):
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
     def strength(self, guidance: float | None) -> float:
-        """The strength of the speech that is asked for, or the usual one.
-
-        Raises:
-            ValueError: if it cannot be chosen.
-        """
+        """The strength of the speech that is asked for, or the usual one."""
         if guidance is None:
             return 1.0 if self.guidance is None else self.guidance
         if guidance != 1 and self.guidance is None:

@@ -167,11 +167,7 @@ class Family:
         return tuple(name for name in self.names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
-        """Settings of a training.
-
-        Raises:
-            ValueError: if there are none of that name.
-        """
+        """Settings of a training."""
         presets = self.presets(system)
         if preset not in presets:
             found = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"

@@ -100,11 +100,7 @@ class LiveMotion:
         return self._motion.go_on(final)
 
     def lead(self, manner: Any) -> None:
-        """Follow conditions of another manner from now on.
-
-        Raises:
-            ValueError: of a system that follows speech alone.
-        """
+        """Follow conditions of another manner from now on."""
         if self._stream is None:
             raise ValueError("This system follows speech alone.")
         self._stream.manner = manner

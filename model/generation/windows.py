@@ -265,11 +265,7 @@ class PiecewiseMotion:
 
 
 def draw_of(system: System, options: GenerateOptions) -> Draw:
-    """What decides the first window.
-
-    Raises:
-        UnknownNameError, ValueError: see `generate_motion`.
-    """
+    """What decides the first window."""
     if options.conditions and system.condition_type is None:
         raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
     return Draw(

@@ -227,11 +227,7 @@ def faced(
     family: Family, name: str, body: Trained, config: BranchConfig, folder: Path
 ) -> dict[str, Any]:
     """What a `FacedSystem` is made of, but for the network of its body, whose windows the face's
-    must be like.
-
-    Raises:
-        CheckpointError: if they are not, or files of the face are missing or damaged.
-    """
+    must be like."""
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames
     if windows != (face.config.window_frames, face.config.seed_frames):

@@ -244,11 +244,7 @@ def load_network(part: Part, path: Path) -> nn.Module:
 
 
 def sha256_of(path: Path) -> str:
-    """Of the whole file.
-
-    Raises:
-        CheckpointError: if it cannot be read.
-    """
+    """Of the whole file."""
     try:
         return file_sha256(path)
     except OSError as error:

@@ -142,11 +142,7 @@ def first_seed() -> Float[Tensor, "8 333"]:
 
 
 def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
-    """The first frames of a motion as motion vectors.
-
-    Raises:
-        MotionError: if there are fewer.
-    """
+    """The first frames of a motion as motion vectors."""
     if motion.num_frames < SEED_FRAMES:
         raise MotionError(
             f"The motion to start from has {motion.num_frames} frames; {SEED_FRAMES} are needed."
