@@ -73,10 +73,8 @@ def stroke_lags(places: Places, plan: GesturePlan, frames: range = range(10**9))
     """By how many seconds each stroke ends later than planned; NaN where no stroke is made.
 
     The wrist's path from the stroke's preparation to half a second after it is laid over the
-    planned one with every shift; the shift at which they are most alike is how late it is.
-
-    Args:
-        frames: strokes that end elsewhere are left out.
+    planned one with every shift; the shift at which they are most alike is how late it is. Strokes
+    that end outside of ``frames`` are left out.
     """
     num_frames = len(places["left"])
     planned = tracks_of(plan, num_frames).astype(np.float64)
@@ -274,11 +272,7 @@ def ask_clip(
 
 def distances(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
     """FGD to recorded motion, of unedited motion, of as many clips of it edited (mean over edits),
-    and the one over the other; nothing of a single clip.
-
-    Args:
-        clips: codes of each: recorded, unedited, then edited.
-    """
+    and the one over the other, by the codes of each clip in this order; nothing of one clip."""
     if len(clips) < 2:
         return {}
     recorded, plain, *edited = (np.concatenate(one) for one in zip(*clips, strict=True))

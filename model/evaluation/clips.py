@@ -62,11 +62,7 @@ def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> tuple[dict[str, float], list[float]]:
     """Smoothness (raw), wander, diversity within the clip, and the error of the face, as far as a
-    clip is long enough; and its jerk by depth.
-
-    Args:
-        joints: see `rooted_positions`.
-    """
+    clip is long enough; and its jerk by depth."""
     found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
@@ -80,13 +76,8 @@ def clip_measures(
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
-    """What speech and what noise decide, by part of the body (`model.measures.hearing`).
-
-    Args:
-        motions: of one speech, one for each noise seed.
-        elsewhere: of another speech, with the same noise; none for recorded motion, of which these
-            numbers are not known.
-    """
+    """What speech and what noise decide, by part of the body (`model.measures.hearing`), where a
+    speech and another (``elsewhere``) were moved by the same noise seeds."""
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())

@@ -121,11 +121,8 @@ def frechet_distance(a: Features, b: Features) -> float:
 
 
 def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
-    """`frechet_distance` of two sets of which only the moments are known.
-
-    Args:
-        offset: added to the diagonals of both covariances under the root.
-    """
+    """`frechet_distance` of two sets of which only the moments are known, with an ``offset`` on the
+    diagonals of both covariances under the root."""
     under = offset * np.eye(len(a.total))
     values, vectors = np.linalg.eigh(a.covariance + under)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
@@ -164,15 +161,8 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
-    """Distance of every two windows of a batch, over batches of 50 that are dealt from all clips.
-
-    Args:
-        clips: windows of each clip, see `model.measures.differences.windows_of`.
-
-    Returns:
-        ``div_gesture``, and where all clips have face units ``div`` of body and face together;
-        nothing if there are no two windows.
-    """
+    """Distance of every two windows of a batch, over batches of 50 that are dealt from all clips:
+    ``div_gesture``, and where all clips have face units ``div`` of body and face together."""
     owner = np.repeat(np.arange(len(clips)), [len(windows) for windows in clips])
     if len(owner) < 2:
         return {}

@@ -96,18 +96,8 @@ def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
 def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
     """For each of `MEASURES`, in which share of comparisons the judge prefers the motion's own
     speech: every piece of the motion with its speech, against every piece of the foreign one. A tie
-    counts half.
-
-    And ``arm_speed_heard``: the correlation of the arms' log speed with the one that is told from
-    the speech alone, mean over pieces.
-
-    Args:
-        own: features of the motion's speech (`MelEncoder`), from its first frame on.
-        foreign: those of another speech.
-
-    Returns:
-        Nothing where either speech, or the motion under it, lasts less than 10 s.
-    """
+    counts half. And ``arm_speed_heard``: the correlation of the arms' log speed with the one that
+    is told from the speech alone, mean over pieces. Nothing of less than 10 s."""
     shared = min(motion.num_frames, len(own))
     spoke = spoken(own[:shared])
     poses, right, wrong = (
@@ -249,11 +239,7 @@ class OfSpeaker:
 
 
 def manner_of(motions: Grid) -> OfSpeaker:
-    """Of one speech.
-
-    Args:
-        motions: by speaker and noise seed.
-    """
+    """Of one speech, moved by speaker and noise seed."""
     return OfSpeaker(decided(motions)["arms"].by_speech, arm_rotations_same_noise(motions))
 
 

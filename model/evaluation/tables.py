@@ -29,11 +29,8 @@ class Estimate:
 def bootstrap_of(
     statistic: Callable[[Int[np.ndarray, " n"]], float], num_clips: int, draws: int = DRAWS
 ) -> Estimate:
-    """A statistic of clips, and its interval over clips drawn with replacement.
-
-    Args:
-        statistic: of the clips with these indices; called with all of them once for the value.
-    """
+    """A statistic of the clips with some indices: of all, with its interval over clips drawn with
+    replacement."""
     values = [statistic(index) for index in drawn_clips(num_clips, draws)]
     return interval_of(statistic(np.arange(num_clips)), values)
 

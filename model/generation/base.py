@@ -45,12 +45,7 @@ def cross_fade(
     older: tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]],
     newer: tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]],
 ) -> tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]]:
-    """The frames two windows share: rotations along the geodesic, root channels linearly.
-
-    Args:
-        older: rotations and root channels of the last ``S`` frames of the window before.
-        newer: the same of the first ``S`` frames of the next one.
-    """
+    """The frames two windows share: rotations along the geodesic, root channels linearly."""
     weight = fade_weights(older[0].shape[-4]).to(older[1])
     rotmat = interpolate_rotations(older[0], newer[0], weight[:, None])
     return rotmat, fade(older[1], newer[1])
@@ -174,11 +169,8 @@ class ConditionStream(Protocol):
         stop: int,
     ) -> Any:
         """The ``condition`` around the frames from ``first`` to ``stop``, and the frame that is its
-        first (``origin``); what begins before ``final`` is decided for good.
-
-        Args:
-            speech: features from one frame to another, supposed ones where none have come.
-        """
+        first (``origin``); what begins before ``final`` is decided for good. Features of frames
+        that have not come are supposed ones."""
         ...
 
     def heard(
@@ -305,11 +297,7 @@ class System(ABC):
         """
 
     def join(self, older: Window, newer: Window) -> Window:
-        """``newer`` with its first frames joined to the end of the motion so far.
-
-        Args:
-            older: exactly the frames that both have.
-        """
+        """``newer`` with its first frames joined to those of the motion so far, ``older``."""
         shared = slice(older.root.shape[1])
         rest = slice(shared.stop, None)
         first = newer.part(shared)

@@ -81,11 +81,7 @@ class MotionAutoencoder(nn.Module):
         is_hidden: Bool[Tensor, "B T"] | None,
         noise: Sequence[Float[Tensor, "B _ dim"]] | None,
     ) -> tuple[Float[Tensor, "B T channels"], list[Codes]]:
-        """The motion restored from its codes, and the codes.
-
-        Args:
-            noise: standard normal, one tensor for each scale; None decodes the mean codes.
-        """
+        """The motion restored from its codes (the mean ones without noise), and the codes."""
         codes = self.encode(motion, is_hidden)
         drawn = [mean for mean, _ in codes]
         if noise is not None:
@@ -100,12 +96,8 @@ class MotionAutoencoder(nn.Module):
         motion: Float[Tensor, "B T channels"],
         is_hidden: Bool[Tensor, "B T"] | None = None,
     ) -> list[Codes]:
-        """The codes at each scale, finest first.
-
-        Args:
-            motion: ``T`` a multiple of the largest scale.
-            is_hidden: frames that a learned vector replaces.
-        """
+        """The codes at each scale, finest first, of frames that are a multiple of the largest; a
+        learned vector replaces hidden ones."""
         x = self.motion_in(motion.transpose(1, 2))
         if is_hidden is not None:
             x = torch.where(is_hidden[:, None], self.hidden_frame[:, None], x)
@@ -139,13 +131,7 @@ def input_vectors(
     transl: Float[Tensor, "B T 3"],
     face: Float[Tensor, "B T units"],
 ) -> Float[Tensor, "B T channels"]:
-    """What a network of this shape sees of a motion, not normalised.
-
-    Args:
-        poses: local axis-angle, radians.
-        transl: root position, metres.
-        face: face units, 0 to 1.
-    """
+    """What a network of this shape sees of a motion, not normalised."""
     parts = []
     if config.motion_channels > 0:
         parts.append(to_vectors(config.rotation_space, poses, transl))

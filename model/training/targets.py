@@ -61,12 +61,8 @@ class Targets:
     """(N, 165) joint positions in metres, the pelvis where the rest pose has it."""
 
     def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
-        """Vectors of a batch's windows, and what they mean.
-
-        Args:
-            rotations: whether global rotations and vectors are asked for; without, they may be
-                None.
-        """
+        """Vectors of a batch's windows, and what they mean; without ``rotations`` global ones may
+        be None."""
         vectors = self.windows(batch)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)

@@ -166,11 +166,7 @@ def one_solver_step(
 ) -> Pair:
     """What the student says one DDIM step of the guided teacher nearer to the data, which is what
     it should have said here. The student is its own target, without a moving average (Song and
-    Dhariwal 2024); next to the data its prior leaves it no choice but x_t.
-
-    Args:
-        normaliser: of the gesture.
-    """
+    Dhariwal 2024); next to the data its prior leaves it no choice but x_t."""
     times = flow_times().to(steps[0].device)
     t = both(lambda k: times[k], steps)
     clean = both(lambda x: x.float(), teacher(x_t, t, **conditions))

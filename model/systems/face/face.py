@@ -50,14 +50,8 @@ class FaceNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"] | None = None,
         **conditions: Tensor,
     ) -> Float[Tensor, "B T E"]:
-        """Clean components x_1.
-
-        Args:
-            tracks: `model.plan.tracks.FACE_TRACKS` of the window and of ``speech_context`` frames
-                before and after it; None where no plan is told.
-            has_plan: which of them are told one; all, if left out.
-            conditions: of `PriorNetwork.forward`.
-        """
+        """Clean components x_1, told what `PriorNetwork` is and `model.plan.tracks.FACE_TRACKS` of
+        the frames that are heard; ``has_plan`` hides them from some."""
         if tracks is None:
             return super().forward(x_t, t, **conditions)
         told = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan

@@ -78,14 +78,8 @@ class Generator(ConditionedNetwork):
         has_speech: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Mean of the clean components x_0, and the deviation of what is left open along the
-        prior's eigenvectors; `drawn` makes x_0 of both.
-
-        Args:
-            now: diffusion time of ``x_t``, 1 (noise) to 0 (data).
-            before: the earlier time that this step leads to.
-            seed: the clean first ``S`` frames; ignored where ``has_seed`` is false.
-            has_speech: false hides speech and expression.
-        """
+        prior's eigenvectors; `drawn` makes x_0 of both. A step leads from the diffusion time
+        ``now``, 1 (noise) to 0 (data), to the earlier ``before``."""
         tokens = self.hear(speech, has_speech)
         face = shown(expression, has_speech)
         return self.denoised(

@@ -41,13 +41,12 @@ class MotionNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T 333"]:
-        """Clean motion x_1.
+        """Clean motion x_1 from x_t at flow time t, 0 (noise) to 1 (data).
 
         Args:
-            t: flow time, 0 (noise) to 1 (data).
             speech: features of the window and of ``speech_context`` frames before and after it.
             seed: the clean first ``S`` frames; ignored where ``has_seed`` is false.
-            speaker: index into the speaker table; 0 is "no speaker".
+            speaker: 0 is "no speaker".
             has_speech: false hides speech and expression.
         """
         condition = self.condition(t, speaker)

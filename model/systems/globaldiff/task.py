@@ -170,9 +170,6 @@ def joint_structure_loss(
 
     ``v_hat = R v`` (eq. 8) and ``v_tilde = R_gt v`` (eq. 9); the mean over joints, anchors and
     frames of ``|v_hat - v_tilde|^2`` (eq. 10). A joint's position does not enter.
-
-    Args:
-        rotmat: global rotations. With anchors that span space, zero means equal rotations.
     """
     turned = (rotmat - target) @ anchors.to(rotmat).T  # (B, T, J, 3, N)
     return turned.square().sum(-2).mean((1, 2, 3))
@@ -231,11 +228,7 @@ def temporal_structure_loss(
     codes: Sequence[Float[Tensor, "B _ dim"]],
     target: Sequence[Float[Tensor, "B _ dim"]],
 ) -> Float[Tensor, " B"]:
-    """L_m, GlobalDiff eq. 15: squared distance of the codes of two motions.
-
-    Args:
-        codes: ``z = g(X)`` (eq. 14), one tensor for each scale of the encoder; every scale counts
-            alike, as the mean over its numbers.
-    """
+    """L_m, GlobalDiff eq. 15: squared distance of the codes ``z = g(X)`` (eq. 14) of two motions;
+    every scale of the encoder counts alike, as the mean over its numbers."""
     squared = [(a - b).square().mean((1, 2)) for a, b in zip(codes, target, strict=True)]
     return torch.stack(squared).sum(0)

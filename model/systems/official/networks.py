@@ -191,12 +191,7 @@ class OfficialMotionNetwork(nn.Module):
         seed: Float[Tensor, "B 8 333"],
         speaker: Int[Tensor, " B"],
     ) -> Float[Tensor, "B T 333"]:
-        """Clean motion.
-
-        Args:
-            t: 0 is noise, 1 is data.
-            seed: the first frames, clean.
-        """
+        """Clean motion from x_t, noise at t = 0 and data at 1."""
         condition = torch.cat([self.time_embed(t[:, None]), self.style_embed(speaker)], dim=-1)
         heard = self.hubert_prj(speech)
         whole = torch.cat([x_t, expression], dim=-1)

@@ -75,14 +75,7 @@ class CausalPlanner:
         final: int,
         stop: int,
     ) -> PlannedAhead:
-        """The plan around some frames.
-
-        Args:
-            speech: features from one frame to another, supposed ones where none have come.
-            first: the first frame that is asked for.
-            final: what begins before this frame is planned for good with this call.
-            stop: the plan ends here.
-        """
+        """See `ConditionStream.go_on`."""
         final = max(final, self._final)
         self._draw(speech, final, stop)
         origin = first - BEFORE_FRAMES

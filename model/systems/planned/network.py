@@ -53,13 +53,8 @@ class PlannedNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"],
         **conditions: Tensor,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1.
-
-        Args:
-            tracks: of the window and of ``speech_context`` frames before and after it.
-            kinds: numbers of the gestures of the left and the right hand.
-            conditions: of `PriorNetwork.forward`.
-        """
+        """Clean components x_1, told what `PriorNetwork` is, and of the frames that are heard the
+        plan's tracks and numbers of the gestures of the left and the right hand."""
         plan = self.plan(self.plan.told(tracks, kinds), has_plan)
         return super().forward(x_t, t, beside=plan, **conditions)
 
@@ -143,12 +138,8 @@ class PlannerNetwork(nn.Module):
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T heard"]:
-        """What is heard around each frame, and who speaks.
-
-        Args:
-            speech: normalised features, then codes if there are any, of T frames and
-                ``config.context`` frames before and after them.
-        """
+        """What is heard around each of T frames, and who speaks; ``speech`` has ``config.context``
+        frames more before and after them, normalised features and then codes."""
         x = self.frames(speech)
         for convolution in self.around:
             x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
@@ -166,11 +157,8 @@ class PlannerNetwork(nn.Module):
         event: Mapping[str, Int[Tensor, "B T"]],
         mark: Mapping[str, Float[Tensor, "B T _"]],
     ) -> dict[str, Float[Tensor, ""]]:
-        """Mean negative log-likelihoods a frame: of what begins, and of its marks, by tier.
-
-        Args:
-            seen: by tier, its chain and the one beside it.
-        """
+        """Mean negative log-likelihoods a frame: of what begins, and of its marks, by tier, given
+        its chain and the one beside it (``seen``)."""
         heard = self.hear(speech, speaker, has_speech)
         losses = {}
         for name, head in self.heads.items():

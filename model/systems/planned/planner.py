@@ -111,11 +111,8 @@ class Drawer:
         self._excess_then = self._excess
 
     def go_back(self, frame: int, finishes: bool) -> None:
-        """To where `keep_place` was called, with all that began before ``frame``.
-
-        Args:
-            finishes: what it is in goes on until it ended in what was drawn.
-        """
+        """To where `keep_place` was called, with all that began before ``frame``; what it is in
+        goes on until it ended in what was drawn, if it ``finishes``."""
         kept = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(kept) :]
         self.chain, self._excess = kept, self._excess_then
