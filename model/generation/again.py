@@ -20,6 +20,7 @@ from model.generation.base import SpeechWindow, System, Window, fade_weights, nu
 from model.generation.windows import (
     GenerateOptions,
     PiecewiseMotion,
+    WindowChain,
     draw_of,
     one_thread,
 )
@@ -81,11 +82,11 @@ def perform(
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with one_thread():
         heard = system.hear(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
+        chain = WindowChain(system, options)
         made: list[Window] = []
         fresh: list[range] = []
         pieces: list[Motion] = []
         told: PiecewiseMotion | None = None
-        joined: Window | None = None
         leads_here, left = False, speech.num_frames
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
@@ -97,8 +98,7 @@ def perform(
             else:
                 if should_cancel is not None and should_cancel():
                     raise Cancelled
-                last = made[-1] if made else None
-                new = system.window(window, last, replace(draw, index=k))
+                new = chain.made(window)
                 leads_here = old is None or not is_same
                 if old is None or leads_here:
                     made.append(new)
@@ -108,8 +108,9 @@ def perform(
                 if leads_here and k == count - 1:  # then the frames it shares with none are new
                     stop = speech.num_frames
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
-            joined = _joined(system, joined, made[-1])
-            told = told or PiecewiseMotion(system, _origin(made, before).root[:, :1], follower)
+            joined = chain.joined(made[-1])
+            origin = (made if before is None else before.made)[0]
+            told = told or PiecewiseMotion(system, origin.root[:, :1], follower)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
                 pieces += told.go_on(joined.part(slice(length)))
@@ -119,10 +120,6 @@ def perform(
     followed = {} if follower is None else follower.kept()
     (condition,) = options.conditions
     return KeptPerformance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
-
-
-def _origin(made: Sequence[Window], before: KeptPerformance | None) -> Window:
-    return made[0] if before is None else before.made[0]
 
 
 def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
@@ -147,14 +144,6 @@ def _returning(new: Window, old: Window, advance: int) -> Window:
         root=faded(new.root, old.root),
         expression=faded(new.expression, old.expression),
     )
-
-
-def _joined(system: System, before: Window | None, window: Window) -> Window:
-    """A window joined to the one before, which has been joined to those before it."""
-    if before is None:
-        return window
-    cut = system.windowing
-    return system.join(before.part(slice(cut.advance, cut.advance + cut.overlap)), window)
 
 
 def _runs(frames: Sequence[range]) -> list[range]:

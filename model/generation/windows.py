@@ -203,18 +203,23 @@ class WindowChain:
         """The next window, joined to the one before.
 
         Args:
-            heard: its speech.
             advance: after how many of its frames the next window starts, from ``overlap`` on; only
                 those are final. None is the system's own advance.
             condition, first_frame: of this window, where they are drawn as speech comes.
         """
+        if condition is not None:
+            self._draw = replace(self._draw, condition=condition, first_frame=first_frame)
+        return self.joined(self.made(heard), advance)
+
+    def made(self, heard: SpeechWindow) -> Window:
+        """The next window, which is not joined yet."""
+        return self._system.window(heard, self._made, self._draw)
+
+    def joined(self, made: Window, advance: int | None = None) -> Window:
+        """A window, made here or before, as the next, joined to the one before."""
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
-        draw = self._draw
-        if condition is not None:
-            draw = replace(draw, condition=condition, first_frame=first_frame)
-        made = self._system.window(heard, self._made, draw)
         joined = made if self._end is None else self._system.join(self._end, made)
         self._made = made.part(slice(advance + cut.overlap))
         self._end = joined.part(slice(advance, advance + cut.overlap))
