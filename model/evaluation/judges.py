@@ -227,20 +227,14 @@ def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
     return np.concatenate([places.mean(1), spread, np.log(moved.mean(1) + 1e-3)], axis=1)
 
 
-@dataclass(frozen=True)
-class OfSpeaker:
-    """What the speaker decides of the arms."""
-
-    by_speaker: float
-    """The share of their speed."""
-    arm_rotations_same_noise: float
-    """Correlation of their rotations between other speakers with the same noise; near 1, another
-    speaker gives the same gestures."""
-
-
-def manner_of(motions: Grid) -> OfSpeaker:
-    """Of one speech, moved by speaker and noise seed."""
-    return OfSpeaker(decided(motions)["arms"].by_speech, arm_rotations_same_noise(motions))
+def manner_of(motions: Grid) -> dict[str, float]:
+    """What the speaker decides of the arms, of one speech by speaker and noise seed: the share of
+    their speed, and the correlation of their rotations between other speakers with the same noise;
+    near 1, another speaker gives the same gestures."""
+    return {
+        "by_speaker": decided(motions)["arms"].by_speech,
+        "arm_rotations_same_noise": arm_rotations_same_noise(motions),
+    }
 
 
 def wrist_speed_m_s(motion: Motion) -> float:
@@ -331,8 +325,8 @@ class FewClips:
             for which in self.speakers
         )
         return found | {
-            "arms_by_speaker": manner.by_speaker,
-            "arm_rotations_other_speaker": manner.arm_rotations_same_noise,
+            "arms_by_speaker": manner["by_speaker"],
+            "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
             **_wrist_speeds(calm, lively),
         }
 

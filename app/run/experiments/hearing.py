@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -227,7 +227,7 @@ def _numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict
         compared = {
             "calm": speakers[0],
             "lively": speakers[1],
-            "manner": asdict(manner_of(made.by_speaker)),
+            "manner": manner_of(made.by_speaker),
             "calm_over_lively": calm_over_lively(calm, lively),
         }
     except ValueError as error:

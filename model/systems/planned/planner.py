@@ -27,8 +27,6 @@ from model.systems.planned.network import PlannerNetwork, TierHead
 HOLD_BACK = 1.0
 """By how much, in log odds, an event is less likely for each one that its strength has brought
 beyond what is expected as trained: speech shall decide when things happen, not how often."""
-_BLOCK = 512
-"""Frames that chances are drawn for at once."""
 
 
 Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
@@ -125,31 +123,24 @@ class Drawer:
 
 
 class _Chances:
-    """Of every frame, in blocks; a longer stretch has the same at first."""
+    """Of every frame in turn; a longer stretch has the same at first."""
 
     def __init__(self, rng: np.random.Generator, units: int) -> None:
         self._streams, self._units = rng.spawn(3), units
-        self._blocks: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._frames: dict[int, tuple[float, float, Float[np.ndarray, " units"]]] = {}
         self._drawn = 0
-        """Blocks so far."""
 
     def at(self, frame: int) -> tuple[float, float, Float[np.ndarray, " units"]]:
         """Uniform ones for the event and for which mark it has, and normal ones for the mark."""
-        number, place = divmod(frame, _BLOCK)
-        while self._drawn <= number:
-            event, which, normal = self._streams
-            self._blocks[self._drawn] = (
-                event.random(_BLOCK),
-                which.random(_BLOCK),
-                normal.standard_normal((_BLOCK, self._units)),
-            )
-            self._drawn += 1
-        events, whiches, normals = self._blocks[number]
-        return float(events[place]), float(whiches[place]), normals[place]
+        event, which, normal = self._streams
+        for number in range(self._drawn, frame + 1):
+            numbers = event.random(), which.random(), normal.standard_normal(self._units)
+            self._frames[number] = numbers
+        self._drawn = max(self._drawn, frame + 1)
+        return self._frames[frame]
 
     def forget_before(self, frame: int) -> None:
-        for number in [each for each in self._blocks if (each + 1) * _BLOCK <= frame]:
-            del self._blocks[number]
+        self._frames = {at: numbers for at, numbers in self._frames.items() if at >= frame}
 
 
 def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
