@@ -71,8 +71,6 @@ class TemporalConv(nn.Module):
 
     def __init__(self, width: int, kernel: int) -> None:
         super().__init__()
-        if kernel % 2 == 0:
-            raise ValueError(f"kernel is {kernel}; it must be odd, so that a frame is its centre.")
         self.depthwise = nn.Conv1d(width, width, kernel, padding=kernel // 2, groups=width)
         self.mix = nn.Linear(width, width)
 

@@ -28,10 +28,6 @@ class BranchConfig:
     def __post_init__(self) -> None:
         if self.width % self.num_heads:
             raise ValueError(f"width {self.width} is no multiple of num_heads {self.num_heads}.")
-        if not 0 < self.seed_frames < self.window_frames:
-            raise ValueError(
-                f"seed_frames is {self.seed_frames}; it must lie between 1 and window_frames - 1."
-            )
 
 
 @dataclass(frozen=True)
@@ -54,15 +50,6 @@ class AutoencoderConfig:
     """Share of frames hidden from the encoder in training, so that it learns how motion goes on."""
     kl_weight: float = 1e-4
     """Pull of the codes to a standard normal; 0 makes a plain autoencoder without noise."""
-
-    def __post_init__(self) -> None:
-        if self.channels == 0:
-            raise ValueError("motion_channels and face_channels are 0; nothing would be seen.")
-        powers = {2**k for k in range(1, 7)}
-        if not self.scales or not set(self.scales) <= powers:
-            raise ValueError(f"scales is {self.scales}; use powers of two from 2 to 64.")
-        if not 0 <= self.mask_share < 1:
-            raise ValueError(f"mask_share is {self.mask_share}; it must lie in [0, 1).")
 
     @property
     def channels(self) -> int:

@@ -38,13 +38,6 @@ class DiscriminatorConfig:
     """Numbers for each window after the others."""
     groups: int = 8
 
-    def __post_init__(self) -> None:
-        for name in ("frame_width", "width"):
-            if getattr(self, name) % self.groups:
-                raise ValueError(
-                    f"{name} is {getattr(self, name)}, no multiple of {self.groups} groups."
-                )
-
 
 @dataclass(frozen=True)
 class GanLoss:

@@ -1,7 +1,7 @@
 """The ladder's systems, what each stands for, and their settings."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, get_args
+from typing import Any
 
 from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
 from model.motion.spaces import Representation, RootMotion, RotationSpace
@@ -19,15 +19,6 @@ class NetworkConfig(BranchConfig):
     linear-Gaussian denoiser (`model.sampling.prior`) and adds to it."""
     root: RootMotion = "velocity"
     """A body with a place returns to where it is at home."""
-
-    def __post_init__(self) -> None:
-        if self.rotation_space not in get_args(RotationSpace):
-            raise ValueError(
-                f"rotation_space is {self.rotation_space!r}; use local, global or axis-angle."
-            )
-        if self.root not in get_args(RootMotion):
-            raise ValueError(f"root is {self.root!r}; use velocity or place.")
-        super().__post_init__()
 
     @property
     def prior(self) -> bool:

@@ -78,14 +78,6 @@ def test_what_each_network_sees(system, body, face):
     assert restored.shape == seen.shape
 
 
-@pytest.mark.parametrize(
-    "changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}, {"motion_channels": 0}]
-)
-def test_shapes_that_cannot_be_are_refused(changes):
-    with pytest.raises(ValueError, match=next(iter(changes))):
-        AutoencoderConfig(**changes)
-
-
 @pytest.mark.parametrize("system", AUTOENCODERS)
 def test_bundled_weights_are_of_the_size_that_is_told_and_small(system):
     config = presets(system)["demo"].autoencoder
