@@ -1,6 +1,7 @@
 """What the annotation of prepared data tells, plans and speech, as numbers of each frame."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -72,23 +73,24 @@ class Plans:
     def events(self, batch: Batch) -> Events:
         """What begins in a batch's windows."""
         which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
-        seen: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
-        event: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
-        mark: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
-        for clip, rows in zip(which, batch.frames, strict=True):
-            frames = rows - self._starts[clip]
-            found = {
-                tier.name: frames_of(tier, self.chains[clip][tier.name], frames) for tier in TIERS
+        windows = [
+            {
+                tier.name: frames_of(tier, self.chains[clip][tier.name], rows - self._starts[clip])
+                for tier in TIERS
             }
-            for name, numbers in seen_together(found).items():
-                seen[name].append(numbers)
-                event[name].append(found[name].event)
-                mark[name].append(found[name].mark)
+            for clip, rows in zip(which, batch.frames, strict=True)
+        ]
+
+        def stacked(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Tensor]:
+            return {
+                tier.name: torch.from_numpy(np.stack([part[tier.name] for part in parts]))
+                for tier in TIERS
+            }
+
         return Events(
-            *(
-                {name: torch.from_numpy(np.stack(rows)) for name, rows in by_tier.items()}
-                for by_tier in (seen, event, mark)
-            )
+            stacked([seen_together(window) for window in windows]),
+            stacked([{name: one.event for name, one in window.items()} for window in windows]),
+            stacked([{name: one.mark for name, one in window.items()} for window in windows]),
         )
 
     @cached_property

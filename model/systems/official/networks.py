@@ -9,9 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from model.generation.family import FileReport
-from model.storage.cards import CheckpointError
 from model.storage.checkpoint import check_tensors, read_tensors
-from model.storage.files import file_sha256
 from model.systems.official.files import (
     BODY_CHANNELS,
     EXPRESSION_DIM,
@@ -236,14 +234,6 @@ def load_network(part: Part, path: Path) -> nn.Module:
     network = make_network(part)
     network.load_state_dict(tensors)
     return network.eval().requires_grad_(False)
-
-
-def sha256_of(path: Path) -> str:
-    """Of the whole file."""
-    try:
-        return file_sha256(path)
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be read: {error.strerror}.") from None
 
 
 _ADVICE = "see docs/official.md"

@@ -18,6 +18,7 @@ from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
+from model.storage.files import file_sha256
 from model.storage.npz import MotionError
 from model.systems.official.config import FAMILY, UNFILTERED
 from model.systems.official.files import (
@@ -32,7 +33,6 @@ from model.systems.official.networks import (
     OfficialExpressionNetwork,
     OfficialMotionNetwork,
     load_network,
-    sha256_of,
 )
 from model.systems.official.speech import of_window, official_encoder
 
@@ -180,11 +180,13 @@ def _changed(path: Path) -> float:
 def load(name: str, folder: Path) -> OfficialSystem:
     """Read the checkpoints that were named."""
     motion, expression = official_file("motion"), official_file("expression")
+    network = cast(OfficialMotionNetwork, _shared("motion", motion, _changed(motion)))
+    expressions = _shared("expression", expression, _changed(expression))
     card = FAMILY.card(name, folder)
     return OfficialSystem(
         name=name,
         card=card,
-        sha256s={name: sha256_of(motion), "official expression": sha256_of(expression)},
+        sha256s={name: file_sha256(motion), "official expression": file_sha256(expression)},
         speakers=card.speakers,
         encoder=official_encoder(),
         windowing=Windowing(WINDOW_FRAMES, SEED_FRAMES, 0),
@@ -192,10 +194,8 @@ def load(name: str, folder: Path) -> OfficialSystem:
         frame="world",
         root_motion="place",
         expression_basis="flame100",
-        network=cast(OfficialMotionNetwork, _shared("motion", motion, _changed(motion))),
-        expressions=cast(
-            OfficialExpressionNetwork, _shared("expression", expression, _changed(expression))
-        ),
+        network=network,
+        expressions=cast(OfficialExpressionNetwork, expressions),
         seed=first_seed(),
         filters=name != UNFILTERED,
     )
