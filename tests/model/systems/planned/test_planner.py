@@ -19,7 +19,7 @@ from model.plan.tracks import hand_tracks, tracks_of
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
-from model.systems.planned.planner import Planner, _Events, load_planner
+from model.systems.planned.planner import Drawer, Planner, _Events, load_planner
 from model.systems.registry import load_system
 from tests.model.plan.made import made_plan
 
@@ -67,12 +67,12 @@ def test_shares_are_those_of_slow_counting(planner):
         seen = torch.from_numpy(seen_together(frames)["right"])
         head = planner.network.heads["right"]
         expected = head.events(head.state(heard[0], seen))[1].exp().numpy()
+        told_head = head.heard(heard).numpy()
     counts = np.zeros(7)
     for seed in range(500):
-        plan = planner.drawers(told, 1, [seed], 1.0)
-        plan["right"].draw(1, plan)
-        chain = plan["right"].chain
-        counts[0 if len(chain) == 1 else 1 + chain[-1].state] += 1
+        right = Drawer(head, told_head, 1.0, chains["right"][0], np.random.default_rng(seed))
+        right.draw(1, begun)
+        counts[0 if len(right.chain) == 1 else 1 + right.chain[-1].state] += 1
     np.testing.assert_allclose(counts / 500, expected, atol=0.07)
 
 
