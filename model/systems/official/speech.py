@@ -17,7 +17,7 @@ from torch import Tensor
 from model.generation.base import num_windows
 from model.speech.encoder import EncoderError
 from model.speech.wavlm import normalises, speech_model
-from model.systems.official.files import (
+from model.systems.official.config import (
     SEED_FRAMES,
     SPEECH_DIM,
     WINDOW_FRAMES,

@@ -20,11 +20,12 @@ from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
 from model.storage.files import file_sha256
 from model.storage.npz import MotionError
-from model.systems.official.config import FAMILY, UNFILTERED
-from model.systems.official.files import (
+from model.systems.official.config import (
+    FAMILY,
     MOTION_DIM,
     SEED_FRAMES,
     SEED_VARIABLE,
+    UNFILTERED,
     WINDOW_FRAMES,
     Part,
     official_file,

@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from model.systems.official.files import PARTS
+from model.systems.official.config import PARTS
 from model.systems.official.networks import make_network
 from model.systems.official.system import smoothed
 from tests.model.systems.official.filled import fill, made, sha256_of

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from model.speech.encoder import EncoderError
-from model.systems.official.files import SPEECH_DIM
+from model.systems.official.config import SPEECH_DIM
 from model.systems.official.speech import (
     STEP_SAMPLES,
     WINDOW_SAMPLES,
