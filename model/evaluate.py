@@ -156,7 +156,11 @@ def write(table: dict, out: Path) -> None:
 
 
 def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
-    """Names of the test clips whose speaker every system was trained on."""
+    """Names of the test clips whose speaker every system was trained on.
+
+    Raises:
+        DataError: if there is none.
+    """
     known = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
     names = [name for name in names if speaker_of(name)[1] in known]

@@ -186,7 +186,11 @@ class SpeechAnnotation:
 
 
 def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
-    """Read the annotation beside the recordings."""
+    """Read the annotation beside the recordings.
+
+    Raises:
+        DataError: if a clip's words are not annotated, or no clip has phones and accents.
+    """
     phone = np.zeros(len(data.poses), np.uint8)
     told = np.zeros((len(data.poses), len(TOLD)), np.float32)
     for clip in tqdm(data.clips, desc="annotation", unit="clip"):

@@ -107,7 +107,11 @@ class PreparedData:
         return np.array([x, 0.0, z], np.float32)
 
     def of_split(self, split: str) -> tuple[PreparedClip, ...]:
-        """The clips of ``train``, ``val``, ``test`` or ``additional``."""
+        """The clips of ``train``, ``val``, ``test`` or ``additional``.
+
+        Raises:
+            DataError: if there are none.
+        """
         clips = tuple(clip for clip in self.clips if clip.split == split)
         if not clips:
             found = ", ".join(sorted({clip.split for clip in self.clips})) or "no clips"
@@ -126,6 +130,9 @@ class PreparedData:
 
         Args:
             context: frames of speech before and after each window; past a clip's end it is held.
+
+        Raises:
+            DataError: if no clip is as long as a window.
         """
         usable = [clip for clip in clips if clip.num_frames >= window]
         if not usable:

@@ -28,7 +28,11 @@ class DataError(ValueError):
 
 
 def read_split(folder: Path) -> dict[str, str]:
-    """Clip name -> ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv."""
+    """Clip name -> ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
+
+    Raises:
+        DataError: if the file is missing or has other columns.
+    """
     path = folder / "train_test_split.csv"
     if not path.is_file():
         raise DataError(f"{path} is missing; the folder is not laid out as BEAT2.")
@@ -61,7 +65,11 @@ def fingerprint(folder: Path, names: Iterable[str]) -> str:
 
 
 def speaker_of(clip_name: str) -> tuple[int, str]:
-    """Number and name of the speaker, from a name such as 2_scott_0_1_1."""
+    """Number and name of the speaker, from a name such as 2_scott_0_1_1.
+
+    Raises:
+        DataError: if it is no such name.
+    """
     number, _, rest = clip_name.partition("_")
     if not number.isdigit() or not rest:
         raise DataError(f"{clip_name} does not start with a speaker number and name.")

@@ -154,7 +154,11 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
 
 
 def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Edited, Gesture | None]:
-    """One that the plan takes: the plan, and the gesture it is about if there still is."""
+    """One that the plan takes: the plan, and the gesture it is about if there still is.
+
+    Raises:
+        PlanError: if none of a hundred is taken.
+    """
     for _ in range(100):
         there = [g for side in SIDES for g in gestures(plan, side)]
         name = EDITS[rng.integers(len(EDITS))]

@@ -172,7 +172,11 @@ def save_performance(performance: KeptPerformance, path: Path) -> None:
 
 
 def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> KeptPerformance:
-    """What `save_performance` has written of a system's motion after a condition."""
+    """What `save_performance` has written of a system's motion after a condition.
+
+    Raises:
+        KeptError: if it is kept no longer, or damaged.
+    """
     try:
         tensors = load(path.read_bytes())
         names = [name for name in tensors if name.startswith(_FOLLOWED)]

@@ -229,7 +229,11 @@ class System(ABC):
         return self.samplers[0].guidance
 
     def speaker_index(self, speaker: str) -> int:
-        """Index of a speaker by name."""
+        """Index of a speaker by name.
+
+        Raises:
+            UnknownNameError: if these weights were not trained on that speaker.
+        """
         if speaker not in self.speakers:
             raise UnknownNameError(
                 f"There is no speaker {speaker!r}; choose one of {', '.join(self.speakers)}."
@@ -237,7 +241,11 @@ class System(ABC):
         return self.speakers[speaker]
 
     def sampler(self, name: str | None) -> Sampler:
-        """The sampler called ``name``, or the usual one."""
+        """The sampler called ``name``, or the usual one.
+
+        Raises:
+            UnknownNameError: if the system has no such sampler.
+        """
         if name is None:
             return self.samplers[0]
         for sampler in self.samplers:
@@ -247,7 +255,11 @@ class System(ABC):
         raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
 
     def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
-        """What it follows beside whole speech, drawn for the first sample."""
+        """What it follows beside whole speech, drawn for the first sample.
+
+        Raises:
+            ValueError: of a system that follows nothing else, as the two below.
+        """
         raise ValueError(f"{self.name} follows speech alone.")
 
     def condition_stream(self, draw: Draw) -> ConditionStream:
@@ -266,7 +278,11 @@ class System(ABC):
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
     def strength(self, guidance: float | None) -> float:
-        """The strength of the speech that is asked for, or the usual one."""
+        """The strength of the speech that is asked for, or the usual one.
+
+        Raises:
+            ValueError: if it cannot be chosen.
+        """
         if guidance is None:
             return 1.0 if self.guidance is None else self.guidance
         if guidance != 1 and self.guidance is None:

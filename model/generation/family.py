@@ -167,7 +167,11 @@ class Family:
         return tuple(name for name in self.names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
-        """Settings of a training."""
+        """Settings of a training.
+
+        Raises:
+            ValueError: if there are none of that name.
+        """
         presets = self.presets(system)
         if preset not in presets:
             found = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"

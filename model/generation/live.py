@@ -100,7 +100,11 @@ class LiveMotion:
         return self._motion.go_on(final)
 
     def lead(self, manner: Any) -> None:
-        """Follow conditions of another manner from now on."""
+        """Follow conditions of another manner from now on.
+
+        Raises:
+            ValueError: of a system that follows speech alone.
+        """
         if self._stream is None:
             raise ValueError("This system follows speech alone.")
         self._stream.manner = manner

@@ -270,7 +270,11 @@ class PiecewiseMotion:
 
 
 def draw_of(system: System, options: GenerateOptions) -> Draw:
-    """What decides the first window."""
+    """What decides the first window.
+
+    Raises:
+        UnknownNameError, ValueError: see `generate_motion`.
+    """
     if options.conditions and system.condition_type is None:
         raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
     return Draw(

@@ -94,7 +94,11 @@ def families() -> tuple[Family, ...]:
 
 
 def register(family: Family) -> None:
-    """Add a family."""
+    """Add a family.
+
+    Raises:
+        FamilyError: if one of its names is taken.
+    """
     taken = {name for known in _FAMILIES for name in (known.name, *known.names)}
     doubles = [name for name in (family.name, *family.names) if name in taken]
     if doubles:
@@ -108,7 +112,11 @@ def left_out() -> tuple[str, ...]:
 
 
 def family_of(name: str) -> Family:
-    """The family that a system or a helper belongs to."""
+    """The family that a system or a helper belongs to.
+
+    Raises:
+        UnknownNameError: with everything there is.
+    """
     for family in _FAMILIES:
         if name in family.names:
             return family

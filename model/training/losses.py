@@ -62,7 +62,11 @@ def difference_loss(
 
 
 def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:
-    """Stop a training whose loss or gradient is no number."""
+    """Stop a training whose loss or gradient is no number.
+
+    Raises:
+        FloatingPointError: with what it is, the step, and the clips of the batch.
+    """
     for name, value in numbers.items():
         if not math.isfinite(value):
             clips = list(dict.fromkeys(clips))

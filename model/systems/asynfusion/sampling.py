@@ -51,7 +51,11 @@ def noise_of(
 
 
 def trailing_steps(count: int) -> Int[Tensor, " count"]:
-    """``count`` steps at even distances, from pure noise (999) down (Lin et al. 2024)."""
+    """``count`` steps at even distances, from pure noise (999) down (Lin et al. 2024).
+
+    Raises:
+        ValueError: if that is none, or more than there are.
+    """
     if not 1 <= count <= NUM_STEPS:
         raise ValueError(f"There are {NUM_STEPS} diffusion steps; {count} cannot be taken.")
     return (NUM_STEPS - torch.arange(count) * NUM_STEPS / count).round().long() - 1

@@ -221,7 +221,11 @@ def faced(
     family: Family, name: str, body: Trained, config: BranchConfig, folder: Path
 ) -> dict[str, Any]:
     """What a `FacedSystem` is made of, but for the network of its body, whose windows the face's
-    must be like."""
+    must be like.
+
+    Raises:
+        CheckpointError: if they are not, or files of the face are missing or damaged.
+    """
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames
     if windows != (face.config.window_frames, face.config.seed_frames):

@@ -55,7 +55,11 @@ def posterior(
 
 
 def times(steps: int) -> list[float]:
-    """Times of a sampling, from 1 down to 0."""
+    """Times of a sampling, from 1 down to 0.
+
+    Raises:
+        ValueError: if ``steps`` is below 1.
+    """
     if steps < 1:
         raise ValueError(f"steps is {steps}; at least 1 is needed.")
     return [(steps - k) / steps for k in range(steps)] + [0.0]

@@ -97,7 +97,11 @@ class AutoencoderTask(DescentTask):
 
 def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
     """Statistics of what the network sees. All face units share one standard deviation, as the
-    channels of a body part do: one for each would blow up units that hardly move."""
+    channels of a body part do: one for each would blow up units that hardly move.
+
+    Raises:
+        DataError: if the network is to see faces and they never move.
+    """
     shape = config.autoencoder
     vectors = input_vectors(shape, batch.poses, batch.transl, batch.expression).flatten(0, 1)
     motion, face = vectors.split([shape.motion_channels, shape.face_channels], dim=-1)

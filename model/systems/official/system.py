@@ -143,7 +143,11 @@ def first_seed() -> Float[Tensor, "8 333"]:
 
 
 def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
-    """The first frames of a motion as motion vectors."""
+    """The first frames of a motion as motion vectors.
+
+    Raises:
+        MotionError: if there are fewer.
+    """
     if motion.num_frames < SEED_FRAMES:
         raise MotionError(
             f"The motion to start from has {motion.num_frames} frames; {SEED_FRAMES} are needed."
