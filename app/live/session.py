@@ -94,7 +94,7 @@ class LiveSession:
         from model.generation.live import LiveMotion, Pace
         from model.generation.windows import GenerateOptions
         from model.plan.plan import GesturePlan
-        from model.speech.causal import CausalMel
+        from model.speech.features import CausalMel
 
         check_live(system)
         self.ask, self.pace, self.name = ask, Pace(), system.name
@@ -269,7 +269,7 @@ def rehearse(system: System, speaker: str) -> None:
 
     from model.generation.live import LiveMotion
     from model.generation.windows import GenerateOptions
-    from model.speech.causal import CausalMel
+    from model.speech.features import CausalMel
 
     live = LiveMotion(system, GenerateOptions(speaker))
     live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))

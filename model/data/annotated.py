@@ -21,7 +21,7 @@ from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
 from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
 from model.plan.tracks import NUM_TRACKS, hand_tracks, tracks_of
-from model.speech.codes import PHONES, TOLD
+from model.speech.encoder import PHONES, TOLD
 from model.speech.transcript import Transcript, TranscriptError, read_transcript
 
 PLANS_FORMAT = 1

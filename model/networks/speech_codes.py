@@ -19,7 +19,7 @@ from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.networks.trained import Trained
 from model.speech.audio import Speech
-from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
+from model.speech.encoder import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
 

@@ -2,8 +2,14 @@
 
 Everything is computed at 100 Hz (160 samples; 16000 / 30 is no integer) and averaged over the
 exact span of each motion frame. Blocks bound the memory, and give the same numbers for any size.
+
+Of speech that is still being spoken they are the same but for the voice that they are relative to:
+a clip's is known when it is over, a speaker's is told from what was said so far. Sound is heard in
+blocks of 100 ms (3 motion frames, 10 hops), as soon as 27 ms after a block are there: half of the
+window in which a pitch is found.
 """
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +28,7 @@ NUM_MELS = 64
 LOWEST_MEL_HZ = 50.0
 PITCH_WINDOW = 1024  # 64 ms: two periods of 31 Hz
 PITCH_RANGE_HZ = (60.0, 420.0)
-BLOCK_FRAMES = 1000  # 10 s
+_HOPS_AT_ONCE = 1000  # 10 s
 
 FLOOR_DB = -80.0
 SPEECH_PERCENTILE = 90.0
@@ -145,8 +151,8 @@ def _by_blocks(
 ) -> Float64[np.ndarray, " hops *numbers"]:
     """What windows of ``size`` samples tell, some hops at a time."""
     parts = [
-        analyse(_heard_by(waveform, start, min(last, start + BLOCK_FRAMES), size))
-        for start in range(first, last, BLOCK_FRAMES)
+        analyse(_heard_by(waveform, start, min(last, start + _HOPS_AT_ONCE), size))
+        for start in range(first, last, _HOPS_AT_ONCE)
     ]
     return np.concatenate(parts).astype(np.float64)
 
@@ -188,6 +194,93 @@ def average_over_frames(
     whole = np.minimum(edges.astype(int), len(columns) - 1)
     at_edges = integral[whole] + (edges - whole)[:, None] * columns[whole]
     return np.diff(at_edges, axis=0) * (FPS / hops_per_second)
+
+
+BLOCK_FRAMES = 3
+BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLE_RATE // FPS
+LOOK_AHEAD = PITCH_WINDOW // 2 - HOP // 2
+"""Samples after a block that its features need."""
+_KEPT_BEFORE = PITCH_WINDOW // HOP
+"""Hops whose sound the window of the first one still reaches, and one more for its onset."""
+
+
+class RunningVoice:
+    """The voice of the last half minute of voiced sound; silence and noise do not change it.
+
+    It begins with half a second of a usual voice, so that the first word is neither shouted nor
+    whispered.
+    """
+
+    KEPT_HOPS = 3000
+    START_HOPS = 50
+    START = Voice(level_db=28.0, pitch=7.3)
+    """Loud parts at -18 dB of full scale; 158 Hz."""
+    QUIETEST_DB = 0.0
+    """-46 dB of full scale: what is quieter stays quiet, however long nothing else is heard."""
+    PERCENTILE = 85.0
+    """Of voiced hops: about the `SPEECH_PERCENTILE` of all hops of speech with its pauses."""
+
+    def __init__(self) -> None:
+        start = [self.START.level_db] * self.START_HOPS, [self.START.pitch] * self.START_HOPS
+        self._energy = deque(start[0], maxlen=self.KEPT_HOPS)
+        self._pitch = deque(start[1], maxlen=self.KEPT_HOPS)
+        self._voice = self.START
+
+    def voice(self, hops: Hops) -> Voice:
+        """The voice as of these hops, which follow those of the call before."""
+        voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
+        if voiced.any():
+            self._energy.extend(hops.energy[voiced].tolist())
+            self._pitch.extend(hops.pitch[voiced].tolist())
+            level_db = float(np.percentile(self._energy, self.PERCENTILE))
+            pitch = float(np.median(self._pitch))
+            self._voice = Voice(max(level_db, self.QUIETEST_DB), pitch)
+        return self._voice
+
+
+class CausalMel:
+    """`MelEncoder` for sound that arrives in blocks. What it has said never changes."""
+
+    def __init__(self, voice_of: Callable[[Hops], Voice] | None = None) -> None:
+        """
+        Args:
+            voice_of: what voice is heard as of the next hops; by default that of a `RunningVoice`.
+        """
+        self._voice_of = voice_of or RunningVoice().voice
+        self._sound = np.zeros(0, np.float32)
+        self._first_hop = 0
+        """Of the sound that is kept."""
+        self._next_hop = 0
+
+    def hear(self, samples: Float32[np.ndarray, " N"]) -> Float32[np.ndarray, "frames 68"]:
+        """Features of the frames that are known with this sound, and were not before it.
+
+        Args:
+            samples: the next of 16 kHz mono, any number.
+        """
+        self._sound = np.concatenate([self._sound, samples])
+        there = self._first_hop * HOP + len(self._sound)
+        blocks = (there - LOOK_AHEAD) // BLOCK_SAMPLES - self._next_hop * HOP // BLOCK_SAMPLES
+        rows = [self._next_block() for _ in range(blocks)]
+        none = np.zeros((0, MelEncoder.dim), np.float32)
+        return np.concatenate([none, *rows])
+
+    def _next_block(self) -> Float32[np.ndarray, "3 68"]:
+        hops = BLOCK_SAMPLES // HOP
+        start = self._next_hop - self._first_hop
+        before = min(1, start)  # the hop that onset and steadiness of the first are seen from
+        found = analysed(self._sound, start - before, start + hops)
+        new = Hops(*(values[before:] for values in vars(found).values()))
+        columns = columns_of(found, self._voice_of(new))[before:]
+        self._next_hop += hops
+        self._drop_before(self._next_hop - _KEPT_BEFORE)
+        silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'
+        return average_over_frames(columns, BLOCK_FRAMES, silence).astype(np.float32)
+
+    def _drop_before(self, hop: int) -> None:
+        if hop > self._first_hop:
+            self._sound = self._sound[(hop - self._first_hop) * HOP :]
+            self._first_hop = hop
 
 
 def augment_mel(

@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 from model.data.prepared import PreparedData, prepare
 from model.data.recordings import DataError
 from model.networks.autoencoder import load_encoder
-from model.speech.codes import CodesConfig
+from model.speech.encoder import CodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights

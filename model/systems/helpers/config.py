@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig, MatchingConfig
-from model.speech.codes import SPEECH_ENCODER, CodesConfig
+from model.speech.encoder import SPEECH_ENCODER, CodesConfig
 from model.training.config import SMOKE, THROATS, GeometricWeights, TrainConfig
 
 MOTION_VAE = "motion-vae"

@@ -12,7 +12,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.networks.speech_codes import CodesNetwork, SpeechReading
-from model.speech.codes import TOLD
+from model.speech.encoder import TOLD
 from model.systems.helpers.config import (
     AutoencoderTrainConfig,
     MatchingTrainConfig,

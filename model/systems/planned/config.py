@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
 from model.sampling.samplers import SAMPLER_TITLES, Sampler
-from model.speech.codes import CodesConfig
+from model.speech.encoder import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
 from model.training.config import SMOKE, THROATS, TrainConfig

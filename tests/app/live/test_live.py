@@ -32,7 +32,7 @@ from model.motion.motion import load_motion
 from model.plan.plan import PHASES, Blink, Gaze, GesturePlan, HandPhase, Nod, PlannedAhead, Stand
 from model.plan.style import Manner
 from model.sampling.samplers import UnknownNameError
-from model.speech.causal import CausalMel
+from model.speech.features import CausalMel
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase

@@ -7,10 +7,14 @@ import torch
 from model.measures.beats import speech_onsets
 from model.speech import features
 from model.speech.audio import load_speech
-from model.speech.causal import BLOCK_FRAMES, BLOCK_SAMPLES, LOOK_AHEAD, CausalMel, RunningVoice
 from model.speech.features import (
+    BLOCK_FRAMES,
+    BLOCK_SAMPLES,
+    LOOK_AHEAD,
     NUM_MELS,
+    CausalMel,
     MelEncoder,
+    RunningVoice,
     Voice,
     analysed,
     augment_mel,
@@ -72,7 +76,7 @@ def test_block_size_does_not_change_the_numbers(monkeypatch):
     waveform = (tone(140, 3) + 0.01 * rng.standard_normal(48_000)).astype(np.float32)
     whole = MelEncoder().encode(waveform, 90)
     for block in (1, 7, 100):
-        monkeypatch.setattr(features, "BLOCK_FRAMES", block)
+        monkeypatch.setattr(features, "_HOPS_AT_ONCE", block)
         np.testing.assert_allclose(MelEncoder().encode(waveform, 90), whole, atol=1e-5)
 
 

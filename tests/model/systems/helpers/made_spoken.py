@@ -7,7 +7,7 @@ import torch
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
 from model.plan.tier_files import NamedTier
-from model.speech.codes import SPEECH_ENCODER, CodesConfig
+from model.speech.encoder import SPEECH_ENCODER, CodesConfig
 from model.systems.helpers.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder, save_made
 from tests.model.plan.made import HANDS, grid, tier

@@ -12,7 +12,7 @@ from model.data.annotated import annotated_speech, prepare_plans
 from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.networks.speech_codes import SpeechReading, load_codes
-from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
+from model.speech.encoder import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder
 from model.systems.helpers.task import reading_terms
 from model.systems.planned.config import PLANNER, PlannerConfig
