@@ -20,7 +20,7 @@ from conventions.joints import NUM_JOINTS
 from conventions.views import LOOKS
 from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
-from renderer.body.look import vertex_colors
+from renderer.body.look import CLAY, vertex_colors
 
 NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0
@@ -97,9 +97,11 @@ class Body(BodyArrays):
         return len(self.template)
 
     @cached_property
-    def vertex_colors(self) -> Float32[np.ndarray, "V 3"] | None:
-        """Linear RGB in 0 to 1, or None where the body file names no painted regions."""
-        return None if self.regions is None else vertex_colors(self.shown, self.regions)
+    def vertex_colors(self) -> Float32[np.ndarray, "V 3"]:
+        """Linear RGB in 0 to 1; clay where the body file names no painted regions."""
+        if self.regions is None:
+            return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
+        return vertex_colors(self.shown, self.regions)
 
     def notes(self, motion: BodyMotion) -> tuple[str, ...]:
         """Everything about ``motion`` that this body does not show, one sentence each."""

@@ -235,7 +235,7 @@ class BodyScene:
     """A pyrender scene of one body on the floor, moved in place from frame to frame."""
 
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
-        colors = subject.colors_of(len(first.vertices)) if first.colors is None else first.colors
+        colors = subject.colors if first.colors is None else first.colors
         is_open = near_openings(subject.faces, first.vertices)
         self._body = [
             DynamicMesh(first, colors, subject.faces[each])

@@ -1,11 +1,8 @@
 """Pictures without a screen: the choice of OpenGL backend and the life of its context.
 
 pyrender 0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and
-uses ``np.infty``, which numpy 2 removed; so one plain ``pip install`` of it gives EGL at best.
-``pyrender2`` (MIT) is 0.1.45 with both lifted and a matrix-uniform bug fixed, asks for PyOpenGL
-3.1.9 or newer, and leaves renderer and shaders alone: with it EGL and OSMesa draw our golden
-pictures. Of the other forks ``pyrender-maintained`` makes the same changes, still accepts PyOpenGL
-3.1.0 and forces pyglet 2, and ``scikit-robot-pyrender`` re-formats every file and adds features.
+uses ``np.infty``, which numpy 2 removed. ``pyrender2`` (MIT) is 0.1.45 with both lifted and a
+matrix-uniform bug fixed, and leaves renderer and shaders alone.
 """
 
 import importlib

@@ -92,7 +92,7 @@ def driver_that_draws(name: Backend) -> str:
     prepare = FramePreparer(
         body.faces, body.num_vertices, Stage((Shot("front", camera),), floor_m=-1.0)
     )
-    subject = Subject(body.faces, None, prepare.ground.corners())
+    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(name) as renderer:
         canvas = renderer.canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
         picture = canvas.draw(prepare(body.template), camera).astype(int)

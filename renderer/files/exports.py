@@ -24,13 +24,12 @@ def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
     import trimesh  # takes long, and is of this format alone
 
     (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
-    colors = None if body.vertex_colors is None else np.sqrt(body.vertex_colors)  # linear, shown
-    mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=colors, process=False)
+    shown = np.sqrt(body.vertex_colors)  # linear
+    mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=shown, process=False)
     with out.open("wb") as file:
         mesh.export(file, file_type=out.suffix.lower()[1:])
 
 
-_BLOCK_FRAMES = 512
 _ROTATIONS = "Zrotation Xrotation Yrotation"
 # Where a bone without a child ends, from its joint; metres. Fingers end at their tip vertex.
 _ENDS = {
@@ -59,16 +58,8 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
         lines = ["HIERARCHY", *_hierarchy(0, 0, joints, ends)]
         lines += ["MOTION", f"Frames: {motion.num_frames}", f"Frame Time: {1 / FPS:.8f}", ""]
         file.write("\n".join(lines).encode("ascii"))
-        for start in range(0, motion.num_frames, _BLOCK_FRAMES):
-            frames = slice(start, min(start + _BLOCK_FRAMES, motion.num_frames))
-            channels = np.concatenate(
-                [
-                    joints[0] + motion.trans[frames],
-                    _angles(motion, frames)[:, order].reshape(-1, 165),
-                ],
-                axis=1,
-            )
-            np.savetxt(file, channels, fmt="%.6f")
+        turns = _angles(motion)[:, order].reshape(-1, 165)
+        np.savetxt(file, np.hstack([joints[0] + motion.trans, turns]), fmt="%.6f")
 
 
 def _depth_first(joint: int = 0) -> list[int]:
@@ -116,9 +107,9 @@ def _numbers(vector: np.ndarray) -> str:
     return " ".join(f"{value:.6f}" for value in vector)
 
 
-def _angles(motion: BodyMotion, frames: slice) -> Float[np.ndarray, "T J 3"]:
+def _angles(motion: BodyMotion) -> Float[np.ndarray, "T J 3"]:
     """Degrees about Z, X and Y of each joint's local rotation."""
-    rotations = Rotation.from_rotvec(motion.poses[frames].astype(np.float64).reshape(-1, 3))
+    rotations = Rotation.from_rotvec(motion.poses.astype(np.float64).reshape(-1, 3))
     with warnings.catch_warnings():
         # At a right angle about X the other two are not unique; any choice is the same rotation.
         warnings.filterwarnings("ignore", message="Gimbal lock")

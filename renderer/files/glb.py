@@ -25,7 +25,6 @@ from conventions.rates import FPS
 from conventions.views import BUILDS
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
-from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
 from renderer.scene.camera import Z_NEAR_M
 from renderer.scene.stage import Stage, set_stage
@@ -208,8 +207,7 @@ def _mesh(
     normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
     joints, shares = _four_strongest(body)
     colors = np.full((num_vertices, 4), 65535, np.uint16)
-    linear = body.vertex_colors if body.vertex_colors is not None else np.array([CLAY])
-    colors[:, :3] = np.round(linear * 65535)
+    colors[:, :3] = np.round(body.vertex_colors * 65535)
     index_type = np.uint16 if num_vertices <= 65535 else np.uint32
     moved = body.expression_vertices.astype(index_type)
     primitive: dict = {
@@ -304,23 +302,14 @@ def _animation(
 
 STEP_M = 4e-6
 """Offsets of up to 13 cm fit; a build's are below 5."""
-_MOST = 32_767
 
 
 def builds_bytes() -> bytes:
     """All of it; 180 kB a build."""
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
-    parts = []
+    parts: list[np.ndarray] = []
     for build in BUILDS[1:]:
         template = read_body_file(OPEN_BODY_PATH, build).template
-        parts.append(_whole((template - first.template) / STEP_M))
-        parts.append(_whole(normals_of(template) * _MOST))
-    return b"".join(parts)
-
-
-def _whole(steps: np.ndarray) -> bytes:
-    rounded = np.rint(steps)
-    if np.abs(rounded).max() > _MOST:
-        raise ValueError(f"An offset of {np.abs(rounded).max() * STEP_M:.2f} m is out of range.")
-    return rounded.astype("<i2").tobytes()
+        parts += [(template - first.template) / STEP_M, normals_of(template) * 32_767]
+    return b"".join(np.rint(part).astype("<i2").tobytes() for part in parts)

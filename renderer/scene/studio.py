@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 from scipy import ndimage
 
-from renderer.body.look import CLAY
 from renderer.body.skinning import VertexNormals
 from renderer.scene.stage import Stage
 
@@ -131,18 +130,12 @@ class Subject:
     """What stays as it is from one picture to the next."""
 
     faces: Int[np.ndarray, "F 3"]
-    colors: Float[np.ndarray, "V 3"] | None
-    """Linear RGB, 0 to 1; None is clay."""
+    colors: Float[np.ndarray, "V 3"]
+    """Linear RGB, 0 to 1."""
     ground_corners: Float[np.ndarray, "4 3"]
     """As ``ShadowGround.corners``."""
     is_transparent: bool = False
     """The body alone, with how much of each pixel it covers as a fourth channel."""
-
-    def colors_of(self, num_vertices: int) -> Float32[np.ndarray, "V 3"]:
-        """The colours, or as many of clay."""
-        if self.colors is None:
-            return np.tile(np.array(CLAY, np.float32), (num_vertices, 1))
-        return self.colors
 
 
 class FramePreparer:

@@ -21,7 +21,7 @@ def draw_naively(
     import pyrender
     import trimesh
 
-    colors = None if body.vertex_colors is None else (255.0 * body.vertex_colors).astype(np.uint8)
+    colors = (255.0 * body.vertex_colors).astype(np.uint8)
     lens = pyrender.PerspectiveCamera(stage.camera.yfov_rad, znear=Z_NEAR_M, aspectRatio=1.0)
     pictures = []
     for frame in frames:

@@ -5,9 +5,8 @@ the next is touched, so memory does not grow with the length of a clip.
 """
 
 from collections.abc import Generator, Iterable, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, repeat
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -105,21 +104,6 @@ def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSetting
     )
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What one panel shows, from frame to frame."""
-
-    panel: Panel
-    camera: Camera
-    track: Float[np.ndarray, "T 3"] | None = None
-    """Where the camera stands in each frame, relative to ``camera``; None, as it is."""
-    part: Cutout | None = None
-    """Of the body; None is all of it."""
-
-    def camera_at(self, index: int) -> Camera:
-        return self.camera if self.track is None else self.camera.moved(self.track[index])
-
-
 def draw_frames(
     body: Body,
     motion: BodyMotion,
@@ -140,104 +124,60 @@ def draw_frames(
     """
     if not isinstance(frames, slice):
         check_frames(frames, motion)
-        if not len(frames):
-            return
-    stage = stage or stage_for(body, [motion], settings)
-    frames = frames if isinstance(frames, slice) else list(frames)
-    shown = _shown(body, motion, frames, settings, stage)
-    heat = marks and marks.heat
-    pictures = draw_vertices(
-        body.vertices(frames_of(motion, frames)),
-        body.faces,
-        body.vertex_colors,
-        settings,
-        stage,
-        shown,
-        heat and heat_colors(body, heat.shares[frames]),
-    )
-    painter = MarkPainter(marks, settings.panels) if marks else None
-    with closing(pictures):
-        for index, frame in enumerate(np.arange(motion.num_frames)[frames]):
-            picture = next(pictures)
-            if painter is not None:
-                cameras = [each.camera_at(index) for each in shown]
-                picture = painter.paint(picture, int(frame), cameras)
-            yield picture
-
-
-def _shown(
-    body: Body,
-    motion: BodyMotion,
-    frames: slice | list[int],
-    settings: RenderSettings,
-    stage: Stage,
-) -> list[Shown]:
-    """Of each panel, in the order of the panels."""
-    panels = settings.panels
+        frames = list(frames)
+    numbers = np.arange(motion.num_frames)[frames]
+    if not len(numbers):
+        return
+    stage, panels = stage or stage_for(body, [motion], settings), settings.panels
     if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
-    tracks = stage.tracks(body, motion)
-    return [
-        Shown(panel, shot.camera, track[frames], cut_out(body, panel.view) if number else None)
-        for number, (panel, shot, track) in enumerate(zip(panels, stage.shots, tracks, strict=True))
-    ]
-
-
-def draw_vertices(
-    chunks: Iterable[Float[np.ndarray, "chunk V 3"]],
-    faces: np.ndarray,
-    colors: Float[np.ndarray, "V 3"] | None,
-    settings: RenderSettings,
-    stage: Stage,
-    shown: Sequence[Shown] = (),
-    moving_colors: Iterable[Float[np.ndarray, "V 3"]] | None = None,
-) -> Generator[UInt8[np.ndarray, "H W C"]]:
-    """Yield the picture of each set of vertices, with one context, and a scene and buffer for each
-    panel. Each is overwritten by the next.
-
-    Args:
-        shown: of each panel; none is the body alone before the camera of the stage.
-        moving_colors: of each frame; None, ``colors`` in all.
-    """
-    frames = chain.from_iterable(chunks)
-    first = next(frames, None)
-    if first is None:
-        return
-    shown = shown or [Shown(settings.panels[0], stage.camera)]
-    prepare = FramePreparer(faces, len(first), stage)
-    subject = Subject(faces, colors, prepare.ground.corners(), settings.is_transparent)
-    colors_of_frame = None if moving_colors is None else iter(moving_colors)
-    backend = settings.backend or choose_backend()
-    with OffscreenRenderer(backend) as renderer:
+    parts = [None, *(cut_out(body, panel.view) for panel in panels[1:])]
+    ways = [track[frames] for track in stage.tracks(body, motion)]
+    heat, painter = marks and marks.heat, MarkPainter(marks, panels) if marks else None
+    colors = heat_colors(body, heat.shares[frames]) if heat else repeat(None)
+    prepare = FramePreparer(body.faces, body.num_vertices, stage)
+    subject = Subject(
+        *(body.faces, body.vertex_colors, prepare.ground.corners()), settings.is_transparent
+    )
+    whole = np.full(settings.picture_shape, _LINE, np.uint8)
+    with OffscreenRenderer(settings.backend or choose_backend()) as renderer:
         canvases = [
-            renderer.canvas(_part_of(subject, each.part), each.panel.width, each.panel.height)
-            for each in shown
+            renderer.canvas(_part_of(subject, part), panel.width, panel.height)
+            for panel, part in zip(panels, parts, strict=True)
         ]
-        whole = np.full(settings.picture_shape, _LINE, np.uint8)
 
-        def finished() -> UInt8[np.ndarray, "H W C"]:
-            for each, canvas in zip(shown, canvases, strict=True):
-                whole[each.panel.box] = canvas.picture()
-            _rule_off(whole, [each.panel for each in shown])
-            return whole
+        def fetch() -> None:
+            for panel, canvas in zip(panels, canvases, strict=True):
+                whole[panel.box] = canvas.picture()
+            _rule_off(whole, panels)
 
-        for index, vertices in enumerate(chain([first], frames)):
+        def cameras(index: int) -> list[Camera]:
+            each = zip(stage.shots, ways, strict=True)
+            return [shot.camera.moved(way[index]) for shot, way in each]
+
+        def painted(index: int) -> UInt8[np.ndarray, "H W C"]:
+            if painter is None:
+                return whole
+            return painter.paint(whole, int(numbers[index]), cameras(index))
+
+        vertices = chain.from_iterable(body.vertices(frames_of(motion, frames)))
+        for index, (places, shades) in enumerate(zip(vertices, colors, strict=False)):
             # While the driver draws the picture before, which the caller takes while it draws this.
-            posed = prepare(vertices, None if colors_of_frame is None else next(colors_of_frame))
-            before = finished() if index else None
-            for each, canvas in zip(shown, canvases, strict=True):
-                part = posed if each.part is None else posed.part(each.part.vertices)
-                canvas.begin(part, each.camera_at(index))
-            if before is not None:
-                yield before
-        yield finished()
+            posed = prepare(places, shades)
+            if index:
+                fetch()
+            for part, canvas, camera in zip(parts, canvases, cameras(index), strict=True):
+                canvas.begin(posed if part is None else posed.part(part.vertices), camera)
+            if index:
+                yield painted(index - 1)
+        fetch()
+        yield painted(len(numbers) - 1)
 
 
 def _part_of(subject: Subject, part: Cutout | None) -> Subject:
     if part is None:
         return subject
-    colors = None if subject.colors is None else subject.colors[part.vertices]
-    return replace(subject, faces=part.faces, colors=colors)
+    return replace(subject, faces=part.faces, colors=subject.colors[part.vertices])
 
 
 def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:

@@ -14,7 +14,7 @@ from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Shot, Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
-from renderer.video.render import RenderSettings, draw_vertices
+from renderer.video.render import RenderSettings
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.drawn import render_stills
 
@@ -51,12 +51,13 @@ def draw() -> Callable[..., list[np.ndarray]]:
     def draw(
         vertices: list[np.ndarray], faces: np.ndarray, colors: np.ndarray | None = None
     ) -> list[np.ndarray]:
-        settings = RenderSettings(*SIZE, backend=backend)
         if colors is None:
             colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
-        chunks = [np.stack(vertices)]
-        pictures = draw_vertices(chunks, faces, colors, settings, STAGE)
-        return [picture.copy() for picture in pictures]
+        prepare = FramePreparer(faces, len(vertices[0]), STAGE)
+        subject = Subject(faces, colors, prepare.ground.corners())
+        with OffscreenRenderer(backend) as renderer:
+            canvas = renderer.canvas(subject, *SIZE)
+            return [canvas.draw(prepare(each), CAMERA).copy() for each in vertices]
 
     return draw
 
@@ -147,7 +148,8 @@ def test_a_second_backend_needs_a_process_of_its_own():
 def make_subject() -> tuple[Subject, PosedFrame]:
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
     prepare = FramePreparer(faces, len(vertices), STAGE)
-    return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
+    colors = np.full(vertices.shape, 0.5, np.float32)
+    return Subject(faces, colors, prepare.ground.corners()), prepare(vertices)
 
 
 def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():

@@ -107,15 +107,6 @@ def test_right_angles_lose_nothing(body, tmp_path, degrees):
     np.testing.assert_allclose(positions["left_middle3"], wanted, atol=1e-4)
 
 
-def test_long_motion_keeps_every_frame(body, tmp_path):
-    write_bvh(body, BodyMotion.resting(1030), tmp_path / "long.bvh")
-    text = (tmp_path / "long.bvh").read_text()
-    assert "Frames: 1030\n" in text
-    rows = text.split("Frame Time:")[1].strip().splitlines()[1:]
-    assert len(rows) == 1030
-    assert {len(row.split()) for row in rows} == {168}
-
-
 def test_obj_and_ply_hold_the_posed_body(body, tmp_path):
     motion = random_motion(3)
     posed = np.concatenate(list(body.vertices(motion)))[2]

@@ -165,9 +165,3 @@ def test_every_build_comes_back_within_a_step():
         assert np.abs(expected - first.template).max() > 0.01, "it is another one"
         np.testing.assert_allclose(first.template + STEP_M * offsets, expected, atol=STEP_M)
         np.testing.assert_allclose(normals / 32_767, normals_of(expected), atol=2e-5)
-
-
-def test_what_would_not_fit_is_no_build(monkeypatch):
-    monkeypatch.setattr("renderer.files.glb.STEP_M", 1e-7)
-    with pytest.raises(ValueError, match="out of range"):
-        builds_bytes()
