@@ -16,7 +16,7 @@ from pathlib import Path
 
 from app import text
 from app.errors import RunError
-from app.page.player.player import Showing
+from app.page.results.player import Showing
 from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables

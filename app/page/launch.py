@@ -28,7 +28,7 @@ from model.systems.registry import families, left_out
 if TYPE_CHECKING:
     from gradio import Blocks
 
-    from app.page.queue.worker import Worker
+    from app.page.worker import Worker
 
 PORT_TAKEN = (
     "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
@@ -94,18 +94,17 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.page.alone import save_page
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
-    from app.page.player.player import first_look
-    from app.page.queue.runner import Jobs
-    from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
+    from app.page.results.player import first_look
     from app.page.routes.guard import HostNames, guarded, quieten_sockets, tell_wrong_calls
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
-    from app.page.tabs.services import Services
+    from app.page.tabs.runner import Services
     from app.page.theme import CSS, head_style, make_theme
-    from app.page.visitors.files import keep_swept
+    from app.page.visitors.files import Jobs, keep_swept
     from app.page.visitors.uploads import keep_uploads_tidy
     from app.page.visitors.visitors import visitor_route
+    from app.page.worker import Limits, Worker
     from app.run.output.run_folder import save_run
 
     for sentence in left_out():

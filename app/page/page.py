@@ -7,13 +7,13 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, mount
-from app.page.results.result_parts import build_results
+from app.page.parts.markup import AT_ONCE, mount
+from app.page.results.result_parts import ResultParts
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.motion import build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services
 from app.page.tabs.stage import SeenRunner, TakesRunner
 from app.page.tabs.study import build_analysis, build_study_tab
 from app.page.tabs.systems import HearingRunner, MechanismRunner, StepCurveRunner, build_systems_tab
@@ -42,7 +42,7 @@ def build_app(services: Services) -> gr.Blocks:
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
-                    results = build_results()
+                    results = ResultParts()
             with gr.Tab(live_tab.TAB) as tab:
                 tab.select(services.live.wake, **AT_ONCE)
                 live_results = live_tab.build_live_tab(page, services)

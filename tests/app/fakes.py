@@ -16,10 +16,10 @@ from app.config import AppConfig
 from app.errors import CancelledRun
 from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue, Example
-from app.page.queue.runner import Jobs
-from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services
+from app.page.visitors.files import Jobs
+from app.page.worker import Task, Worker
 from app.run.ask import (
     Ask,
     Grown,

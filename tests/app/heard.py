@@ -1,4 +1,4 @@
-"""What a task of `app.page.queue.worker` tells while it works."""
+"""What a task of `app.page.worker` tells while it works."""
 
 from app.run.ask import Event, Progress, Stage
 

@@ -206,7 +206,7 @@ def served(
     """
     before = os.environ.get("GRADIO_TEMP_DIR")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.page.queue.worker.Worker", partial(fakes.FakeWorker, does=does))
+        patch.setattr("app.page.worker.Worker", partial(fakes.FakeWorker, does=does))
         page = launch(config, is_warmed_up)
     assert page.local_url is not None
     yield page.local_url

@@ -1,1 +1,1 @@
-"""How a run looks on the page around its player: tables, figures, files; may import the player."""
+"""What a run looks like on the page: player, tables, figures, files; may import routes."""

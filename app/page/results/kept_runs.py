@@ -23,12 +23,12 @@ from starlette.concurrency import run_in_threadpool
 from app import text
 from app.errors import page_sentence, without_folders
 from app.page.parts import markup
-from app.page.parts.html_parts import shown
-from app.page.player.player import Showing, showings_in
-from app.page.queue.runner import Job, Updates
+from app.page.parts.markup import Updates, shown
+from app.page.results.player import Showing, showings_in
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clips_html, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
+from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept, is_same
 from app.run.ask import Ask
 from app.run.many.opened import copied_run

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -12,79 +11,42 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import player_part, told_part
-from app.page.parts.markup import explained
+from app.page.parts.markup import explained, player_part, told_part
 from app.page.routes.media import Address
 
 
-@dataclass(frozen=True)
 class ResultParts:
-    """The parts of one tab."""
+    """The parts of one tab; what has nothing to show yet is hidden."""
 
-    message: gr.HTML
-    status: gr.HTML
-    look: gr.HTML
-    """The question about the example that plays before the first run."""
-    clips: gr.HTML
-    """What is told of several clips together."""
-    clip: gr.Radio
-    """Which of them is shown below, by the token of its run."""
-    player: gr.HTML
-    """Its value is a `Showing` as a dictionary; without rows it takes no room."""
-    seen: gr.HTML
-    """How far a video of what the stage shows is, and the way to it."""
-    seen_cancel: gr.Button
-    seen_start: gr.Button
-    """Pressed by the stage."""
-    take_start: gr.Button
-    """Pressed by the editor of gestures."""
-    verdict: gr.HTML
-    runs: gr.HTML
-    """The link to the run that is shown, and the visitor's others."""
-    figures: gr.HTML
-    numbers: gr.HTML
-    downloads: gr.HTML
+    def __init__(self, prefix: str = "", ready: str = text.READY) -> None:
+        self.message = told_part(prefix + "message")
+        self.status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
+        self.look = told_part(prefix + "look")
+        """The question about the example that plays before the first run."""
+        self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
+        """What is told of several clips together."""
+        self.clip = gr.Radio([], label=text.CLIP_SHOWN, visible=False, elem_id=prefix + "clip")
+        """Which of them is shown below, by the token of its run."""
+        self.player = player_part(prefix)
+        with gr.Row(elem_classes="seen-video"):
+            self.seen = told_part(prefix + "seen")
+            """How far a video of what the stage shows is, and the way to it."""
+            how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
+            self.seen_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
+        self.seen_start = gr.Button(elem_classes="seen-start told-elsewhere")
+        """Pressed by the stage."""
+        self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
+        """Pressed by the editor of gestures."""
+        self.verdict = told_part(prefix + "verdict")
+        self.runs = told_part(prefix + "runs", "runs.js", "mountRuns")
+        """The link to the run that is shown, and the visitor's others."""
+        self.figures = told_part(prefix + "figures")
+        self.numbers = told_part(prefix + "numbers", "measures.js", "mountMeasures")
+        self.downloads = told_part(prefix + "downloads")
 
     @property
     def all(self) -> list[Any]:
-        return [getattr(self, name) for name in self.__dataclass_fields__]
-
-
-def build_results(prefix: str = "", ready: str = text.READY) -> ResultParts:
-    """What a run shows; what has nothing to show yet is hidden."""
-    message = told_part(prefix + "message")
-    status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-    look = told_part(prefix + "look")
-    clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
-    clip = gr.Radio([], label=text.CLIP_SHOWN, visible=False, elem_id=prefix + "clip")
-    player = player_part(prefix)
-    with gr.Row(elem_classes="seen-video"):
-        seen = told_part(prefix + "seen")
-        seen_cancel = gr.Button(
-            text.CANCEL,
-            visible=False,
-            size="sm",
-            scale=0,
-            min_width=90,
-            elem_id=prefix + "seen-cancel",
-        )
-    return ResultParts(
-        message=message,
-        status=status,
-        look=look,
-        clips=clips,
-        clip=clip,
-        player=player,
-        seen=seen,
-        seen_cancel=seen_cancel,
-        seen_start=gr.Button(elem_classes="seen-start told-elsewhere"),
-        take_start=gr.Button(elem_classes="take-start told-elsewhere"),
-        verdict=told_part(prefix + "verdict"),
-        runs=told_part(prefix + "runs", "runs.js", "mountRuns"),
-        figures=told_part(prefix + "figures"),
-        numbers=told_part(prefix + "numbers", "measures.js", "mountMeasures"),
-        downloads=told_part(prefix + "downloads"),
-    )
+        return [*vars(self).values()]
 
 
 _DOWNLOADS = ("png", "svg", "pdf")

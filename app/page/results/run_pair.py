@@ -5,18 +5,15 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from html import escape
 from typing import Any
 
 from app import text
 from app.findings.comparison import point_title
 from app.page.parts import markup
-from app.page.parts.html_parts import shown
-from app.page.player.player import Showing
-from app.page.queue.runner import Updates
+from app.page.parts.markup import Updates, shown
 from app.page.results.kept_runs import KeptRun, address_of
+from app.page.results.player import Showing
 from app.page.results.result_parts import ResultParts
 from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
@@ -45,36 +42,22 @@ def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie:
     return updates | {part: shown("") for part in (parts.message, parts.figures, parts.downloads)}
 
 
-@dataclass
 class RunPair:
     """The earlier run is A, the later one B."""
 
-    a: Showing
-    b: Showing
-
-    @cached_property
-    def runs(self) -> tuple[RunRecord, RunRecord]:
-        return self.a.record, self.b.record
-
-    @property
-    def has_one_speech(self) -> bool:
-        """Whether both were given the same file of sound."""
+    def __init__(self, a: Showing, b: Showing) -> None:
+        self.showings, self.runs = (a, b), (a.record, b.record)
         first, second = (run.speech_sha256 for run in self.runs)
-        return bool(first) and first == second
-
-    @property
-    def has_one_reference(self) -> bool:
+        self.has_one_speech = bool(first) and first == second
+        """Whether both were given the same file of sound."""
+        recorded, again = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
+        self.has_one_reference = recorded is not None and recorded == again
         """Whether both stand beside the same recording: its numbers are the same."""
-        first, second = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
-        return first is not None and first == second
-
-    @cached_property
-    def pairs(self) -> list[tuple[str, str]]:
-        """Names of what stands beside what, the reference last; one that is shared is A's."""
         names = [[row.name for row in run.rows] for run in self.runs]
         systems = [[name for name in own if name != REFERENCE_NAME] for own in names]
-        a, b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
-        return [*pairs_of(*systems), (a, "" if self.has_one_reference else b)]
+        in_a, in_b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
+        self.pairs = [*pairs_of(*systems), (in_a, "" if self.has_one_reference else in_b)]
+        """Names of what stands beside what, the reference last; one that is shared is A's."""
 
     def name(self, name: str, letter: str) -> str:
         """Of a motion among those of both."""
@@ -103,12 +86,13 @@ class RunPair:
         *systems, references = self.pairs
         for pair in (references, *systems):
             labels = short_names(dict.fromkeys(filter(None, pair)))
+            is_shared = pair is references and self.has_one_reference
             found = [
                 Column(
                     self.name(name, letter),
                     self.name(labels[name], letter),
                     run.numbers[name],
-                    "reference" if pair is references and self.has_one_reference else "",
+                    "reference" if is_shared else "",
                 )
                 for name, letter, run in zip(pair, "AB", self.runs, strict=True)
                 if name in run.numbers
@@ -123,17 +107,18 @@ class RunPair:
     def player(self) -> dict[str, Any]:
         """Both in lock-step: under the one speech that they have, or under either's, as somebody
         chooses."""
-        values = [showing.value() for showing in (self.a, self.b)]
-        lines = [showing.timeline() for showing in (self.a, self.b)]
+        values = [showing.value() for showing in self.showings]
+        lines = [showing.timeline() for showing in self.showings]
         rows = self._rows(values)
-        value = {
-            "run": " ".join(value["run"] for value in values),
-            "rows": rows,
-        }
+        value = {"run": " ".join(value["run"] for value in values), "rows": rows}
         if not all(lines):
             return value
+        # Each sound that is another can be heard; of one speech, or of none, the longer.
+        spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
+        heard = sorted(spoken or (0, 1), key=lambda i: -lines[i].get("duration_s", 0.0))[:1]
+        if len(spoken) == 2 and not self.has_one_speech:
+            heard = spoken
         names = [row["name"] for row in rows]
-        heard = self._heard(lines)
         sounds = [
             {
                 "label": _sound_label(self.runs[i], "AB"[i]),
@@ -166,15 +151,6 @@ class RunPair:
         colors = colors_of(row["name"] for row in rows)
         return [row | {"color": colors[row["name"]]} for row in rows][:MAX_VIDEOS]
 
-    def _heard(self, lines: Sequence[dict[str, Any]]) -> list[int]:
-        """Whose sound can be listened to: each that is another; of one speech, or of none, that of
-        whichever is longer."""
-        spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
-        if len(spoken) == 2 and not self.has_one_speech:
-            return spoken
-        longest_first = sorted((0, 1), key=lambda i: lines[i].get("duration_s", 0.0), reverse=True)
-        return [i for i in longest_first if i in spoken or not spoken][:1]
-
     def _timeline(
         self, lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], is_shared: bool
     ) -> dict[str, Any]:
@@ -182,9 +158,8 @@ class RunPair:
         the sound that they share."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
-            new = {name: self.name(name, letter) for name in line["curves"]}
-            curves |= {new[name]: curve for name, curve in line["curves"].items()}
-            worst += [each | {"name": new[each["name"]]} for each in line["worst"]]
+            curves |= {self.name(name, letter): curve for name, curve in line["curves"].items()}
+            worst += [{**each, "name": self.name(each["name"], letter)} for each in line["worst"]]
         words = [line["words"] for line in (lines[heard], *lines)[: 3 if is_shared else 1]]
         return lines[heard] | {
             "curves": {name: curve for name, curve in curves.items() if name in names},
@@ -233,13 +208,13 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
     return f"data:application/json;base64,{data}"
 
 
-def worst_of_both(seconds: list[dict[str, Any]], count: int = NUM_SECONDS) -> list[dict[str, Any]]:
+def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The worst of them, without overlap."""
     kept: list[dict[str, Any]] = []
     for each in sorted(seconds, key=lambda one: -one["jerk_m_s3"]):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
             kept.append(each)
-    return kept[:count]
+    return kept[:NUM_SECONDS]
 
 
 def _settings_table(a: RunRecord, b: RunRecord) -> str:

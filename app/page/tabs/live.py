@@ -10,13 +10,13 @@ import gradio as gr
 
 from app import text
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import mount
-from app.page.queue.runner import Job
-from app.page.results.result_parts import ResultParts, build_results
+from app.page.parts.markup import mount
+from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.services import SEEN, Services, set_here
+from app.page.tabs.runner import SEEN, Services, set_here
+from app.page.visitors.files import Job
 from app.run.ask import Ask
 from model.systems.registry import family_of, usual_systems
 
@@ -64,7 +64,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
         cancel = gr.Button(
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )
-    results = build_results("live-", NOTHING_KEPT)
+    results = ResultParts("live-", NOTHING_KEPT)
     runner = LiveRunner(services, FormParts({}, keep, cancel), results)
     runner.wire(page, [token], js=_TOKEN_OF_PAGE)
     return results

@@ -26,8 +26,8 @@ from app.page.parts.catalogue import (
     point_choices,
     strength_choices,
 )
-from app.page.parts.html_parts import AT_ONCE, arrange_chips
-from app.page.tabs.services import SEEN, Services, set_here
+from app.page.parts.markup import AT_ONCE, arrange_chips
+from app.page.tabs.runner import SEEN, Services, set_here
 from app.run.ask import (
     MAX_CLIPS,
     MAX_SAMPLES,

@@ -15,16 +15,16 @@ from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
-from app.page.parts.html_parts import AT_ONCE, reveal_on_click, shown
-from app.page.player.player import NOTHING, showings_in
-from app.page.queue.runner import Job, TabRunner, Updates
+from app.page.parts.markup import AT_ONCE, Updates, reveal_on_click, shown
 from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
+from app.page.results.player import NOTHING, showings_in
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import updates_of
 from app.page.results.tables import clips_html
 from app.page.tabs.motion import FormParts, ask_from_form, kept_values
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
+from app.page.visitors.files import Job
 from app.page.visitors.visitors import cookie_of, is_same
 from app.run.ask import Ask, Event, Grown, Progress, Stage
 from app.run.many.opened import do_in_folder
@@ -71,8 +71,7 @@ class RunRunner(TabRunner):
     """Does runs, of generated motion or of given, and shows them in the results of a tab."""
 
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
-        super().__init__(services.jobs, services.worker, parts.status)
-        self._services = services
+        super().__init__(services, parts.status)
         self.videos = VideosBehind(services, parts, self.tab)
         self._form = form
         self._parts = parts

@@ -16,13 +16,13 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import values_of
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import AT_ONCE, PRIVATE, reveal_on_click, shown, told_part
-from app.page.queue.runner import Job, Updates
-from app.page.results.result_parts import ResultParts, build_results, figures_html, files_listed
+from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, reveal_on_click, shown, told_part
+from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
 from app.page.tabs.motion import LAST_FRAME, FormParts, start_field
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.services import SEEN, Services, set_here
+from app.page.tabs.runner import SEEN, Services, set_here
+from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
 from app.run.ask import MAX_COMPARED, Ask
 from app.run.examples import RECORDED, planted_files
@@ -83,7 +83,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
                 told_part("own-sets"),
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
-            parts = build_results("own-")
+            parts = ResultParts("own-")
     runner = OwnMotionRunner(services, form, parts, of_sets)
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     reveal_on_click(planted, parts.status)

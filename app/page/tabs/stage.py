@@ -16,11 +16,11 @@ from pydantic import BaseModel, Field, ValidationError
 from app import text
 from app.errors import CancelledRun, RunError, page_sentence, visitor_sentence
 from app.page.parts import markup
-from app.page.parts.html_parts import PRIVATE, shown
-from app.page.queue.runner import Job, TabRunner, Updates, follow, last_share
+from app.page.parts.markup import PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts, saved_link
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services, TabRunner, follow, last_share
+from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.ask import Ask, Event, Grown
 from app.run.output.run_folder import drop_unfinished
@@ -60,8 +60,7 @@ class TakesRunner(TabRunner):
     tab, is_told = "takes", False
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
-        super().__init__(services.jobs, services.worker, parts.player)
-        self._services = services
+        super().__init__(services, parts.player)
         self._parts = parts
 
     def wire(self) -> None:
@@ -121,8 +120,7 @@ class SeenRunner(TabRunner):
     tab = "seen"
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
-        super().__init__(services.jobs, services.worker, parts.seen)
-        self._services = services
+        super().__init__(services, parts.seen)
         self._parts = parts
 
     def wire(self, prefix: str = "") -> None:

@@ -18,12 +18,12 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.html_parts import PRIVATE, reveal_on_click, shown, told_part
-from app.page.queue.runner import Job, TabRunner, Updates
+from app.page.parts.markup import PRIVATE, Updates, reveal_on_click, shown, told_part
 from app.page.results.result_parts import files_listed, saved_link
 from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
 from app.page.tabs.motion import SEED_LIMIT, fresh_copy
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services, TabRunner
+from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
@@ -337,8 +337,7 @@ class StudyRunner(TabRunner):
     tab = "study"
 
     def __init__(self, services: Services, fields: Fields, status: gr.HTML, made: gr.HTML) -> None:
-        super().__init__(services.jobs, services.worker, status)
-        self._services = services
+        super().__init__(services, status)
         self._fields = fields
         self._made_part = made
 

@@ -15,11 +15,11 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, strength_choices
-from app.page.parts.html_parts import player_part, reveal_on_click, shown, told_part
-from app.page.player.player import NOTHING, Showing
-from app.page.queue.runner import Job, TabRunner, Updates, last_share
+from app.page.parts.markup import Updates, player_part, reveal_on_click, shown, told_part
+from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import figures_html
-from app.page.tabs.services import Services, set_here
+from app.page.tabs.runner import Services, TabRunner, last_share, set_here
+from app.page.visitors.files import Job
 from app.run.ask import Ask, Event, Grown
 from app.run.examples import CLEAN
 from app.run.experiments.hearing import HearingAsk, measure_hearing
@@ -109,7 +109,6 @@ class FigureRunner(TabRunner):
 
     def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
         """Lay out the part here and wire it; it begins on other events also."""
-        self._services = services
         self.examples = tuple(example.path for example in services.catalogue.examples)
         gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
         with gr.Row(elem_classes="columns"):
@@ -123,7 +122,7 @@ class FigureRunner(TabRunner):
                 self.player = player_part(f"{self.tab}-")
                 self.message = told_part(f"{self.tab}-says")
                 self.figure = told_part(f"{self.tab}-figures")
-        super().__init__(services.jobs, services.worker, status)
+        super().__init__(services, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
         runs = [self.begins_on(start.click, self.fields, outputs=outputs, api_name=self.tab)]

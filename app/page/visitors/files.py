@@ -13,8 +13,9 @@ import secrets
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -103,3 +104,68 @@ def _last_touched(path: Path) -> float:
         return path.lstat().st_mtime
     except OSError:
         return float("inf")
+
+
+@dataclass(eq=False)
+class Job:
+    """One visitor's run."""
+
+    visitor: str
+    tab: str
+    """The part of the page that starts it, and whose button stops it."""
+    folder: Path
+    cookie: str = ""
+    """Of the visitor's browser; empty for one that keeps none."""
+    beside: list[Path] = field(default_factory=list)
+    """What is kept beside its folder: what the visitor has given it to work with."""
+    _stopped: threading.Event = field(default_factory=threading.Event)
+
+    def cancel(self) -> None:
+        self._stopped.set()
+
+    def is_cancelled(self) -> bool:
+        """Whether its visitor, or the end of the page, has stopped it."""
+        return self._stopped.is_set()
+
+
+class Jobs:
+    """All runs of this process that have begun and not ended, in folders below ``root``, beside
+    which uploads lie in ``gradio``."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._jobs: list[Job] = []
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def opened(
+        self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
+    ) -> Iterator[Job]:
+        """A job in a folder that only this process's user can enter; it stays for the downloads.
+        Uploads among the values of a form are kept until it ends, and then for as long as new ones.
+        """
+        uploads = uploads_of(values, self._root.with_name("gradio"))
+        job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
+        job.folder.mkdir(parents=True, mode=0o700)
+        touch(job.beside)
+        with self._lock:
+            self._jobs.append(job)
+        try:
+            yield job
+        finally:
+            job.cancel()
+            with self._lock:
+                self._jobs.remove(job)
+            touch(job.beside)
+
+    def cancel(self, visitor: str = "", tab: str = "") -> None:
+        """Stop the runs that the visitor started in that tab; without any, every run."""
+        with self._lock:
+            for job in self._jobs:
+                if not visitor or (job.visitor, job.tab) == (visitor, tab):
+                    job.cancel()
+
+    def in_use(self) -> list[Path]:
+        """Folders and uploads of runs that have not ended."""
+        with self._lock:
+            return [path for job in self._jobs for path in (job.folder, *job.beside)]

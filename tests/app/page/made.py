@@ -26,7 +26,7 @@ def updates_of(
     runner: Any, parts: Any, *values: Any, visitor: Any = VISITOR
 ) -> list[dict[Any, Any]]:
     """What a click shows, by the name of each part; an error that ends it is the last."""
-    names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
+    names = {part: name for name, part in vars(parts).items()}
     found: list[dict[Any, Any]] = []
     try:
         for update in runner.run(visitor, *values):

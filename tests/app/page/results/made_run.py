@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from app.page.player.player import Showing
-from app.page.queue.runner import Job
 from app.page.results.kept_runs import KeptRun, KeptRuns
+from app.page.results.player import Showing
 from app.page.routes.media import Media
+from app.page.visitors.files import Job
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter

@@ -17,8 +17,8 @@ from app import text
 from app.findings.measure_rows import nearest, written
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
-from app.page.player.player import Showing
 from app.page.results.kept_runs import KeptRuns, address_of
+from app.page.results.player import Showing
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.page.results.tables import measures_table

@@ -15,7 +15,7 @@ from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.tabs.motion import ask_from_form, build_form, fresh_copy, kept_values
 from app.page.tabs.motion_run import StageLine
 from app.page.tabs.own_motion import MAX_NAME, build_own_form, display_names, has_sets, own_ask
-from app.page.tabs.services import Services
+from app.page.tabs.runner import Services
 from app.page.tabs.study import QUESTIONS, build_study_tab, collect_files, plan_text
 from app.run.ask import Ask, Progress
 from app.run.display import Display

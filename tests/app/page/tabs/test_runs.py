@@ -17,9 +17,9 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.queue.runner import Job, Updates
+from app.page.parts.markup import Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
-from app.page.results.result_parts import ResultParts, build_results
+from app.page.results.result_parts import ResultParts
 from app.page.routes.media import Media
 from app.page.tabs.live import LiveRunner, offered
 from app.page.tabs.motion import FormParts, build_form
@@ -27,6 +27,7 @@ from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
 from app.page.tabs.stage import VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
+from app.page.visitors.files import Job
 from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
 from app.run.many.motions import Sets
 from app.run.output.run_folder import zip_run
@@ -55,7 +56,7 @@ class Own:
         does = {"do_in_folder": diagnose, "measure_sets": measure_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
-            self.parts = build_results()
+            self.parts = ResultParts()
             self.sets_shown, self.sets_clip = gr.HTML(), gr.Dropdown()
             form = build_own_form(services)
         of_sets = self.sets_shown, self.sets_clip
@@ -83,7 +84,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     failing = make_generate(late_error=RunError("The disk is full."))
     services = made_services(tmp_path, {"do_in_folder": failing})
     with gr.Blocks():
-        form, parts = build_form(services), build_results()
+        form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
     values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
     *_, last = updates_of(runner, parts, *values, None)
@@ -201,7 +202,7 @@ def live(weights: Path) -> ByHand:
 def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts({}, gr.Button(), gr.Button())
-        results = build_results("live-")
+        results = ResultParts("live-")
     does = {"do_in_folder": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
@@ -313,7 +314,7 @@ class Page:
     def __init__(self, folder: Path) -> None:
         self.runs = KeptRuns(3600.0)
         with gr.Blocks():
-            self.first, self.own = build_results(), build_results("own-")
+            self.first, self.own = ResultParts(), ResultParts("own-")
             self.seed, self.samples = gr.Number(0), gr.Number(1)
             places = {"generate": self.first, "own_motion": self.own}
             fields = {"seed": self.seed, "samples": self.samples}
@@ -425,7 +426,7 @@ class Tab:
 
     def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
-            self.parts: ResultParts = build_results()
+            self.parts: ResultParts = ResultParts()
         services = fakes.made_services(folder, {"draw_behind": draw})
         self.jobs, self.kept = services.jobs, services.kept
         self.videos = VideosBehind(services, self.parts, "generate")

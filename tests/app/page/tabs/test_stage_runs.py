@@ -9,9 +9,9 @@ import pytest
 
 from app import text
 from app.errors import RunError
-from app.page.queue.runner import Job
-from app.page.results.result_parts import build_results
+from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
+from app.page.visitors.files import Job
 from app.run.ask import Grown, OnEvent, Progress, ShouldCancel
 from app.run.display import Display
 from app.run.output.result_folder import ResultFolder
@@ -93,7 +93,7 @@ class Stage:
 
     def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
-            self.parts = build_results()
+            self.parts = ResultParts()
         services = made_services(folder, {"draw_seen": draw})
         self.media, self.jobs = services.media, services.jobs
         self.runner = SeenRunner(services, self.parts)
@@ -188,7 +188,7 @@ class Editor:
 
     def __init__(self, folder: Path, make: Any = make) -> None:
         with gr.Blocks():
-            self.parts = build_results()
+            self.parts = ResultParts()
         services = made_services(folder, {"make_take": make})
         self.runner = TakesRunner(services, self.parts)
         said = Transcript((Word(0.2, 0.5, "you"),))

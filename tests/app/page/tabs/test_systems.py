@@ -24,9 +24,7 @@ EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
 
 
 def parts_of(runner: Any, *names: str) -> Any:
-    """As a dataclass would have them."""
-    parts = {"status": runner._status, **{name: getattr(runner, name) for name in names}}
-    return SimpleNamespace(__dataclass_fields__=parts, **parts)
+    return SimpleNamespace(status=runner._status, **{name: getattr(runner, name) for name in names})
 
 
 class Measured:

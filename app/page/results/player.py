@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from app import text
 from app.errors import page_sentence
-from app.page.parts.html_parts import shown
+from app.page.parts.markup import shown
 from app.page.routes.media import Address, Media
 from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
 from app.run.output.run_folder import (

@@ -5,6 +5,7 @@ import shutil
 import threading
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gradio as gr
@@ -12,8 +13,9 @@ import pytest
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.page.queue.runner import Job, Jobs, TabRunner, Updates, follow
-from app.page.visitors.files import sweep
+from app.page.parts.markup import Updates
+from app.page.tabs.runner import TabRunner, follow
+from app.page.visitors.files import Job, Jobs, sweep
 from app.run.ask import (
     Ask,
     Event,
@@ -35,7 +37,9 @@ class Runner(TabRunner):
     tab = "study"
 
     def __init__(self, jobs: Jobs, do: Do, status: Any = "status", message: Any = "message"):
-        super().__init__(jobs, fakes.FakeWorker(does={"do": lambda _, *how: do(*how)}), status)
+        worker = fakes.FakeWorker(does={"do": lambda _, *how: do(*how)})
+        services: Any = SimpleNamespace(jobs=jobs, worker=worker)
+        super().__init__(services, status)
         self.message = message
         self.begun: list[Any] = []
         self.has_ended = False

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
-from app.page.queue.worker import Limits, Worker
+from app.page.worker import Limits, Worker
 from app.run.ask import Ask, Event, Grown, Progress
 from app.run.pipeline import do
 from model.motion.motion import save_motion
 from processes import ended
-from tests.app.page.queue import ends
+from tests.app.page import ends
 from tests.helpers import smooth_motion_example
 from tests.processes.made import kill, run_out_of_memory
 

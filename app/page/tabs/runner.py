@@ -1,15 +1,15 @@
-"""From the turn of a run, which Gradio's queue decides, to its end, as updates of the page: what
-all tabs do alike, in a folder that no other visitor is told of."""
+"""What serves all visitors of a page, one of each, as tabs ask for it; and from the turn of a run,
+which Gradio's queue decides, to its end, as updates of the page: what all tabs do alike."""
 
 from __future__ import annotations
 
+import logging
 import queue
-import secrets
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,87 +18,99 @@ from typing import Any, ClassVar, TypeVar
 import gradio as gr
 
 from app import text
-from app.errors import CancelledRun, visitor_sentence
+from app.config import AppConfig
+from app.errors import CancelledRun, RunError, visitor_sentence
+from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.asked import Fields, named_fields
-from app.page.parts.html_parts import AT_ONCE, in_turn
-from app.page.queue.worker import Task, Worker
-from app.page.visitors.files import touch, uploads_of
-from app.page.visitors.visitors import cookie_of, visitor_of
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, shown
+from app.page.results.kept_runs import KeptRuns
+from app.page.routes.media import Media
+from app.page.visitors.files import Job, Jobs
+from app.page.visitors.visitors import Kept, cookie_of, visitor_of
+from app.page.worker import Task, Worker
 from app.run.ask import Event, Grown, OnEvent, Progress, ShouldCancel
+from app.run.display import Display
+from app.run.upload_check import Given, UploadKind, refusal_of
+from conventions.views import CLOSE_UPS
+
+log = logging.getLogger(__name__)
+SEEN: dict[str, Any] = {"display": Display(has_trail=True), "close_ups": CLOSE_UPS, "size": 640}
+"""How runs are shown here: the player has every close-up, and shows those that are wanted."""
 
 
-@dataclass(eq=False)
-class Job:
-    """One visitor's run."""
-
-    visitor: str
-    tab: str
-    """The part of the page that starts it, and whose button stops it."""
-    folder: Path
-    cookie: str = ""
-    """Of the visitor's browser; empty for one that keeps none."""
-    beside: list[Path] = field(default_factory=list)
-    """What is kept beside its folder: what the visitor has given it to work with."""
-    _stopped: threading.Event = field(default_factory=threading.Event)
-
-    def cancel(self) -> None:
-        self._stopped.set()
-
-    def is_cancelled(self) -> bool:
-        """Whether its visitor, or the end of the page, has stopped it."""
-        return self._stopped.is_set()
+def set_here(config: AppConfig, job: Path) -> dict[str, Any]:
+    """What this page sets of every ask."""
+    return {
+        "out": job / "results",
+        "weights": config.weights,
+        "body": config.body,
+        "max_speech_s": config.max_speech_s,
+    }
 
 
-class Jobs:
-    """All runs of this process that have begun and not ended, in folders below ``root``, beside
-    which uploads lie in ``gradio``."""
+@dataclass(frozen=True)
+class Services:
+    """Of one page."""
 
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        self._jobs: list[Job] = []
-        self._lock = threading.Lock()
+    config: AppConfig
+    catalogue: Catalogue
+    jobs: Jobs
+    worker: Worker
+    """Does all runs."""
+    videos: Worker
+    """Draws what nobody waits for."""
+    gate: Worker
+    """Checks uploads before there is a run: nobody should wait for another's to hear that a file is
+    silent."""
+    kept: KeptRuns
+    live: LiveSessions
+    media: Media = field(default_factory=Media)
+    private: Kept[Path] = field(default_factory=Kept)
+    """Folders of researchers' parts that wait to be fetched."""
+    first_look: tuple[dict[str, Any], Any] | None = None
+    """What plays before the first run, and what is said beside it."""
+    opened: tuple[str, ...] = ()
+    """Tokens of the run that the page was started to show."""
 
-    @contextmanager
-    def opened(
-        self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
-    ) -> Iterator[Job]:
-        """A job in a folder that only this process's user can enter; it stays for the downloads.
-        Uploads among the values of a form are kept until it ends, and then for as long as new ones.
-        """
-        uploads = uploads_of(values, self._root.with_name("gradio"))
-        job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
-        job.folder.mkdir(parents=True, mode=0o700)
-        touch(job.beside)
-        with self._lock:
-            self._jobs.append(job)
+    def file(
+        self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
+    ) -> gr.File:
+        """A watched field for files; ``options`` are Gradio's."""
+        field = gr.File(
+            label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
+        )
+        self.watch(field, kind)
+        return field
+
+    def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
+        """Say under a field, as soon as something is put there, why it cannot be used; called right
+        after the field."""
+        refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
+        field.change(
+            lambda value: shown(markup.refusal(self._refusal(kind, value))),
+            field,
+            refusal,
+            **PRIVATE,
+            concurrency_limit=4,
+        )
+
+    def _refusal(self, kind: UploadKind, value: str | list[str] | None) -> str:
+        paths = [Path(path) for path in ([value] if isinstance(value, str) else value or ())]
         try:
-            yield job
-        finally:
-            job.cancel()
-            with self._lock:
-                self._jobs.remove(job)
-            touch(job.beside)
-
-    def cancel(self, visitor: str = "", tab: str = "") -> None:
-        """Stop the runs that the visitor started in that tab; without any, every run."""
-        with self._lock:
-            for job in self._jobs:
-                if not visitor or (job.visitor, job.tab) == (visitor, tab):
-                    job.cancel()
-
-    def in_use(self) -> list[Path]:
-        """Folders and uploads of runs that have not ended."""
-        with self._lock:
-            return [path for job in self._jobs for path in (job.folder, *job.beside)]
+            given = Given(kind, paths, self.config.max_speech_s)
+            sentence = self.gate.do(refusal_of, given) if paths else ""
+        except Exception as error:  # of the checking, which took too long or failed itself
+            log.warning("an upload could not be checked: %s", error)
+            return ""
+        return visitor_sentence(RunError(sentence)) if sentence else ""
 
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
 _REFRESH_S = 0.25
 _SOON_S = 0.05
-Updates = dict[Any, Any]
-"""By part of the page what it shows from now on."""
 Told = Callable[[list[Event]], Updates]
 """What each batch of news shows, which may be empty; no updates leave the tab as it is."""
 
@@ -162,9 +174,8 @@ class TabRunner(ABC):
     is_told: ClassVar[bool] = True
     """Whether the tab itself says why a run has failed."""
 
-    def __init__(self, jobs: Jobs, worker: Worker, status: gr.HTML) -> None:
-        self._jobs = jobs
-        self._worker = worker
+    def __init__(self, services: Services, status: gr.HTML) -> None:
+        self._services = services
         self._status = status
         self._unfinished: set[str] = set()
         """Visitors whose tab shows a run that has begun."""
@@ -179,7 +190,11 @@ class TabRunner(ABC):
             run, fields = named_fields(run, fields), [*fields.values()]
         if "api_name" not in how:
             how["api_visibility"] = "private"
-        return event(run, fields, **{**in_turn(self._status), **how})
+        # One after the other, whoever asks; its place in the queue is told on the status, and
+        # another click of the same button is none.
+        usual = {"show_progress": "minimal", "show_progress_on": self._status}
+        usual |= {"trigger_mode": "once", "concurrency_id": "run"}
+        return event(run, fields, **{**usual, **how})
 
     def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> None:
         button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
@@ -190,7 +205,7 @@ class TabRunner(ABC):
         cookie, visitor = cookie_of(request), visitor_of(request)
         try:
             with (
-                self._jobs.opened(visitor, self.tab, cookie, values) as job,
+                self._services.jobs.opened(visitor, self.tab, cookie, values) as job,
                 closing(self.steps(job, values)) as steps,
             ):
                 blank = next(steps)
@@ -216,7 +231,7 @@ class TabRunner(ABC):
         """The visitor has pressed the button; Gradio takes a run that waits out of its queue, and
         asks for no more of one that has begun."""
         visitor = visitor_of(request)
-        self._jobs.cancel(visitor, self.tab)
+        self._services.jobs.cancel(visitor, self.tab)
         if visitor not in self._unfinished:
             return self.idle()
         self._unfinished.discard(visitor)
@@ -247,6 +262,6 @@ class TabRunner(ABC):
                 return {}
             return {self._status: markup.sentence_status(str(told).format(share=share))}
 
-        do = partial(self._worker.do, task, asked)
+        do = partial(self._services.worker.do, task, asked)
         shown = line if isinstance(told, str) else told
         return follow(do, job, shown, {self._status: gr.skip()})

@@ -141,7 +141,7 @@ class _Process:
 
     def __init__(self, warm: tuple[Path, Path | None] | None, niceness: int) -> None:
         needed = (str(path) for path in warm or () if path is not None)
-        self.child = Child("app.page.queue.worker", *needed, is_log_handed_on=True)
+        self.child = Child("app.page.worker", *needed, is_log_handed_on=True)
         if niceness:
             os.setpriority(os.PRIO_PROCESS, self.child.pid, niceness)  # and all that it starts
         self._is_idle = True

@@ -11,10 +11,9 @@ import gradio as gr
 import httpx
 import pytest
 
-from app.page.parts.html_parts import AT_ONCE, in_turn
-from app.page.queue.runner import Jobs
+from app.page.visitors.files import Jobs
 from app.run.ask import OnEvent, ShouldCancel
-from tests.app.page.queue.test_runner import Runner
+from tests.app.page.test_runner import Runner
 from tests.waiting import wait_for
 
 SLOTS, PLACES = 1, 3
@@ -32,10 +31,9 @@ class Page:
         with gr.Blocks() as blocks:
             status, message, name = gr.HTML(), gr.HTML(), gr.Textbox()
             runner = Runner(jobs, self.work, status, message)
-            run = gr.Button().click(
-                runner.run, name, [status, message], api_name="run", **in_turn(status)
-            )
-            gr.Button().click(runner.cancel, outputs=[status, message], cancels=run, **AT_ONCE)
+            outputs = [status, message]
+            run = runner.begins_on(gr.Button().click, [name], outputs=outputs, api_name="run")
+            runner.ends_on(gr.Button(), run, outputs)
         blocks.queue(max_size=PLACES, default_concurrency_limit=SLOTS)
         self.blocks, self.fn = blocks, next(iter(blocks.fns))
 

@@ -3,7 +3,7 @@
 import pytest
 
 from app.errors import RunError
-from app.page.player.player import first_look
+from app.page.results.player import first_look
 from app.page.routes.media import Media
 from app.run.ask import Ask, Event, Grown
 from app.run.examples import STEADY, TREMBLING
