@@ -72,11 +72,6 @@ class KeptRun:
     def title(self) -> str:
         return title_of([run.record for run in self.clips.values()] or [self.record])
 
-    @property
-    def file_address(self) -> str:
-        """Of all of it as a file, which the page opens again; relative to the page."""
-        return f"{RUN_ROUTE.lstrip('/')}/{self.token}"
-
     def updates(
         self, parts: ResultParts, showing: Showing | None = None, *, begins: bool = False
     ) -> Updates:
@@ -90,21 +85,17 @@ class KeptRun:
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]
             line = text.CLIPS_DONE.format(done=len(done), count=len(self.clips))
+        moving = [(clip, run) for clip, run in self.clips.items() if run.record.is_moving]
+        choices = [(clip, run.token) for clip, run in moving]
         return {
             **told_so_far(showing, parts),
             parts.clips: shown(clips_html({clip: run.record for clip, run in self.clips.items()})),
-            parts.clip: self._choice(),
+            parts.clip: gr.update(choices=choices, value=self.token, visible=bool(choices)),
             parts.status: markup.sentence_status(line),
             parts.message: shown(failed + markup.notes_folded(list(notes))),
             parts.player: showing.value() | {"begins": begins},
             parts.downloads: shown(self.downloads(showing)),
         }
-
-    def _choice(self) -> Any:
-        """Of the clips that have any motion."""
-        moving = [(clip, run) for clip, run in self.clips.items() if run.record.is_moving]
-        choices = [(clip, run.token) for clip, run in moving]
-        return gr.update(choices=choices, value=self.token, visible=bool(choices))
 
     def downloads(self, showing: Showing) -> str:
         """All of it as a file, which the page opens again, and as one that plays anywhere; and its
@@ -112,8 +103,9 @@ class KeptRun:
         files = [showing.folder / name for name in self.record.files if "/" not in name]
         files += [self.folder / name for name in TABLES if self.clips]
         listed = files_listed(filter(Path.is_file, files), showing.address)
-        zipped = f'href="{self.file_address}" download title="{text.SAVE_RUN_HELP}"'
-        alone = f'href="{self.file_address}/page" download title="{text.SAVE_PAGE_HELP}"'
+        address = f"{RUN_ROUTE.lstrip('/')}/{self.token}"
+        zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
+        alone = f'href="{address}/page" download title="{text.SAVE_PAGE_HELP}"'
         saved = f"<a class=bundle {zipped}>{text.SAVE_RUN}</a><a {alone}>{text.SAVE_PAGE}</a>"
         heading = markup.heading(text.DOWNLOADS_HEADING)
         return f'{heading}<div class="downloads"><p>{saved}</p>{listed}</div>'
@@ -142,21 +134,15 @@ class KeptRuns(Kept[KeptRun]):
         self._keep_s = keep_s  # as files are; only to be told
 
     def keep_run(
-        self, job: Job, showing: Showing, form: Mapping[str, Any] | None = None
-    ) -> KeptRun:
-        run = KeptRun(job, showing, form or {})
-        if job.tab == EDITED and showing.performed():
-            showing.say()
-        run.token = self.keep(run, job.folder, None)
-        return run
-
-    def keep_clips(
         self, job: Job, showings: Mapping[str, Showing], form: Mapping[str, Any] | None = None
     ) -> KeptRun:
         """Keep a run, or those of several clips by name; returns the first that has any motion."""
-        kept = {clip: self.keep_run(job, each, form) for clip, each in showings.items()}
-        for run in kept.values() if len(kept) > 1 else ():
-            run.clips = kept
+        kept = {clip: KeptRun(job, each, form or {}) for clip, each in showings.items()}
+        for run in kept.values():
+            run.clips = kept if len(kept) > 1 else {}
+            if job.tab == EDITED and run.showing.performed():
+                run.showing.say()
+            run.token = self.keep(run, job.folder, None)
         runs = list(kept.values())
         return next((run for run in runs if run.record.is_moving), runs[0])
 
@@ -209,7 +195,7 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
     showings = showings_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(showings.values())).record.kind == "generated"
     job = Job("", EDITED if is_made else "own_motion", temp)
-    return kept.keep_clips(job, showings).token
+    return kept.keep_run(job, showings).token
 
 
 def address_of(*runs: KeptRun) -> str:

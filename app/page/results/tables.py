@@ -36,6 +36,10 @@ class Column:
     def read(self, measure: Measure, version: Version) -> float | None:
         return self.numbers[version].get(measure.key)
 
+    @property
+    def of_kind(self) -> str:
+        return f' class="{self.kind}"' if self.kind else ""
+
     def less(self, other: Column, name: str, label: str) -> Column:
         """By how much another motion has less."""
         differences: dict[Version, dict[str, float]] = {
@@ -63,86 +67,60 @@ def measures_table(run: RunRecord) -> str:
     return table_of(columns, point_title(run.point), legend, above)
 
 
-def table_of(
-    columns: Sequence[Column],
-    point: str,
-    legend: str,
-    above: str = "",
-) -> str:
+def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
     """A part of the page: heading, what stands above, switches with a legend, and the table."""
-    shown = [measure for measure in MEASURES if _is_known(measure, columns)]
-    about = text.NUMBERS_HELP.format(point=point.lower())
-    has_reference = any(column.kind == "reference" for column in columns)
+    numbers = [
+        (measure, column, version, value)
+        for measure in MEASURES
+        for column in columns
+        for version in VERSIONS
+        if (value := column.read(measure, version)) is not None
+    ]
+    shown = [*dict.fromkeys(measure for measure, *_ in numbers)]
     firsts = {measure.group for measure in shown if measure.is_first}
-    head = "".join(_column_head(column) for column in columns)
+    head = "".join(
+        f'<th scope="col"{each.of_kind} data-name="{escape(each.name)}" '
+        f'title="{escape(each.name)}">{escape(each.label)}</th>'
+        for each in columns
+    )
     body = "".join(
-        _group_head(group, len(columns) + 1, group in firsts)
+        f'<tr class="group{"" if group in firsts else " later"}"><th scope="colgroup" '
+        f'colspan="{len(columns) + 1}"><span>{escape(group)}</span></th></tr>'
         + "".join(_row(each, columns) for each in measures)
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
+    # What the table holds, raw and filtered, one number in a line.
+    lines = [(of.title, of.unit, each.name, version, value) for of, each, version, value in numbers]
+    csv = csv_text([("measure", "unit", "name", "filter", "value"), *lines])
+    more = (
+        f'<button type="button" class="more" aria-expanded="false" '
+        f'data-fewer="{text.FEWER_MEASURES}">{text.ALL_MEASURES.format(count=len(shown))}</button>'
+    )
+    has_reference = any(column.kind == "reference" for column in columns)
+    mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
+    about = text.NUMBERS_HELP.format(point=point.lower())
     return (
         '<div class="measures" data-filter="raw">'
         f"{markup.heading(text.NUMBERS_HEADING, about)}{above}"
-        f"{_bar(legend, has_reference, _csv(shown, columns))}"
-        f"{markup.table(text.NUMBERS_HEADING, 'Measure', head, body)}{_more(shown)}</div>"
-    )
-
-
-def _bar(legend: str, has_reference: bool, csv: str) -> str:
-    mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
-    return (
         f'<div class="bar"><div class="switch" role="group" aria-label="{text.FILTER_SWITCH}">'
         f'<button type="button" data-filter="raw" aria-pressed="true">{text.AS_GENERATED}</button>'
         f'<button type="button" data-filter="savgol" aria-pressed="false">{text.FILTERED}</button>'
         f'</div><span class="legend">{mark}{escape(legend)}</span>'
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
-    )
-
-
-def _csv(shown: Sequence[Measure], columns: Sequence[Column]) -> str:
-    """What the table holds, raw and filtered, one number in a line."""
-    numbers = (
-        (each.title, each.unit, column.name, version, column.read(each, version))
-        for each in shown
-        for column in columns
-        for version in VERSIONS
-    )
-    lines = (line for line in numbers if line[-1] is not None)
-    return csv_text([("measure", "unit", "name", "filter", "value"), *lines])
-
-
-def _more(shown: Sequence[Measure]) -> str:
-    """What asks for all measures, where some are not among the first."""
-    if all(measure.is_first for measure in shown):
-        return ""
-    words = text.ALL_MEASURES.format(count=len(shown))
-    return (
-        f'<button type="button" class="more" aria-expanded="false" '
-        f'data-fewer="{text.FEWER_MEASURES}">{words}</button>'
-    )
-
-
-def _column_head(column: Column) -> str:
-    return (
-        f'<th scope="col"{_column_class(column)} data-name="{escape(column.name)}" '
-        f'title="{escape(column.name)}">{escape(column.label)}</th>'
-    )
-
-
-def _column_class(column: Column) -> str:
-    return f' class="{column.kind}"' if column.kind else ""
-
-
-def _group_head(title: str, width: int, has_first: bool) -> str:
-    return (
-        f'<tr class="group{"" if has_first else " later"}">'
-        f'<th scope="colgroup" colspan="{width}"><span>{escape(title)}</span></th></tr>'
+        f"{markup.table(text.NUMBERS_HEADING, 'Measure', head, body)}"
+        f"{'' if all(each.is_first for each in shown) else more}</div>"
     )
 
 
 def _row(measure: Measure, columns: Sequence[Column]) -> str:
-    near = {kind: _nearest_names(measure, columns, kind) for kind in VERSIONS}
+    recorded = [each for each in columns if each.kind == "reference" and measure.has_target]
+    motions = [each for each in columns if not each.kind]
+    near: dict[Version, Sequence[str]] = {}
+    for version in VERSIONS:
+        target = next((each.read(measure, version) for each in recorded), None)
+        of_motions = {each.name: each.read(measure, version) for each in motions}
+        near[version] = nearest(of_motions, target)
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_first else ' class="later"'
@@ -153,31 +131,15 @@ def _row(measure: Measure, columns: Sequence[Column]) -> str:
     )
 
 
-def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -> str:
-    values = {kind: column.read(measure, kind) for kind in VERSIONS}
+def _cell(measure: Measure, column: Column, near: Mapping[Version, Sequence[str]]) -> str:
     write = signed if column.kind == "difference" else written
-    spans = "".join(
-        f'<span class="{kind}{" near" if column.name in near[kind] else ""}">{write(value)}'
-        f"{_NEAR_WORDS if column.name in near[kind] else ''}</span>"
-        for kind, value in values.items()
-    )
-    return f"<td{_column_class(column)}>{spans}</td>"
-
-
-_NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'
-
-
-def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Version) -> tuple[str, ...]:
-    recorded = (each.read(measure, kind) for each in columns if each.kind == "reference")
-    target = next(recorded, None)
-    if not measure.has_target or target is None:
-        return ()
-    motions = [each for each in columns if not each.kind]
-    return nearest({each.name: each.read(measure, kind) for each in motions}, target)
-
-
-def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
-    return any(column.read(measure, kind) is not None for column in columns for kind in VERSIONS)
+    spans = ""
+    for kind in VERSIONS:
+        is_near = column.name in near[kind]
+        told = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>' if is_near else ""
+        value = write(column.read(measure, kind))
+        spans += f'<span class="{kind}{" near" if is_near else ""}">{value}{told}</span>'
+    return f"<td{column.of_kind}>{spans}</td>"
 
 
 def _finding(found: Told, label: str) -> str:

@@ -149,7 +149,7 @@ class RunRunner(TabRunner):
             has_left = [end_run(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
                 raise
-        kept = services.kept.keep_clips(job, showings(), form)
+        kept = services.kept.keep_run(job, showings(), form)
         if ask.has_video and kept.record.state == "done" and not kept.clips:
             kept.to_draw = ask
         yield {

@@ -187,10 +187,6 @@ ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
 ONE_FILE = "One file of {what} goes with all motions; {count} were given."
 NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
-MIXED = "Give zips of results only, or motion files only; a zip is measured as one set."
-REFERENCE_TOO = (
-    "Where motions come as zips, the {what} comes as a zip as well, named alike by clip."
-)
 NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
 MEASURING_SETS = "Measuring clips: {share:.0%}"
 MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
@@ -219,7 +215,8 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
         return asked_of({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
     if has_sets(motions):
-        _check_sets(motions, reference, speech, limit)
+        if len(motions) > limit:
+            raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
         beside = ("motions", "names", "reference", "speech", "told", "channel")
         return Ask(out=job / "results", **{name: told[name] for name in beside})
     if len(motions) > MAX_FILES:
@@ -263,18 +260,6 @@ def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
 def has_sets(motions: Sequence[Path]) -> bool:
     """Whether zips of clips are to be measured."""
     return any(map(is_packed, motions)) and not is_one_run(motions)
-
-
-def _check_sets(
-    motions: Sequence[Path], reference: Path | None, speech: Path | None, limit: int
-) -> None:
-    if not all(map(is_packed, motions)):
-        raise RunError(MIXED)
-    for what, path in (("reference", reference), ("speech", speech)):
-        if path is not None and not is_packed(path):
-            raise RunError(REFERENCE_TOO.format(what=what))
-    if len(motions) > limit:
-        raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
 
 
 def display_names(stems: Sequence[str]) -> tuple[str, ...]:

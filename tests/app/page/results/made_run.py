@@ -78,4 +78,4 @@ def keep(
     form: dict[str, Any] | None = None,
     **made: Any,
 ) -> KeptRun:
-    return runs.keep_run(Job("visitor", tab, job, cookie), made_run(job, **made), form)
+    return runs.keep_run(Job("visitor", tab, job, cookie), {"": made_run(job, **made)}, form)

@@ -31,7 +31,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     client = TestClient(FastAPI(routes=[saving_route(runs, made, *form) for form in forms]))
     with changed(kept.showing.folder) as record:
         record.rows[0].files["performed"] = "f-x.plan.json"
-    address = kept.file_address
+    address = f"media/run/{kept.token}"
     assert f'href="{address}/page"' in kept.downloads(kept.showing)
     answer = client.get(f"/{address}")
     assert answer.status_code == 200

@@ -197,7 +197,7 @@ class Editor:
             run = RunWriter(results, read_run(self.showing.folder))
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         job = Job("me", "generate", folder / "run", COOKIE)
-        services.kept.keep_run(job, self.showing)
+        services.kept.keep_run(job, {"": self.showing})
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
