@@ -144,9 +144,10 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         opened=opened,
     )
     page = build_app(services)
-    page.queue(max_size=config.max_waiting, default_concurrency_limit=1)
+    waiting = page._queue  # `page.queue` would make all of the app once more
+    waiting.max_size, waiting.default_concurrency_limit = config.max_waiting, 1
     # Gradio would look a thousand times a second, which took a tenth of a core at rest.
-    page._queue.sleep_when_free, page._queue.progress_update_sleep_when_free = LOOK_S, 1.0
+    waiting.sleep_when_free, waiting.progress_update_sleep_when_free = LOOK_S, 1.0
     made = MadeFiles(config.temp, gate.do)
     routes = [
         saving_route(kept, made, ".zip", save_run),
