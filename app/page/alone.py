@@ -19,7 +19,7 @@ from app.errors import RunError
 from app.page.results.player import Showing
 from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
-from app.page.theme import PLAYER_CSS, make_theme, theme_variables
+from app.page.theme import PLAYER_CSS, make_theme
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import RowKind, runs_in
 from app.run.pieces import MAX_FRAMES
@@ -104,7 +104,7 @@ def player_alone(folder: Path, title: str = "") -> str:
     files |= {name: make() for name, (make, _) in OF_STAGES.items()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
     modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}
-    style = theme_variables(make_theme()) + "".join(path.read_text() for path in PLAYER_CSS)
+    style = make_theme()._get_theme_css() + "".join(path.read_text() for path in PLAYER_CSS)
     return "\n".join(
         [
             "<!doctype html>",

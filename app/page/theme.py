@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from gradio.themes.base import Base
@@ -26,14 +25,13 @@ CSS = _FOLDER / "page.css"
 PLAYER_CSS = tuple(
     _FOLDER / name for name in ("player.css", "stage.css", "tiers.css", "editing.css")
 )
-"""All that the player needs, besides `theme_variables`."""
+"""All that the player needs, besides the theme."""
 HEAD_CSS = (
     _FOLDER / "frame.css",
     *PLAYER_CSS,
     _FOLDER / "measures.css",
     _FOLDER / "live.css",
 )
-_VARIABLE = re.compile(r"var\(--([a-z0-9-]+)")
 
 
 def head_style() -> str:
@@ -91,20 +89,3 @@ def make_theme() -> Base:
         input_border_color_dark="*neutral_700",
         slider_color="*primary_600",
     )
-
-
-def theme_variables(theme: Base) -> str:
-    """The theme's variables that `PLAYER_CSS` names, as CSS, for a page without Gradio."""
-    used = {name for path in PLAYER_CSS for name in _VARIABLE.findall(path.read_text())}
-    names = sorted(name for name in used | {"body-background-fill"} if _of(theme, name))
-    light = [f"--{name}: {_of(theme, name)};" for name in names]
-    dark = [f"--{name}: {_of(theme, f'{name}-dark') or _of(theme, name)};" for name in names]
-    return f":root {{ {' '.join(light)} }}\n.dark {{ {' '.join(dark)} }}\n"
-
-
-def _of(theme: Base, variable: str) -> str | None:
-    """What a variable stands for; a value that begins with a star names another one."""
-    value = getattr(theme, variable.replace("-", "_"), None)
-    if value is not None and value.startswith("*"):
-        return _of(theme, value[1:])
-    return value
