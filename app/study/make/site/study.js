@@ -47,7 +47,6 @@
   let pages = {}; // answers by trial
   let draft = null; // of the page that is shown
   let shownSince = 0; // when it appeared
-  let isRepaired = false;
   let isKept = true; // whether the browser keeps anything
 
   function storage(access) {
@@ -63,24 +62,14 @@
   const keyOf = (name) => `study/${study.study}/${who}/${name}`;
   const keep = (name, value) => storage((all) => all.setItem(keyOf(name), JSON.stringify(value)));
 
-  /** What was kept, if it is as it should be; a researcher may still read what is not. */
-  function kept(name, isRight) {
-    const text = storage((all) => all.getItem(keyOf(name)));
-    if (text === null) return null;
+  /** What was kept; null where nothing was, or nobody can read it. */
+  function kept(name) {
     try {
-      const found = JSON.parse(text);
-      if (found === null || isRight(found)) return found;
+      return JSON.parse(storage((all) => all.getItem(keyOf(name))));
     } catch {
-      // said below
+      return null;
     }
-    storage((all) => all.setItem(`${keyOf(name)}/damaged`, text));
-    isRepaired = true;
-    return null;
   }
-
-  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
-  const isAnswerOf = (trial, answer) => isObject(answer) && answer.trial === trial
-    && typeof answer.question === "string" && Array.isArray(answer.shown) && "value" in answer;
 
   /** The participant of this address, or a new one. */
   function load(isNew = false) {
@@ -92,12 +81,10 @@
     storage((all) => all.setItem(whoKey, `${who} ${list}`));
     pages = {};
     for (const [id] of study.lists[list]) {
-      const given = kept(`page/${id}`, (all) => Array.isArray(all) && all.every((one) => isAnswerOf(id, one)));
+      const given = kept(`page/${id}`);
       if (given) pages[id] = given;
     }
-    const screens = ["consent", "sound", "practice", "trial"];
-    about = kept("about", (all) => isObject(all) && screens.includes(all.screen)
-      && typeof all.started === "string" && typeof all.headphones === "string") || {
+    about = kept("about") || {
       started: new Date().toISOString(), finished: null, headphones: "skipped",
       screen: Object.keys(pages).length ? "trial" : "consent", arrived: 0, saved: null,
     };
@@ -114,10 +101,8 @@
   const isSent = () => Boolean(postTo) && about.finished !== null && about.arrived === answers().length;
 
   function openDraft(trial) {
-    const isDraft = (all) => isObject(all) && isObject(all.watched) && isObject(all.values)
-      && Array.isArray(all.reasons) && Number.isFinite(all.ms);
-    draft = kept("draft", isDraft);
-    if (!draft || draft.trial !== trial) draft = { trial, watched: {}, values: {}, reasons: [], ms: 0 };
+    draft = kept("draft");
+    if (draft?.trial !== trial) draft = { trial, watched: {}, values: {}, reasons: [], ms: 0 };
     shownSince = performance.now() - draft.ms;
   }
 
@@ -181,7 +166,6 @@
     document.getElementById("progress").value = number / total;
     ({ consent: showConsent, sound: showSoundCheck, practice: showPractice, trial: showTrial, finish: showFinish })[screen]();
     if (!isKept) main.append(problem(words.problems.storage));
-    if (isRepaired) main.append(problem(words.problems.repaired));
   }
 
   function goTo(screen) {
@@ -371,7 +355,6 @@
     }));
     keep(`page/${id}`, pages[id]);
     keep("draft", null);
-    isRepaired = false;
     goTo("trial");
     sendSoon();
   }
