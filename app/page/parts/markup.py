@@ -202,7 +202,7 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
     """
     button.click(
         None,
-        js=f'() => {{ import(new URL("web/reveal.js", document.baseURI))'
+        js=f'() => {{ import(new URL("web/begun.js", document.baseURI))'
         f'.then(({{ reveal }}) => reveal("{element.elem_id}")); }}',
         api_visibility="private",
     )

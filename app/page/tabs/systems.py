@@ -211,7 +211,7 @@ class MechanismRunner(FigureRunner):
         """
         first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
         super().__init__(services, [first.click])
-        press = 'import(new URL("web/once.js", document.baseURI))'
+        press = 'import(new URL("web/begun.js", document.baseURI))'
         press += '.then(({ pressOnce }) => pressOnce("mechanism-first"));'
         tab.select(None, js=f"() => {{ {press} }}", api_visibility="private")
 

@@ -53,6 +53,17 @@ export function iconButton(name, label, onclick, attributes = {}) {
   return button;
 }
 
+/** The first such element, as soon as there is one; null after a minute. */
+export async function found(selector) {
+  const until = performance.now() + 60_000;
+  let element = document.querySelector(selector);
+  while (!element && performance.now() < until) {
+    await new Promise((resolve) => setTimeout(resolve, 100));
+    element = document.querySelector(selector);
+  }
+  return element;
+}
+
 /** Seconds as m:ss.cc */
 export function clockText(seconds) {
   const whole = Math.max(0, Math.floor(seconds * 100 + 1e-6));

@@ -1,8 +1,8 @@
 /** A zip that is dropped anywhere on the page, but on a field for files, goes to the tab for motion of one's own: a run opens again. */
 
+import { found } from "./dom.js";
+
 const FIELD = "#own-motions input[type=file]";
-const EVERY_MS = 100;
-const PATIENCE_MS = 60_000;
 
 /** Called by Gradio's component, whose value is the name of the tab. */
 export function mountReopen(element, props) {
@@ -36,15 +36,4 @@ async function open(file, tab) {
 
 function press(element) {
   if (element instanceof HTMLElement) element.click();
-}
-
-/** The first such element, as soon as there is one; null after a while. */
-async function found(selector) {
-  const until = performance.now() + PATIENCE_MS;
-  while (performance.now() < until) {
-    const element = document.querySelector(selector);
-    if (element) return element;
-    await new Promise((resolve) => setTimeout(resolve, EVERY_MS));
-  }
-  return null;
 }

@@ -1,26 +1,10 @@
-/** GLB files: how they are fetched and read. */
+/** How GLB files are read. */
 
 const ARRAYS = {
   5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array,
 };
 /** Numbers of one element of an accessor. */
 const WIDTHS = { SCALAR: 1, VEC3: 3, VEC4: 4, MAT4: 16 };
-
-/** The bytes of a file; rejects with an Error that holds a sentence. */
-export async function fetched(url, signal) {
-  let response, content;
-  try {
-    response = await fetch(url, { signal });
-    content = await response.arrayBuffer();
-  } catch (cause) {
-    signal.throwIfAborted();
-    throw new Error("The 3D file cannot be fetched: the server does not answer.", { cause });
-  }
-  if (!response.ok) {
-    throw new Error(`The 3D file cannot be fetched: the server answers ${response.status}.`);
-  }
-  return content;
-}
 
 /** The document of a GLB, and `array(accessor)`: its numbers one after the other, as stored. */
 export function readGlb(content) {

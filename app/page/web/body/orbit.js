@@ -4,7 +4,7 @@
  *     const orbit = new Orbit();
  *     orbit.addEventListener("change", () => draw());
  *     orbit.hold(canvas);                 // dragging, wheel, fingers and keys there
- *     const eye = orbit.from(camera, 4);  // in place of the camera 4 m in front of the body
+ *     const { axes, eye } = orbit.from(camera, pelvis);  // in place of the camera
  */
 
 export const ORBIT_HELP = "Drag or arrow keys: turn. Plus, minus or wheel: nearer, farther. Shift and drag: move. Home: back to the front.";
@@ -17,24 +17,18 @@ const ZOOMS = [0.4, 10];
 const FARTHEST = 1.5; // metres to the side
 
 export class Orbit extends EventTarget {
-  #yaw = 0;
-  #pitch = 0;
-  #zoom = 1;
-  #aside = [0, 0]; // metres to the right and up
+  /** Everything about it, as `place` takes it: two angles, how near, and metres to the right and up. */
+  state = [0, 0, 1, 0, 0];
 
   /** Whether it stands anywhere else than where the file puts it. */
   get isMoved() {
-    return this.#yaw !== 0 || this.#pitch !== 0 || this.#zoom !== 1 || this.#aside.some((part) => part !== 0);
-  }
-
-  /** Everything about it, as `place` takes it: two angles, how near, and metres aside. */
-  get state() {
-    return [this.#yaw, this.#pitch, this.#zoom, ...this.#aside];
+    return String(this.state) !== "0,0,1,0,0";
   }
 
   place([yaw = 0, pitch = 0, zoom = 1, right = 0, up = 0]) {
-    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [yaw, within(pitch, -STEEPEST, STEEPEST), within(zoom, ...ZOOMS), [right, up].map((part) => within(part, -FARTHEST, FARTHEST))];
-    this.#tell();
+    const aside = [right, up].map((part) => within(part, -FARTHEST, FARTHEST));
+    this.state = [yaw, within(pitch, -STEEPEST, STEEPEST), within(zoom, ...ZOOMS), ...aside];
+    this.dispatchEvent(new Event("change"));
   }
 
   reset() {
@@ -43,49 +37,37 @@ export class Orbit extends EventTarget {
 
   /** Around the body, and above it; radians. */
   turn(yaw, pitch) {
-    this.#yaw += yaw;
-    this.#pitch = within(this.#pitch + pitch, -STEEPEST, STEEPEST);
-    this.#tell();
+    const [before, level, zoom, right, up] = this.state;
+    this.place([before + yaw, level + pitch, zoom, right, up]);
   }
 
   /** Nearer by a factor. */
   nearer(factor) {
-    this.#zoom = within(this.#zoom * factor, ...ZOOMS);
-    this.#tell();
+    const [yaw, pitch, zoom, right, up] = this.state;
+    this.place([yaw, pitch, zoom * factor, right, up]);
   }
 
   /** The body in the picture, by shares of the picture's height. */
   shift(right, up) {
-    const metres = 2 / this.#zoom; // about what the height shows
-    this.#aside = [this.#aside[0] - metres * right, this.#aside[1] - metres * up].map((part) => within(part, -FARTHEST, FARTHEST));
-    this.#tell();
+    const [yaw, pitch, zoom, x, y] = this.state;
+    const metres = 2 / zoom; // about what the height shows
+    this.place([yaw, pitch, zoom, x - metres * right, y - metres * up]);
   }
 
-  #tell() {
-    this.dispatchEvent(new Event("change"));
-  }
-
-  /**
-   * Where the camera stands instead of at `camera` (3 x 4, row by row; it looks along its negative
-   * third axis), which is `distance` metres from what it is moved around.
-   */
-  from(camera, distance) {
-    const axis = (index) => [camera[index], camera[4 + index], camera[8 + index]];
-    const middle = axis(3).map((part, i) => part - distance * axis(2)[i]);
-    const [sin, cos] = [Math.sin(this.#yaw), Math.cos(this.#yaw)];
-    const [right, up, back] = [0, 1, 2].map((index) => {
-      const [x, y, z] = axis(index);
-      return [cos * x + sin * z, y, cos * z - sin * x];
-    });
+  /** Where a camera, its axes right, up and backward, stands instead when it is moved around a place. */
+  from({ axes, eye }, around) {
+    const distance = axes[2].reduce((sum, part, k) => sum + part * (eye[k] - around[k]), 0);
+    const middle = eye.map((part, k) => part - distance * axes[2][k]);
+    const [yaw, tilt, zoom, aside, raised] = this.state;
+    const [sin, cos] = [Math.sin(yaw), Math.cos(yaw)];
+    const [right, up, back] = axes.map(([x, y, z]) => [cos * x + sin * z, y, cos * z - sin * x]);
     const level = Math.asin(within(back[1], -1, 1));
-    const pitch = within(level + this.#pitch, -STEEPEST, STEEPEST) - level;
+    const pitch = within(level + tilt, -STEEPEST, STEEPEST) - level;
     const [rise, run] = [Math.sin(pitch), Math.cos(pitch)];
     const above = up.map((part, i) => run * part - rise * back[i]);
     const behind = back.map((part, i) => run * part + rise * up[i]);
-    const eye = middle.map((part, i) => {
-      return part + this.#aside[0] * right[i] + this.#aside[1] * above[i] + (distance / this.#zoom) * behind[i];
-    });
-    return [0, 1, 2].flatMap((i) => [right[i], above[i], behind[i], eye[i]]);
+    const moved = middle.map((part, i) => part + aside * right[i] + raised * above[i] + (distance / zoom) * behind[i]);
+    return { axes: [right, above, behind], eye: moved };
   }
 
   /**

@@ -1,6 +1,6 @@
 /** The stage's clock while somebody speaks; as Lockstep is that of a run. Moments are those of what is kept of the motion. */
 
-import { FPS } from "../rates.js";
+import { FPS } from "../stage/motion.js";
 
 /** Emits "time" for each picture that may be drawn, "state" when it begins and ends. */
 export class LiveClock extends EventTarget {

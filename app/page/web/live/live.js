@@ -6,11 +6,10 @@
 
 import { make } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
-import { DisplayBar } from "../player/displays.js";
-import { theFacts } from "../stage/facts.js";
+import { Displays } from "../player/displays.js";
+import { answered, theFacts } from "../fetched.js";
 import { Look } from "../stage/look.js";
 import { theBody } from "../stage/mesh.js";
-import { More } from "../stage/more.js";
 import { unpacked } from "../stage/motion.js";
 import { Stage } from "../stage/stage.js";
 import { LiveClock } from "./clock.js";
@@ -120,10 +119,9 @@ class Live {
       this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
       return;
     }
-    const more = new More(this.#look, this.#stage.orbit, {}, ["isAligned", "hasWords"]);
-    this.#bar = new DisplayBar(this.#look, () => this.#stage, more.element);
+    this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords"]);
     const others = make("div", { class: "group compare" }, this.#bar.closeUp, this.#bar.more);
-    this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), more.element);
+    this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), this.#bar.box);
     this.#bar.update();
     this.#stage.element.addEventListener("drawn", ({ detail }) => this.#isDrawn(detail));
     this.#look.addEventListener("change", () => this.#lookAhead());
@@ -220,9 +218,7 @@ class Live {
       if (!file.files.length) throw new Error("Choose a file first.");
       return file.files[0].arrayBuffer();
     }
-    const answer = await fetch(source.value);
-    if (!answer.ok) throw new Error("The example cannot be fetched; load the page again.");
-    return answer.arrayBuffer();
+    return (await answered(source.value)).arrayBuffer();
   }
 
   /**

@@ -1,7 +1,7 @@
 /** The bar under the stage: time, what is shown, and how bodies are compared. */
 
 import { clockText, iconButton, make, relabel } from "../dom.js";
-import { DisplayBar } from "./displays.js";
+import { Displays } from "./displays.js";
 import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];
@@ -16,20 +16,20 @@ export class Controls {
   #audio;
   #look;
 
-  /** `view` is the Stage; of none the bar is hidden. */
-  constructor(player, view, audio, look, more) {
+  /** `view` is the Stage; of none the bar is hidden. `views` are as Displays has them. */
+  constructor(player, view, audio, look, views) {
     this.#player = player;
     this.#view = view;
     this.#audio = audio;
     this.#look = look;
-    this.#build(more);
+    this.#build(views);
     player.addEventListener("time", () => this.#showTime());
     player.addEventListener("state", () => this.update());
     look.addEventListener("change", () => this.update());
     this.update();
   }
 
-  #build(more) {
+  #build(views) {
     this.play = iconButton("play", "Play", () => this.#player.toggle(), { class: "play" });
     const back = iconButton("back", "One frame back", () => this.#player.step(-1));
     const forward = iconButton("forward", "One frame on", () => this.#player.step(1));
@@ -47,13 +47,12 @@ export class Controls {
       make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );
     this.pairBox = make("span", { class: "pair", hidden: true }, ...this.pair);
-    this.displayBar = new DisplayBar(this.#look, () => this.#view, more);
-    const { closeUp } = this.displayBar;
+    this.displays = new Displays(this.#look, this.#view, views);
     const left = make("div", { class: "group going" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group pace" }, this.speed, this.loop, this.sound);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
-    const right = make("div", { class: "group compare" }, closeUp, this.modes, this.displayBar.more, keys);
-    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displayBar.element, right);
+    const right = make("div", { class: "group compare" }, this.displays.closeUp, this.modes, this.displays.more, keys);
+    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays.element, right);
     this.#view?.view.append(this.pairBox); // over the picture, each on the side of its close-ups
   }
 
@@ -66,7 +65,7 @@ export class Controls {
     this.loop.setAttribute("aria-pressed", String(loop !== null));
     relabel(this.sound, this.#audio.muted ? "silent" : "sound", this.#audio.muted ? "Sound on" : "Sound off");
     for (const button of this.modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === this.#view.mode));
-    this.displayBar.update();
+    this.displays.update();
     this.#showPair();
     this.#showTime();
   }
@@ -124,7 +123,7 @@ export class Controls {
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (/^[1-9]$/.test(key)) this.#view.enlargeNumber(Number(key));
     else if (actions[key]) actions[key]();
-    else return this.displayBar.press(key);
+    else return this.displays.press(key);
     return true;
   }
 }

@@ -1,51 +1,113 @@
-/** What switches displays of bodies: in the bar of a run, and under the body that follows somebody who speaks. */
+/** What switches displays of bodies: the usual ones in a bar, the rarer behind its last button. */
 
 import { iconButton, make } from "../dom.js";
+import { theFacts } from "../fetched.js";
+import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
+import { DISPLAYS } from "../stage/look.js";
 
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
+const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
 const STRONG = 20; // what the key makes of tremble
+const SMOOTHED = "Behind the filter that papers smooth their motion with (Savitzky and Golay, 7 frames)";
 
-export class DisplayBar {
+export class Displays {
   #look;
-  #viewOf;
-  #factor;
-  #factorText;
-  #toggles;
-  #folded;
+  #stage;
+  #shows = []; // each has a control say what is the case
 
   /**
    * @param {import("../stage/look.js").Look} look
-   * @param {() => any} viewOf Gives the Stage that is steered.
-   * @param {HTMLElement} folded What stands behind the button of rarer ones.
+   * @param {any} stage Null where the browser draws none: then nobody sees this.
+   * @param {Record<string, () => void>} views Buttons of the player's own, and what each does.
+   * @param {string[]} without Displays that would do nothing.
    */
-  constructor(look, viewOf, folded) {
+  constructor(look, stage, views, without = []) {
     this.#look = look;
-    this.#viewOf = viewOf;
-    this.#folded = folded;
-    this.closeUp = make("select", { "aria-label": "Close-up", onchange: () => viewOf().setCloseUp(this.closeUp.value) });
-    this.closeUp.append(...Object.entries(CLOSE_UPS).map(([value, label]) => make("option", { value }, label)));
-    this.#factor = make("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Tremble, times as large", oninput: () => look.set("factor", factorAt(Number(this.#factor.value))) });
-    this.#factorText = make("button", { type: "button", class: "worded factor", title: `Tremble ${STRONG} times as large`, onclick: () => this.press("e") });
-    const toggle = (label, name, title) =>
-      make("button", { type: "button", class: "worded", "data-look": name, title, onclick: () => this.#flip(name) }, label);
-    this.#toggles = [toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk")];
-    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.#factor), this.#factorText, ...this.#toggles);
-    this.more = iconButton("more", "More displays and views", () => this.#fold(), { class: "more", "aria-expanded": "false" });
+    this.#stage = stage;
+    this.closeUp = this.#select("Close-up", () => stage?.closeUp, (value) => stage.setCloseUp(value));
+    this.closeUp.append(...optionsOf(Object.entries(CLOSE_UPS)));
+    const tremble = this.#input({ type: "range", min: 0, max: 1, step: "any", "aria-label": "Tremble, times as large" }, "value", () => shareOf(look.get("factor")), (share) => look.set("factor", factorAt(Number(share))));
+    const factor = this.#button("", "factor", `Tremble ${STRONG} times as large`, () => this.press("e"));
+    this.#shows.push(() => {
+      const times = look.get("factor");
+      factor.textContent = `×${times < 9.95 ? Math.round(10 * times) / 10 : Math.round(times)}`;
+      factor.setAttribute("aria-pressed", String(times !== 1));
+    });
+    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, tremble), factor,
+      this.#toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), this.#toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk"));
+    const rarer = Object.entries(DISPLAYS).filter(([name, told]) => (told.slider || told.choice || told.toggle) && !without.includes(name));
+    const controls = rarer.map(([name, told]) => this.#control(name, told));
+    const smoothed = this.#checkbox("Smoothed", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page
+    smoothed.title = SMOOTHED;
+    controls.splice(1 + rarer.findLastIndex(([, { toggle }]) => toggle), 0, smoothed);
+    const button = ([label, onclick]) => make("button", { type: "button", onclick }, label);
+    const sides = Object.entries(SIDES).map(([label, side]) => button([label, () => stage.orbit.place(side)]));
+    this.box = make("div", { class: "more-box", hidden: true, role: "group", "aria-label": "More displays and views", onkeydown: ({ key }) => this.#leave(key) },
+      ...controls, make("span", { class: "switch", role: "group", "aria-label": "Camera" }, ...sides), ...Object.entries(views).map(button));
+    this.more = iconButton("more", "More displays and views", () => this.fold(), { class: "more" });
     look.addEventListener("change", () => this.update());
-    folded.addEventListener("keydown", ({ key }) => this.#leave(key));
+    followFilter(() => this.update());
+  }
+
+  #button(label, name, title, onclick) {
+    return make("button", { type: "button", class: `worded ${name}`, title, onclick }, label);
+  }
+
+  #toggle(label, name, title) {
+    const button = this.#button(label, "", title, () => this.#flip(name));
+    button.dataset.look = name;
+    this.#shows.push(() => button.setAttribute("aria-pressed", String(this.#look.get(name))));
+    return button;
+  }
+
+  #select(label, get, set) {
+    const select = make("select", { "aria-label": label, onchange: () => set(select.value) });
+    this.#shows.push(() => (select.value = get()));
+    return select;
+  }
+
+  /** `property` holds its value. */
+  #input(attributes, property, get, set) {
+    const input = make("input", { ...attributes, oninput: () => set(input[property]) });
+    this.#shows.push(() => input[property] === String(get()) || (input[property] = get()));
+    return input;
+  }
+
+  #checkbox(label, get, set) {
+    return make("label", {}, this.#input({ type: "checkbox" }, "checked", get, set), make("span", {}, label));
+  }
+
+  /** @type {(name: string, told: import("../stage/look.js").Display) => any} */
+  #control(name, { range, slider, choice, toggle }) {
+    const get = () => this.#look.get(name);
+    const set = (value) => this.#look.set(name, value);
+    if (toggle) return this.#checkbox(toggle, get, set);
+    if (choice) {
+      const select = this.#select(choice.label, get, set);
+      const know = (facts) => {
+        select.append(...optionsOf(choice.options(facts)));
+        this.update();
+      };
+      theFacts().then(know, () => {}); // the stage says why
+      return make("label", {}, make("span", {}, choice.word), select);
+    }
+    const [{ label, unit, step }, [min, max], value] = [slider, range, make("output", {})];
+    this.#shows.push(() => (value.textContent = `${get()} ${unit}`));
+    return make("label", {}, make("span", {}, label), this.#input({ type: "range", min, max, step, "aria-label": label }, "value", get, (text) => set(Number(text))), value);
+  }
+
+  /** Open the box, or close it. */
+  fold() {
+    this.box.hidden = !this.box.hidden;
+    this.update();
+    if (this.box.hidden) this.more.focus();
+    else this.box.scrollIntoView({ block: "nearest" });
   }
 
   #leave(key) {
-    const isLeft = key === "Escape" && !this.#folded.hidden;
-    if (isLeft) this.#fold();
+    const isLeft = key === "Escape" && !this.box.hidden;
+    if (isLeft) this.fold();
     return isLeft;
-  }
-
-  #fold() {
-    this.#folded.hidden = !this.#folded.hidden;
-    this.update();
-    if (this.#folded.hidden) this.more.focus();
-    else this.#folded.scrollIntoView({ block: "nearest" });
   }
 
   #flip(name) {
@@ -53,19 +115,14 @@ export class DisplayBar {
   }
 
   update() {
-    this.more.setAttribute("aria-expanded", String(!this.#folded.hidden));
-    this.closeUp.value = this.#viewOf()?.closeUp;
-    const factor = this.#look.get("factor");
-    if (Math.abs(factorAt(Number(this.#factor.value)) - factor) > 1e-6) this.#factor.value = String(Math.log(factor) / Math.log(STRONG));
-    this.#factorText.textContent = `×${factor < 9.95 ? Math.round(10 * factor) / 10 : Math.round(factor)}`;
-    this.#factorText.setAttribute("aria-pressed", String(factor !== 1));
-    for (const button of this.#toggles) button.setAttribute("aria-pressed", String(this.#look.get(button.dataset.look)));
+    this.more.setAttribute("aria-expanded", String(!this.box.hidden));
+    for (const show of this.#shows) show();
   }
 
   /** What a key does; true if it does anything. */
   press(key) {
     const actions = {
-      c: () => this.#viewOf().nextCloseUp(),
+      c: () => this.#stage.nextCloseUp(),
       e: () => this.#look.set("factor", this.#look.get("factor") === 1 ? STRONG : 1),
       j: () => this.#flip("hasHeat"),
       t: () => this.#flip("hasTrail"),
@@ -76,8 +133,16 @@ export class DisplayBar {
   }
 }
 
+function optionsOf(entries) {
+  return entries.map(([value, label]) => make("option", { value }, label));
+}
+
 /** The slider is even in how much more there is. */
 function factorAt(share) {
   const factor = STRONG ** share;
   return Math.abs(factor - 1) < 0.02 ? 1 : factor;
+}
+
+function shareOf(factor) {
+  return Math.log(factor) / Math.log(STRONG);
 }

@@ -4,7 +4,7 @@
  */
 
 import { drag, make } from "../dom.js";
-import { FPS } from "../rates.js";
+import { FPS } from "../stage/motion.js";
 import { hasEnd, stretched } from "./plan.js";
 
 const STEPS_S = { ArrowLeft: -0.1, ArrowRight: 0.1, ",": -1 / FPS, ".": 1 / FPS };

@@ -5,7 +5,7 @@
  * more is still to come it waits short of the last frame there is.
  */
 
-import { FPS } from "../rates.js";
+import { FPS } from "../stage/motion.js";
 
 const FRAME_S = 1 / FPS;
 const AT_HAND_FRAMES = 2; // the last ones that have come are not run into

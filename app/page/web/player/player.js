@@ -5,10 +5,9 @@
  */
 
 import { make } from "../dom.js";
-import { FPS } from "../rates.js";
+import { FPS } from "../stage/motion.js";
 import { readHash, writeHash } from "../stage/address.js";
 import { Look } from "../stage/look.js";
-import { More } from "../stage/more.js";
 import { saidOtherwise } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
@@ -40,7 +39,6 @@ class Player {
   #stage = null;
   #videos = new Videos(this.#lockstep);
   #noting = 0;
-  #more = make("div", { hidden: true });
   sounds = make("select", { class: "sounds", "aria-label": "Whose sound plays", hidden: true, onchange: () => this.#playOther() });
   #why = make("p", { class: "no-stage", role: "note", hidden: true }, NO_STAGE);
 
@@ -52,8 +50,7 @@ class Player {
       this.#why.hidden = false; // no WebGL here
     }
     const orbit = this.#stage?.orbit;
-    if (orbit) this.#more = new More(this.#look, orbit, { "Make a video of this": () => this.#makeVideo() }).element;
-    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, this.#more);
+    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, { "Make a video of this": () => this.#makeVideo() });
     this.timeline = new Timeline(this.#lockstep);
     this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage(), onExpected: (places) => this.#stage?.expect(places) });
     this.editing.toggle.addEventListener("click", () => this.editing.isOpen && this.#foldForm(true));
@@ -62,7 +59,7 @@ class Player {
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, seen, this.#videos.element, this.controls.element, this.#more, this.editing.element, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.#why, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     new ResizeObserver(() => this.#stage?.fit()).observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
@@ -133,9 +130,7 @@ class Player {
   /** The server draws what is seen now, and tells of it under the stage. */
   #makeVideo() {
     this.#press(".seen-start");
-    this.#more.hidden = true;
-    this.controls.update();
-    this.controls.displayBar.more.focus();
+    this.controls.displays.fold();
   }
 
   /** A hidden button of the tab. */

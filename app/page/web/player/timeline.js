@@ -3,7 +3,7 @@
 import { clockText, drag, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
-import { FPS } from "../rates.js";
+import { FPS } from "../stage/motion.js";
 import { accentsOf, beginOf, ORIGINS } from "./plan.js";
 import { Tiers } from "./tiers.js";
 

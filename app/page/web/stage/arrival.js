@@ -1,5 +1,6 @@
 /** A motion that comes window by window: its file grows, and what is new of it is fetched. */
 
+import { answered } from "../fetched.js";
 import { joined, unpacked } from "./motion.js";
 
 const GROWN = 1.2; // so many times as long, it is worth working out anew
@@ -39,13 +40,7 @@ export class Arrival {
 }
 
 async function bytesOf(url, from, to) {
-  let answer;
-  try {
-    answer = await fetch(url, { headers: { Range: `bytes=${from}-${to - 1}` }, cache: "no-store" });
-  } catch (cause) {
-    throw new Error("The motion cannot be fetched: the server does not answer.", { cause });
-  }
-  if (!answer.ok) throw new Error("The motion cannot be fetched: it is kept no longer.");
+  const answer = await answered(url, { headers: { Range: `bytes=${from}-${to - 1}` }, cache: "no-store" });
   const content = await answer.arrayBuffer();
   return answer.status === 206 ? content : content.slice(from, to); // a proxy may send the whole
 }

@@ -9,54 +9,53 @@ const AXIS_M = 0.07;
 const FINE_AXIS_M = 0.018; // of fingers and face
 
 /**
- * Corners for `Painter.ink`: a line from each joint to its parent.
+ * A body as a panel shows it: its joints, 3 x 4 one after the other, shifted by metres, through a camera's matrix; pixels of
+ * the panel; and the joints that it shows, null for all.
  *
- * @param {Float32Array} world Of the joints, 3 x 4 one after the other.
- * @param {ArrayLike<number>} parents
- * @param {number[]} matrix Of the camera.
- * @param {[number, number]} size Pixels of the panel.
- * @param {number[]} shift Metres.
- * @param {number[] | null} drawn Joints that the panel shows; null for all.
+ * @typedef {{ world: Float32Array, shift: number[], matrix: number[], size: [number, number], drawn?: number[] | null }} Seen
  */
-export function boneCorners(world, parents, matrix, [width, height], shift, drawn = null) {
+
+/** Corners for `Painter.ink`: a line from each joint to its parent. @type {(seen: Seen, parents: ArrayLike<number>) => number[]} */
+export function boneCorners(seen, parents) {
   const corners = [];
-  const isDrawn = (joint) => !drawn || drawn.includes(joint);
-  const places = Array.from(parents, (_, joint) => inPanel(world, joint, [0, 0, 0], matrix, [width, height], shift));
+  const isDrawn = (joint) => !seen.drawn || seen.drawn.includes(joint);
+  const places = Array.from(parents, (_, joint) => inPanel(seen, joint, [0, 0, 0]));
   for (const [wide, color] of [[4, EDGE], [2, BONE]]) {
     for (const [joint, parent] of Array.from(parents).entries()) {
-      if (parent >= 0 && isDrawn(joint) && isDrawn(parent)) line(corners, places[parent], places[joint], wide, color, [width, height]);
+      if (parent >= 0 && isDrawn(joint) && isDrawn(parent)) line(corners, places[parent], places[joint], wide, color, seen.size);
     }
   }
   return corners;
 }
 
-/**
- * The same of three short lines at each joint: where its own x, y and z point. `isFine` says which
- * joints are so near each other that theirs are shorter.
- */
-export function axisCorners(world, isFine, matrix, [width, height], shift, drawn = null) {
+/** The same of three short lines where each joint's own x, y and z point, shorter of the `fine`. @type {(seen: Seen, fine: boolean[]) => number[]} */
+export function axisCorners(seen, fine) {
   const corners = [];
-  for (const [joint, fine] of isFine.entries()) {
-    if (drawn && !drawn.includes(joint)) continue;
-    const at = inPanel(world, joint, [0, 0, 0], matrix, [width, height], shift);
+  for (const [joint, isFine] of fine.entries()) {
+    if (seen.drawn && !seen.drawn.includes(joint)) continue;
     for (const [axis, color] of AXES.entries()) {
-      const offset = [0, 0, 0];
-      offset[axis] = fine ? FINE_AXIS_M : AXIS_M;
-      line(corners, at, inPanel(world, joint, offset, matrix, [width, height], shift), fine ? 1.5 : 2.5, color, [width, height]);
+      const end = [0, 0, 0].with(axis, isFine ? FINE_AXIS_M : AXIS_M);
+      line(corners, inPanel(seen, joint, [0, 0, 0]), inPanel(seen, joint, end), isFine ? 1.5 : 2.5, color, seen.size);
     }
   }
   return corners;
 }
 
-/** Pixels of a point that is rigid with a joint; null behind the camera. */
-export function inPanel(world, joint, offset, matrix, [width, height], shift) {
-  /** @type {any} */
-  const place = [0, 1, 2].map((row) => {
-    const at = 12 * joint + 4 * row;
-    return world[at] * offset[0] + world[at + 1] * offset[1] + world[at + 2] * offset[2] + world[at + 3] + shift[row];
+/** Where a point is that is rigid with a joint. */
+export function rigid(world, joint, offset) {
+  const [x, y, z] = offset;
+  return [0, 4, 8].map((row) => {
+    const at = 12 * joint + row;
+    return world[at] * x + world[at + 1] * y + world[at + 2] * z + world[at + 3];
   });
+}
+
+/** Its pixels; null behind the camera. */
+export function inPanel({ world, shift, matrix, size }, joint, offset) {
+  /** @type {any} */
+  const place = rigid(world, joint, offset).map((part, k) => part + shift[k]);
   const seen = projected(matrix, place);
-  return seen && [seen[0] * width, seen[1] * height];
+  return seen && seen.map((share, k) => share * size[k]);
 }
 
 /** Adds a line from one pixel to another, if both are known. */

@@ -4,8 +4,7 @@
  * A build is { positions, normals }, as those of the mesh; it has the mesh's joints and face.
  */
 
-import { fetched } from "../body/glb.js";
-import { fetchedOnce } from "../fetched_once.js";
+import { answered, fetchedOnce } from "../fetched.js";
 
 const BUILDS_URL = "stage/builds.bin";
 const FULL = 32767; // of a normal's part
@@ -15,7 +14,7 @@ const FULL = 32767; // of a normal's part
  *
  * @type {(mesh: import("./mesh.js").Mesh, told: import("../told").Facts["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
  */
-export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await fetched(BUILDS_URL, new AbortController().signal), mesh, told));
+export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await (await answered(BUILDS_URL)).arrayBuffer(), mesh, told));
 
 /** As renderer/files/glb.py writes them; the first of the names is the mesh itself. */
 export function readBuilds(content, mesh, { names, step }) {

@@ -1,6 +1,6 @@
 /** Filters over time, as model/motion has them: numbers in, numbers out. `(T, C)` is row by row. */
 
-import { FPS } from "../rates.js";
+import { FPS } from "./motion.js";
 
 const PADDING = 15; // frames
 const SAVGOL_FRAMES = 7;

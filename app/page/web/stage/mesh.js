@@ -3,13 +3,13 @@
  * same vertices for machines that draw slowly.
  */
 
-import { fetched, readGlb } from "../body/glb.js";
-import { fetchedOnce } from "../fetched_once.js";
+import { readGlb } from "../body/glb.js";
+import { answered, fetchedOnce } from "../fetched.js";
 
 const BODY_URL = "live/body.glb";
 
 /** @type {() => Promise<Mesh>} The page's one body. */
-export const theBody = fetchedOnce(async () => new Mesh(readGlb(await fetched(BODY_URL, new AbortController().signal))));
+export const theBody = fetchedOnce(async () => new Mesh(readGlb(await (await answered(BODY_URL)).arrayBuffer())));
 
 export class Mesh {
   positions; // at rest, (V, 3) one after the other, as all below

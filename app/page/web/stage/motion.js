@@ -1,6 +1,7 @@
 /** Motion as it travels to the browser: "Live frames" of docs/formats.md, one message after the other. */
 
 export const NUM_JOINTS = 55;
+export const FPS = 30; // motion frames per second
 const HEADER_BYTES = 20;
 const DAMAGED = "The motion that came is damaged.";
 

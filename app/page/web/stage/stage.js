@@ -8,17 +8,16 @@
 import { ORBIT_HELP, Orbit } from "../body/orbit.js";
 import { drag, iconButton, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
-import { FPS } from "../rates.js";
+import { theFacts } from "../fetched.js";
 import { Arrival } from "./arrival.js";
 import { Shown } from "./displays.js";
-import { theFacts } from "./facts.js";
 import { filesOf } from "./files.js";
 import { derivative } from "./filters.js";
 import { Framing, GLIDE_MS, lens, projected } from "./framing.js";
 import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
-import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
-import { axisCorners, boneCorners, inPanel, line } from "./bones.js";
+import { FPS, NUM_JOINTS, partlyBack, placed } from "./motion.js";
+import { axisCorners, boneCorners, inPanel, line, rigid } from "./bones.js";
 import { cells, grid, isPairWide, isWide, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { isSoftware, Pace } from "./pace.js";
@@ -728,27 +727,20 @@ export class Stage {
     if (this.#look.get("hasTrail") && !options.ink && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
   }
 
-  /**
-   * Skeleton, axes and where hands are to be over the body; `options` are `clip` and `shift` of Painter.panel.
-   *
-   * @param {any} panel
-   * @param {any} entry
-   * @param {number[]} matrix
-   * @param {{ clip?: number[], shift?: number[] }} options
-   */
-  #drawBones({ rect, view, drawn }, entry, matrix, options) {
-    const { clip, shift = [0, 0, 0] } = options;
-    /** @type {[number, number]} */
-    const size = [rect[2], rect[3]];
-    if (this.#look.get("hasBones")) this.#painter.ink(rect, boneCorners(entry.stands, this.#mesh.parents, matrix, size, shift, view && drawn), clip);
-    if (this.#look.get("hasAxes")) this.#painter.ink(rect, axisCorners(entry.stands, this.#fine, matrix, size, shift, view && drawn), clip);
+  /** Skeleton, axes and where hands are to be over the body; `clip` and `shift` as of Painter.panel. */
+  #drawBones({ rect, view, drawn }, entry, matrix, { clip = undefined, shift = [0, 0, 0] }) {
+    const ink = (corners) => this.#painter.ink(rect, corners, clip);
+    /** @type {import("./bones.js").Seen} */
+    const seen = { world: entry.stands, shift, matrix, size: [rect[2], rect[3]], drawn: view && drawn };
+    if (this.#look.get("hasBones")) ink(boneCorners(seen, this.#mesh.parents));
+    if (this.#look.get("hasAxes")) ink(axisCorners(seen, this.#fine));
     if (view) return;
     const corners = [];
     for (const [side, [out, up, forward]] of this.#expected) {
-      const place = inPanel(entry.stands, this.#mesh.names.indexOf("spine3"), [side === "left" ? out : -out, up, forward], matrix, size, shift);
-      for (const [half, color] of EXPECTED) line(corners, place && [place[0] - half, place[1]], place && [place[0] + half, place[1]], 2 * half, color, size);
+      const place = inPanel(seen, this.#mesh.names.indexOf("spine3"), [side === "left" ? out : -out, up, forward]);
+      for (const [half, color] of EXPECTED) line(corners, place && [place[0] - half, place[1]], place && [place[0] + half, place[1]], 2 * half, color, seen.size);
     }
-    this.#painter.ink(rect, corners, clip);
+    ink(corners);
   }
 
   /** Of each joint, whether it is one of many close to each other. */
@@ -770,9 +762,7 @@ export class Stage {
     if (!this.orbit.isMoved) return { axes, eye: place };
     const height = this.#framing.floor + this.#facts.framing.middle;
     const pelvis = this.#framing.isFollowing ? [along[0], height, along[2]] : [this.#framing.centre[0], height, this.#framing.centre[1]];
-    const distance = axes[2].reduce((sum, part, k) => sum + part * (place[k] - pelvis[k]), 0);
-    const moved = this.orbit.from([0, 1, 2].flatMap((k) => [axes[0][k], axes[1][k], axes[2][k], place[k]]), distance);
-    return { axes: [0, 1, 2].map((axis) => [moved[axis], moved[4 + axis], moved[8 + axis]]), eye: [moved[3], moved[7], moved[11]] };
+    return this.orbit.from({ axes, eye: place }, pelvis);
   }
 
   // -------------------------------------------------------------- the trail
@@ -824,10 +814,7 @@ export class Stage {
       const tip = this.#facts.marks.tips[point];
       const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
       const offset = [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0));
-      known.set(frame, [0, 4, 8].map((row) => {
-        const m = 12 * joint + row;
-        return world[m] * offset[0] + world[m + 1] * offset[1] + world[m + 2] * offset[2] + world[m + 3];
-      }));
+      known.set(frame, rigid(world, joint, offset));
     }
     return known.get(frame);
   }

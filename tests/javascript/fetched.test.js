@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { fetchedOnce } from "../../app/page/web/fetched_once.js";
+import { fetchedOnce } from "../../app/page/web/fetched.js";
 
 test("all calls share one answer", async () => {
   let asked = 0;

@@ -1,0 +1,27 @@
+/** What a click on the page begins. */
+
+import { found } from "./dom.js";
+
+const SETTLED_MS = 2000; // in which what comes and goes above results moves them
+const pressed = new Set();
+
+/** Press what has an id, once, as soon as it is there: what a part of the page begins when it is first looked at. */
+export async function pressOnce(id) {
+  if (pressed.has(id)) return;
+  pressed.add(id);
+  (await found(`#${id}`))?.click();
+}
+
+/** Scroll to the results that hold the element of that id, unless their beginning is seen already. */
+export async function reveal(id) {
+  const element = await found(`#${id}`);
+  const results = element?.closest(".results") ?? element;
+  const behavior = matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth";
+  const look = () => {
+    const { top } = results.getBoundingClientRect();
+    if (top < 0 || top > innerHeight / 2) results.scrollIntoView({ behavior, block: "start" });
+  };
+  look();
+  const settling = setTimeout(look, SETTLED_MS);
+  for (const act of ["wheel", "touchstart", "pointerdown", "keydown"]) addEventListener(act, () => clearTimeout(settling), { once: true, capture: true, passive: true });
+}
