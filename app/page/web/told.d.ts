@@ -44,8 +44,8 @@ export interface Editing {
   /** The run's own rows that can be edited. */
   rows: string[];
   /** By row what edits can start from. `from` is the row whose plan was changed, `told` the address of
-   * an `EditorTold`, `fresh` the seconds that were made anew. */
-  known: Record<string, { of: string; from: string; told: string; fresh: [number, number][] }>;
+   * an `EditorTold`. */
+  known: Record<string, { of: string; from: string; told: string }>;
   said: string;
   refused: boolean;
   state: string;

@@ -20,10 +20,6 @@ export class Rolling {
   #centre = null; // x and z
   #tracks = new Map(); // by view: the middle of a close-up, (T, 3)
 
-  /**
-   * @param {import("../stage/mesh.js").Mesh} mesh
-   * @param {number} maxTurn As of Shown.
-   */
   constructor(mesh, maxTurn) {
     this.#mesh = mesh;
     this.#maxTurn = maxTurn;
@@ -90,11 +86,9 @@ export class Rolling {
 }
 
 /** Cameras for a motion that nobody knows yet: framed for all that it hardly leaves, and along with it. */
-export class Following {
-  isFollowing = false; // the ground does
-  #still;
+export class Following extends Framing {
   #rolling;
-  #nowhere = new Float32Array(3 * KEPT_FRAMES);
+  #nowhere = new Float32Array(3 * KEPT_FRAMES); // the ground goes along
 
   /**
    * @param {import("../stage/mesh.js").Mesh} mesh
@@ -104,29 +98,9 @@ export class Following {
    */
   constructor(mesh, facts, reaches, rolling) {
     const { framing } = facts;
-    const still = { ...framing, fingertip: framing.fingertip + ROOM_M, walk_sigma: AT_ONCE, face_sigma: AT_ONCE, hand_sigma: AT_ONCE };
-    this.#still = new Framing(mesh, { ...facts, framing: still }, [new Shown(reaches, mesh, 0).version(false).places]);
+    const still = { ...framing, fingertip: framing.fingertip + ROOM_M, follow_beyond: Infinity, walk_sigma: AT_ONCE, face_sigma: AT_ONCE, hand_sigma: AT_ONCE };
+    super(mesh, { ...facts, framing: still }, [new Shown(reaches, mesh, 0).version(false).places]);
     this.#rolling = rolling;
-  }
-
-  get floor() {
-    return this.#still.floor;
-  }
-
-  get centre() {
-    return this.#still.centre;
-  }
-
-  get halfSize() {
-    return this.#still.halfSize;
-  }
-
-  body(view, aspect, isWhole) {
-    return this.#still.body(view, aspect, isWhole);
-  }
-
-  closeUp(panel, aspect) {
-    return this.#still.closeUp(panel, aspect);
   }
 
   track(_body, closeUp = null) {

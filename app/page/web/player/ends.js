@@ -21,15 +21,7 @@ export class PhaseEnd {
   #by = 0; // seconds by which it stands elsewhere than in the plan
   #asked = 0; // of these, what has been asked for
 
-  /**
-   * @param {import("./tiers.js").Tiers} tiers
-   * @param {object} told
-   * @param {(clientX: number) => number} told.secondsAt
-   * @param {() => boolean} told.isBusy whether nothing can be asked for now
-   * @param {(chosen: import("../told").Chosen, from: number, to: number) => void} told.onMoved
-   *   called with the end of a phase in the plan and where it is to be
-   * @param {() => void} told.onShown called when it stands elsewhere
-   */
+  /** `isBusy` says that nothing can be asked for now; `onMoved` takes what is chosen, its end and where that is to be; `onShown` is called when it stands elsewhere. */
   constructor(tiers, { secondsAt, isBusy, onMoved, onShown }) {
     this.#tiers = tiers;
     this.#secondsAt = secondsAt;
@@ -45,12 +37,7 @@ export class PhaseEnd {
     });
   }
 
-  /**
-   * The phase whose end it is, if it has one that can be moved; null hides it.
-   *
-   * @param {import("../told").Chosen | null} chosen
-   * @param {boolean} goesOn that it is the phase that it was, of another plan
-   */
+  /** The phase whose end it is, if it has one that can be moved; null hides it. `goesOn` says that it is the phase that it was, of another plan. */
   show(chosen, goesOn = false) {
     if (!goesOn || !chosen) this.#forget();
     const { plan } = this.#tiers;

@@ -6,7 +6,6 @@
 import { make, WHOLE } from "../dom.js";
 import { classOf, labelOf, sentenceOf, TIERS, timesOf, within } from "./plan.js";
 
-const MOST = 600; // boxes in a tier; of more, strokes alone, and of more of these none
 const BEFORE = -0.004; // share of the width by which boxes begin before what is shown
 const MARK = { nods: "nod", brows: "brow", blinks: "blink" }; // moments, drawn as marks of one width
 
@@ -15,9 +14,8 @@ export class Tiers {
   /** @type {import("../told").Plan | null} */
   #plan = null;
   #said = { words: [], accents: [] };
-  #tiers; // of TIERS, each with its lane, its box, and its buttons by "list index"
+  #tiers; // of TIERS, each with its lane, its box, and its events, { list, index, button }
   #share = (_seconds) => 0;
-  #view = [0, 0];
   #time = 0;
   /** @type {import("../told").Chosen | null} */
   #chosen = null;
@@ -35,7 +33,7 @@ export class Tiers {
       const lane = make("div", { class: `lane tier-lane ${tier.isHand ? "of-hand" : "of-rest"}`, hidden: true }, name, box);
       box.addEventListener("click", ({ target }) => this.#click(target));
       box.addEventListener("keydown", (event) => this.#key(event));
-      return { ...tier, lane, box, buttons: new Map() };
+      return { ...tier, lane, box, events: [] };
     });
   }
 
@@ -52,9 +50,8 @@ export class Tiers {
     return this.#chosen;
   }
 
-  /** The element of an event, if it is drawn now. */
-  elementOf({ list, index }) {
-    return this.#of(list)?.buttons.get(`${list} ${index}`) ?? null;
+  #elementOf(chosen) {
+    return chosen && this.#of(chosen.list).events.find(({ list, index }) => list === chosen.list && index === chosen.index)?.button;
   }
 
   /**
@@ -70,17 +67,17 @@ export class Tiers {
     this.#said = said;
     this.#chosen = chosen && plan?.[chosen.list][chosen.index] ? chosen : null;
     const focused = this.#focused;
-    for (const { lane, lists, buttons } of this.#tiers) {
-      lane.hidden = !plan || !lists.some((list) => plan[list].length);
-      lane.dataset.origin = plan?.origin ?? "";
-      for (const button of buttons.values()) button.remove();
-      buttons.clear();
+    for (const tier of this.#tiers) {
+      for (const { button } of tier.events) button.remove();
+      tier.events = plan ? tier.lists.flatMap((list) => Array.from(plan[list], (_, index) => ({ list, index, button: this.#button({ list, index }) }))) : [];
+      tier.box.prepend(...tier.events.map(({ button }) => button));
+      tier.lane.hidden = !tier.events.length;
+      tier.lane.dataset.origin = plan?.origin ?? "";
     }
     this.#draw();
     if (!focused) return;
-    const same = this.#chosen && this.elementOf(this.#chosen);
     const near = eventsIn(focused.box);
-    (same ?? (near.length ? nearest(near, focused.left) : null))?.focus({ preventScroll: true });
+    (this.#elementOf(this.#chosen) ?? (near.length ? nearest(near, focused.left) : null))?.focus({ preventScroll: true });
   }
 
   /** The tier in which an event has the focus, and where that stands; null if none has. */
@@ -90,14 +87,7 @@ export class Tiers {
     return tier ? { box: tier.box, left: at.offsetLeft } : null;
   }
 
-  /**
-   * Have an element hang in the tier of a list, after its events; without a list it is taken away.
-   * `place` is called whenever moments stand elsewhere.
-   *
-   * @param {HTMLElement} element
-   * @param {string | null} list
-   * @param {() => void} place
-   */
+  /** Have an element hang in the tier of a list, after its events, and `place` be called whenever moments stand elsewhere; without a list it is taken away. */
   hang(element, list, place = () => {}) {
     this.#hung.delete(element);
     if (!list) return void element.remove();
@@ -123,16 +113,12 @@ export class Tiers {
 
   /** Lay the events of a list as if they were at other times; null as they are. */
   preview(list, events) {
-    for (const [key, button] of this.#of(list).buttons) {
-      const [of, index] = key.split(" ");
-      if (of === list) this.lay(button, (events ?? this.#plan[list])[Number(index)]);
-    }
+    for (const each of this.#of(list).events) if (each.list === list) this.lay(each.button, (events ?? this.#plan[list])[each.index]);
   }
 
-  /** Lay everything out: `share` says where a moment stands, 0 to 1 within the `view`. */
-  place(share, view) {
+  /** Lay everything out: `share` says where a moment stands, 0 to 1 within what is shown. */
+  place(share) {
     this.#share = share;
-    this.#view = view;
     this.#draw();
   }
 
@@ -144,10 +130,9 @@ export class Tiers {
 
   /** As if somebody had chosen it, but that nobody is told; null chooses nothing. */
   choose(chosen) {
-    const before = this.#chosen && this.elementOf(this.#chosen);
-    before?.setAttribute("aria-pressed", "false");
+    this.#elementOf(this.#chosen)?.setAttribute("aria-pressed", "false");
     this.#chosen = chosen;
-    if (chosen) this.elementOf(chosen)?.setAttribute("aria-pressed", "true");
+    this.#elementOf(chosen)?.setAttribute("aria-pressed", "true");
     this.#letTab();
   }
 
@@ -160,44 +145,12 @@ export class Tiers {
 
   #draw() {
     if (!this.#plan) return;
-    for (const tier of this.#tiers) {
-      if (tier.lane.hidden) continue;
-      const seen = this.#seenOf(tier);
-      for (const [key, button] of tier.buttons) {
-        if (seen.has(key)) continue;
-        if (button === document.activeElement) tier.box.querySelector("[data-list]")?.focus({ preventScroll: true });
-        button.remove();
-        tier.buttons.delete(key);
-      }
-      for (const [key, chosen] of seen) {
-        if (!tier.buttons.has(key)) tier.buttons.set(key, this.#button(chosen));
-        this.lay(tier.buttons.get(key), this.#plan[chosen.list][chosen.index]);
-      }
-      const inOrder = [...seen.keys()].map((key) => tier.buttons.get(key));
-      if (inOrder.some((button, i) => tier.box.children[i] !== button)) {
-        const focused = inOrder.find((button) => button === document.activeElement);
-        const first = [...this.#hung.keys()].find(({ parentElement }) => parentElement === tier.box) ?? null;
-        for (const button of inOrder) tier.box.insertBefore(button, first);
-        focused?.focus({ preventScroll: true });
-      }
-    }
+    for (const { lists } of this.#tiers) for (const list of lists) this.preview(list, null);
+    const focused = /** @type {HTMLElement | null} */ (document.activeElement);
+    if (focused?.matches("[data-list][hidden]")) eventsIn(focused.parentElement)[0]?.focus({ preventScroll: true });
     for (const place of this.#hung.values()) place();
     this.#letTab();
     this.#light();
-  }
-
-  /** By key what of a tier is within the view, list by list; of too much the strokes. */
-  #seenOf({ lists, box }) {
-    const [from, to] = this.#view;
-    const found = lists.flatMap((list) => {
-      const [first, stop] = within(this.#plan[list], from, to);
-      return Array.from({ length: stop - first }, (_, i) => ({ list, index: first + i }));
-    });
-    const strokes = () => found.filter(({ list, index }) => this.#plan[list][index].phase === "stroke");
-    const seen = found.length <= MOST ? found : strokes();
-    const isTooMuch = found.length > MOST && (seen.length > MOST || !seen.length);
-    box.dataset.said = isTooMuch ? "Zoom in to see them." : "";
-    return new Map((isTooMuch ? [] : seen).map((chosen) => [`${chosen.list} ${chosen.index}`, chosen]));
   }
 
   #button(chosen) {
@@ -211,23 +164,24 @@ export class Tiers {
     }, WHOLE + labelOf(list, event));
   }
 
-  /** Put an element where an event is. */
-  lay({ style }, event) {
+  /** Put an element where an event is, if that is shown. */
+  lay(element, event) {
+    const { style } = element;
     const [start, end] = event.time_s === undefined ? timesOf(event) : [event.time_s, event.time_s];
     const from = end > start ? Math.max(BEFORE, this.#share(start)) : this.#share(start); // its label stays in sight
+    element.hidden = this.#share(end) < 0 || from > 1;
     style.left = `${100 * from}%`;
     if (end > start) style.width = `${100 * (this.#share(end) - from)}%`;
   }
 
   #light() {
     if (!this.#plan) return;
-    for (const { lists, buttons, lane } of this.#tiers) {
-      if (lane.hidden) continue;
-      const now = new Set(lists.flatMap((list) => {
-        const [first, stop] = within(this.#plan[list], this.#time, this.#time);
-        return Array.from({ length: stop - first }, (_, i) => `${list} ${first + i}`);
-      }));
-      for (const [key, button] of buttons) if (button.classList.contains("now") !== now.has(key)) button.classList.toggle("now", now.has(key));
+    for (const { lists, events } of this.#tiers) {
+      const now = Object.fromEntries(lists.map((list) => [list, within(this.#plan[list], this.#time, this.#time)]));
+      for (const { list, index, button } of events) {
+        const isNow = index >= now[list][0] && index < now[list][1];
+        if (button.classList.contains("now") !== isNow) button.classList.toggle("now", isNow);
+      }
     }
   }
 
@@ -235,9 +189,9 @@ export class Tiers {
 
   /** One event of each tier can be reached by Tab: the one that is chosen, else the first. */
   #letTab() {
-    for (const { buttons, box } of this.#tiers) {
-      const all = [...buttons.values()];
-      const one = all.find((button) => button === document.activeElement) ?? box.querySelector("[aria-pressed=true]") ?? all[0];
+    for (const { box } of this.#tiers) {
+      const all = eventsIn(box);
+      const one = all.find((button) => button === document.activeElement) ?? all.find((button) => button.ariaPressed === "true") ?? all[0];
       for (const button of all) button.tabIndex = button === one ? 0 : -1;
     }
   }
@@ -265,7 +219,7 @@ export class Tiers {
   }
 
   #beside(button, key) {
-    const shown = this.#tiers.filter(({ lane, buttons }) => lane.offsetParent && buttons.size);
+    const shown = this.#tiers.filter(({ lane, box }) => lane.offsetParent && eventsIn(box).length);
     const at = shown.findIndex(({ box }) => box === button.parentElement);
     const inTime = (box) => eventsIn(box).sort((a, b) => a.offsetLeft - b.offsetLeft);
     const own = inTime(shown[at].box);
@@ -290,9 +244,13 @@ export class Tiers {
   }
 }
 
-/** @returns {HTMLElement[]} */
+/**
+ * That are shown.
+ *
+ * @returns {HTMLElement[]}
+ */
 function eventsIn(box) {
-  return [...box.querySelectorAll("[data-list]")];
+  return [...box.querySelectorAll("[data-list]:not([hidden])")];
 }
 
 function nearest(buttons, left) {

@@ -250,13 +250,7 @@ export class Timeline {
     return make("div", { class: "lane" }, make("div", { class: "name", title: row.name }, nameOf(row), value), plot);
   }
 
-  /**
-   * A lane of labels; `kindOf` says how one of them looks.
-   *
-   * @param {string} name
-   * @param {import("../told").Interval[]} intervals
-   * @param {(label: string) => string} kindOf
-   */
+  /** A lane of labels; `kindOf` says how one of them looks. */
   #tier(name, intervals, kindOf = (_label) => "") {
     const labels = intervals.map(([start, end, label]) => make("span", { class: kindOf(label), title: `${label}, ${start.toFixed(2)} to ${end.toFixed(2)} s` }, WHOLE + label));
     const box = make("div", { class: "plot words" }, ...labels);
@@ -354,7 +348,7 @@ export class Timeline {
     this.later.disabled = this.#view[1] >= this.#data.duration_s - 1e-6;
     if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
     this.#placeTiers();
-    this.tiers.place((seconds) => this.#share(seconds), this.#view);
+    this.tiers.place((seconds) => this.#share(seconds));
     this.#placeMarks();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);

@@ -107,7 +107,7 @@ export class Framing {
         const isKnee = !isWhole && this.#mesh.names[joint].endsWith("_knee");
         return isKnee ? Math.min(this.#mesh.reach[joint], flesh) : this.#mesh.reach[joint];
       });
-      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => (this.isFollowing ? this.track(k) : null)));
+      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => (this.isFollowing ? this.#track(k) : null)));
     }
     return this.#eased(this.#cameras.get(key), (before) => before.body(view, aspect, isWhole));
   }
@@ -118,7 +118,7 @@ export class Framing {
     if (!this.#cameras.has(key)) {
       const { fingertip } = this.#facts.framing;
       const reach = joints.map((joint) => (view === "face" ? this.#mesh.reach[joint] : Math.min(this.#mesh.reach[joint], fingertip)));
-      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => this.track(k, { view, joints })));
+      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => this.#track(k, { view, joints })));
     }
     return this.#eased(this.#cameras.get(key), (before) => before.closeUp({ view, joints }, aspect));
   }
@@ -142,6 +142,10 @@ export class Framing {
 
   /** What a camera goes along with, (T, 3): the middle of a close-up's joints, or the way of the pelvis. */
   track(body, closeUp = null) {
+    return this.#track(body, closeUp);
+  }
+
+  #track(body, closeUp = null) {
     const key = `${body} ${closeUp?.view ?? ""}`;
     if (!this.#tracks.has(key)) {
       const places = this.#all[body];

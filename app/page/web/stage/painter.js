@@ -253,11 +253,7 @@ export class Painter {
     this.#refill(this.#attributes.colors, this.#mesh.toned(this.#facts.tones.light, colors));
   }
 
-  /**
-   * Have all bodies in another build: where their vertices are at rest. What follows is to be posed.
-   *
-   * @param {{ positions: Float32Array, normals: Float32Array }} build
-   */
+  /** Have all bodies in another build: where their vertices are at rest. What follows is to be posed. */
   setBuild(build) {
     if (build === this.#build) return;
     this.#build = build;
