@@ -312,6 +312,12 @@ def test_clicks_keys_and_the_wheel_lead_through_time(page: Page) -> None:
     assert state(page, "time")[0] > 1.5
     page.keyboard.press("0")
     assert page.evaluate(SHOWN) > 0.5
+    press(zoom, "Show less time, larger")
+    later = zoom.get_by_role("button", name="Later")
+    later.press("Enter")
+    expect(later).to_be_disabled()
+    expect(later).to_be_focused()  # at the end, too
+    page.keyboard.press("0")
 
 
 def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_planned(

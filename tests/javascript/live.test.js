@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { LiveClock } from "../../app/page/web/live/clock.js";
+import { Playout } from "../../app/page/web/live/playout.js";
 import { Rolling } from "../../app/page/web/live/rolling.js";
 import { NUM_JOINTS, unpacked } from "../../app/page/web/stage/motion.js";
 import { message, SKELETON } from "./made.js";
@@ -61,17 +61,24 @@ test("where frames were lost it begins anew, and a second session after the firs
 });
 
 test("its clock tells moments of what is kept, and stands where it was left", () => {
-  const [rolling, clock] = [rolled(400, 8), new LiveClock()];
+  const [rolling, clock] = [rolled(400, 8), new Playout()];
+  let now = 0;
+  performance.now = () => now;
   assert.equal(clock.time, 0, "before there is a body");
-  clock.follow(rolling);
-  clock.begin({ place: 310.5 });
-  assert.ok(clock.isPlaying);
+  clock.rolling = rolling;
+  clock.captured(0);
+  clock.came(message(1, turn));
+  clock.go(true);
+  const passes = (place) => (now = (place + 0.5) * 1000 / 30 + clock.delay);
+  passes(310.5);
   assert.ok(Math.abs(clock.time - 60.5 / 30) < 1e-9);
   rolling.push(400, frames(400, 8));
   assert.ok(Math.abs(clock.time - 52.5 / 30) < 1e-9, "what is kept has moved on");
-  clock.end();
+  clock.go(false);
+  passes(320);
+  assert.equal(Math.floor(clock.time * 30), clock.frame);
   assert.equal(clock.frame, 52);
-  assert.ok(!clock.isPlaying);
-  clock.begin({ place: null });
-  assert.equal(clock.place, 310.5, "until the first frame of another session has come");
+  clock.clear();
+  clock.go(true);
+  assert.equal(clock.time, 52.5 / 30, "until the first frame of another session has come");
 });

@@ -64,6 +64,11 @@ export async function found(selector) {
   return element;
 }
 
+/** Whether a button can do anything now; where not, it keeps the focus of whoever pressed it. */
+export function allow(button, isAllowed) {
+  button.setAttribute("aria-disabled", String(!isAllowed));
+}
+
 /** Seconds as m:ss.cc */
 export function clockText(seconds) {
   const whole = Math.max(0, Math.floor(seconds * 100 + 1e-6));

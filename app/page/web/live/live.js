@@ -12,7 +12,6 @@ import { Look } from "../stage/look.js";
 import { theBody } from "../stage/mesh.js";
 import { unpacked } from "../stage/motion.js";
 import { Stage } from "../stage/stage.js";
-import { LiveClock } from "./clock.js";
 import { Planned } from "./planned.js";
 import { Playout } from "./playout.js";
 import { Following, Rolling } from "./rolling.js";
@@ -35,12 +34,11 @@ class Live {
   #stage = null; // null where the browser draws no 3D graphics
   #refusal = null; // why
   #bar = null;
-  #clock = null;
   #rolling = null; // null until the body has come
   #cameras = null;
   #socket = null;
   #sound = null;
-  #playout = null;
+  #playout = new Playout();
   #token = "";
   #news = null;
   #lateSince = null;
@@ -66,12 +64,12 @@ class Live {
 
   /** Measured, ms; null until there is a picture. */
   get latency() {
-    return this.#playout?.latency ?? null;
+    return this.#playout.latency;
   }
 
   /** Frames since the first that was spoken, of what is shown. */
   get place() {
-    return this.#clock?.place ?? 0;
+    return this.#playout.place;
   }
 
   get socket() {
@@ -111,9 +109,8 @@ class Live {
   /** The same stage as that of a run, with what switches its displays. */
   #setStage() {
     const changed = () => this.#bar?.update();
-    this.#clock = new LiveClock();
     try {
-      this.#stage = new Stage(this.#clock, this.#look, changed);
+      this.#stage = new Stage(this.#playout, this.#look, changed);
     } catch (error) {
       this.#refusal = error;
       this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
@@ -135,7 +132,7 @@ class Live {
 
   /** Filters know the motion on either side of a moment. */
   #lookAhead() {
-    if (this.#playout) this.#playout.ahead = this.#look.get("factor") > 1 || currentFilter() === "savgol" ? AHEAD_MS : 0;
+    this.#playout.ahead = this.#look.get("factor") > 1 || currentFilter() === "savgol" ? AHEAD_MS : 0;
   }
 
   #say(sentence, isBad = false) {
@@ -152,8 +149,7 @@ class Live {
     const sound = new Sound((block, peak) => this.#onBlock(block, peak), (why) => this.stop(why || "The sound is over. Press Start for more.", !!why));
     this.#sound = sound;
     this.#news = null;
-    this.#playout = new Playout();
-    this.#lookAhead();
+    this.#playout.clear();
     try {
       await this.#showBody();
       if (this.#run !== run) return;
@@ -165,7 +161,7 @@ class Live {
       if (this.#run !== run) return sound.close();
       this.#doing = bytes ? "Playing. You hear it when the body moves to it." : "Listening: speak.";
       this.#say(this.#doing);
-      this.#clock.begin(this.#playout);
+      this.#playout.go(true);
       this.#tick(run);
     } catch (error) {
       if (this.#run === run) this.stop(error.message, true);
@@ -173,7 +169,7 @@ class Live {
   }
 
   stop(sentence = "Stopped. Keep the last minute, or start again.", isBad = false) {
-    if (this.#run) this.#clock.end();
+    if (this.#run) this.#playout.go(false);
     this.#run = null;
     const socket = this.#socket;
     this.#socket = null;
@@ -204,7 +200,7 @@ class Live {
     this.#rolling = new Rolling(mesh, facts.exaggeration.max_turn);
     this.#rolling.push(0, reaches.part(0, 1)); // at rest
     this.#cameras = new Following(mesh, facts, reaches, this.#rolling);
-    this.#clock.follow(this.#rolling);
+    this.#playout.rolling = this.#rolling;
     this.#feed = () => this.#stage.feed(NAME, this.#rolling.shown, this.#cameras, mesh, facts);
     this.#stage.show([{ name: NAME, label: "You speak", color: COLOR, stem: NAME, is_reference: false, noise: null }]);
     this.#feed();
@@ -277,16 +273,16 @@ class Live {
   #tick(run) {
     if (this.#run !== run) return;
     requestAnimationFrame(() => this.#tick(run));
-    if (this.#news && performance.now() >= this.#restUntil) this.#clock.tick();
+    if (this.#news && performance.now() >= this.#restUntil) this.#playout.tick();
   }
 
   /** The picture is there; the next one leaves a processor that draws time for other things. */
   #isDrawn(took) {
     const time = performance.now();
     if (!this.#run || !this.#news) return;
-    this.#playout.shown(this.#clock.place);
+    this.#playout.shown(this.#playout.place);
     if (this.#stage.pace.isSlow) this.#restUntil = time + SLOW_REST * took;
-    this.planned.draw(this.#clock.place / 30);
+    this.planned.draw(this.#playout.place / 30);
     this.#tell(time);
   }
 

@@ -1,11 +1,14 @@
 /**
- * Which frame of those that come from the server is to be shown now.
+ * Which frame of those that come from the server is to be shown now: the stage's clock while somebody speaks, as Lockstep is
+ * that of a run. Its moments are those of what is kept of the motion.
  *
  * Every frame belongs to a moment of the sound and is shown a delay after that moment. The delay is
  * that of the latest frames that came, and some more; it grows at once and shrinks slowly.
  */
 
-const FRAME_MS = 1000 / 30;
+import { FPS } from "../stage/motion.js";
+
+const FRAME_MS = 1000 / FPS;
 const SPARE_MS = 50;
 const REMEMBERED_MS = 6000; // how long a late message keeps the delay up
 const SHRINK = 0.04; // of the time that passes
@@ -13,16 +16,66 @@ const HURRY = 0.15; // the same, where the body is far behind
 const FAR_MS = 400;
 const CLOCK_BLOCKS = 100; // 4 s: a busy machine loses sound, and then its clock is another
 
-export class Playout {
-  delay = null; // ms
-  /** That a display asks for besides, ms: filters look ahead. */
+/** Emits "time" for each picture that may be drawn, "state" when it begins and ends. */
+export class Playout extends EventTarget {
+  isPlaying = false;
+  isWaiting = false; // the body stands still where no frame has come
+  /** ms that a display asks for besides: filters look ahead. */
   ahead = 0;
+  /** @type {import("./rolling.js").Rolling | null} */
+  rolling = null; // until there is a body
+  #place = 0;
+  #begins;
+  #samples;
+  #late; // [when it came, ms after its moment]
+  #latencies;
   #begun = 0; // when the first sample was spoken: the earliest that the last blocks tell
-  #begins = [];
-  #samples = 0;
-  #late = []; // [when it came, ms after its moment]
   #shrunkAt = 0;
-  #latencies = [];
+
+  constructor() {
+    super();
+    this.clear();
+  }
+
+  /** Another session: nothing is known of it yet. */
+  clear() {
+    this.delay = null; // ms
+    this.#begins = [];
+    this.#samples = 0;
+    this.#late = [];
+    this.#latencies = [];
+  }
+
+  /** Go on, or stand where it is. */
+  go(isPlaying) {
+    this.isPlaying = isPlaying;
+    this.dispatchEvent(new Event("state"));
+  }
+
+  tick() {
+    this.dispatchEvent(new Event("time"));
+  }
+
+  setLimit() {} // it never waits
+
+  /** Seconds. */
+  get time() {
+    if (this.isPlaying) this.#place = this.#now ?? this.#place;
+    return (this.place - this.#first) / FPS;
+  }
+
+  get frame() {
+    return Math.floor(this.place - this.#first);
+  }
+
+  get #first() {
+    return this.rolling?.first ?? 0;
+  }
+
+  /** What was last shown, in frames from the first that was spoken. */
+  get place() {
+    return this.rolling?.within(this.#place) ?? 0;
+  }
 
   /** A block of sound was captured just now. */
   captured(samples) {
@@ -45,7 +98,7 @@ export class Playout {
   }
 
   /** The frame to be shown now, and how far it is on the way to the next; null before any came. */
-  get place() {
+  get #now() {
     if (this.delay === null) return null;
     const time = performance.now();
     this.#shrink(time);

@@ -4,7 +4,7 @@
  * take, that stands beside the one it was made from. Takes are kept, so that undo is the take before.
  */
 
-import { drag, make, popUp } from "../dom.js";
+import { allow, drag, make, popUp } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
 import { capital, foundAgain, kindName, SIDES } from "./plan.js";
 
@@ -556,8 +556,8 @@ export class Editing {
     const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.known)])];
     options(this.takes, names.map((name) => [name, this.#labelOf(name)]), this.#start);
     options(this.besides, [["", "nothing"], ...this.#rows.filter(({ name }) => name !== this.#start && name !== this.#coming).map((row) => [row.name, row.label ?? row.name])], this.#beside ?? "");
-    this.undo.disabled = this.#isBusy || !this.#value.known[this.#start]?.from;
-    this.redo.disabled = this.#isBusy || !this.#redo.length;
+    allow(this.undo, !this.#isBusy && !!this.#value.known[this.#start]?.from);
+    allow(this.redo, !this.#isBusy && !!this.#redo.length);
     this.element.setAttribute("aria-busy", String(this.#isBusy));
     this.#showChosen();
     if (!this.#told) return;

@@ -1,6 +1,6 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { clockText, drag, make, nameOf, WHOLE } from "../dom.js";
+import { allow, clockText, drag, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../stage/motion.js";
@@ -343,9 +343,9 @@ export class Timeline {
 
   #draw() {
     if (!this.#data || !this.lanes.clientWidth) return;
-    this.whole.disabled = this.#isWhole;
-    this.earlier.disabled = this.#view[0] <= 0;
-    this.later.disabled = this.#view[1] >= this.#data.duration_s - 1e-6;
+    allow(this.whole, !this.#isWhole);
+    allow(this.earlier, this.#view[0] > 0);
+    allow(this.later, this.#view[1] < this.#data.duration_s - 1e-6);
     if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
     this.#placeTiers();
     this.tiers.place((seconds) => this.#share(seconds));

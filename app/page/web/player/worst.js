@@ -1,6 +1,6 @@
 /** Leads to the seconds in which the followed point jerks most, and plays each slowly again and again. */
 
-import { iconButton, make } from "../dom.js";
+import { allow, iconButton, make } from "../dom.js";
 
 const SLOWLY = 0.25;
 
@@ -65,8 +65,8 @@ export class WorstSeconds {
     if (this.#at !== null && !this.#player.loop) return this.#stop(); // somebody went elsewhere
     this.element.hidden = !this.#seconds.length;
     this.start.setAttribute("aria-pressed", String(isOn));
-    this.steps[0].disabled = this.#at === 0;
-    this.steps[1].disabled = this.#at === this.#seconds.length - 1;
+    allow(this.steps[0], this.#at !== 0);
+    allow(this.steps[1], this.#at !== this.#seconds.length - 1);
     const { name, jerk_m_s3, start_s } = this.#seconds[this.#at] ?? {};
     this.line.hidden = !isOn;
     const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s, at a quarter of the speed` : "";
