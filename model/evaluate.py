@@ -227,7 +227,7 @@ def evaluate(
         "clips": names,
         "noise_seeds": seeds,
         "guidance": _strengths(there.systems, asked),
-        **as_table(rows),
+        **as_table(rows, whose),
         "left_out": [
             *frechet.left_out(there.judges, motions.values()),
             *([] if there.matching else [NO_HEARING_JUDGE]),

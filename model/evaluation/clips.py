@@ -30,6 +30,7 @@ from model.evaluation.tables import (
     Estimate,
     bootstrap,
     bootstrap_difference,
+    bootstrap_of,
     bootstrap_ratio,
 )
 from model.generation.base import System
@@ -37,7 +38,7 @@ from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats, differences, face, hearing
 from model.measures.differences import l1_to_mean
 from model.measures.face import face_and_hands, face_measures
-from model.measures.hearing import speed_in_silence
+from model.measures.hearing import SILENCE_S, speed_in_silence
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -96,6 +97,17 @@ def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
     return joints - joints[:, :1]
 
 
+def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[np.ndarray, "n n"]:
+    """Diversity between clips: L1 distance of every two, frame by frame over the shorter of them,
+    summed over coordinates and averaged over frames, metres."""
+    distances = np.zeros((len(positions), len(positions)))
+    for i, a in enumerate(positions):
+        for j, b in enumerate(positions[:i]):
+            frames = min(len(a), len(b))
+            distances[i, j] = np.abs(a[:frames] - b[:frames]).sum((1, 2)).mean()
+    return distances + distances.T
+
+
 def face_error(motion: Motion, recorded: Motion) -> float:
     """Mean squared error of the expression coefficients, over the frames that both have."""
     frames = min(motion.num_frames, recorded.num_frames)
@@ -116,8 +128,10 @@ RATIOS = (
     "seam_jerk_ratio",
 )
 """Measures that are also given over those of the recorded clips."""
-ROWS_FORMAT = 3
+ROWS_FORMAT = 2
 """Raised whenever `save_rows` writes something else."""
+PAIRWISE_FRAMES = 300
+"""Of each clip: the first 10 s."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +142,8 @@ class ClipRow:
     jerk_by_depth: list[float]
     couplings: dict[str, float]
     arrays: dict[str, np.ndarray]
-    """``windows`` of the first noise seed (`differences.windows_of`); and by distance the codes of
+    """``positions``: of each noise seed, rooted joints of the beginning, for the pairwise
+    distances; ``windows`` of the first (`differences.windows_of`); and by distance the codes of
     every judge that sees no more than the motions have."""
 
 
@@ -188,7 +203,10 @@ class ClipContext:
             | (matched(self.cast.matching, motion, *self.heard) if self.cast.matching else {})
             for (one, _), joints, motion in zip(measured, positions, motions, strict=True)
         ]
-        arrays = {"windows": differences.windows_of(motions[0])}
+        arrays = {
+            "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
+            "windows": differences.windows_of(motions[0]),
+        }
         for name, judge in self.cast.judges.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
             found = [codes for codes in judged if codes is not None]
@@ -293,11 +311,18 @@ class OneClip:
         return {} if judge is None else judge.measures(motions, speaker_of(name)[1])
 
 
-def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
-    """Intervals over clips, in parts: ``motion``, measures by row; ``fmd_floor``, ``fed_floor`` and
-    ``fgd_floor``, recorded halves against each other, where there is that distance; ``by_depth``,
-    means over clips, entry d for the joints d bones from the pelvis; ``coupling`` of wrists and
-    loudness."""
+def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
+    """Intervals over clips, in parts.
+
+    Args:
+        speakers: of each clip.
+
+    Returns:
+        ``motion``: measures by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
+        against each other, where there is that distance;
+        ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
+        ``coupling``: of wrists and loudness.
+    """
     motion: dict[str, dict[str, dict]] = {}
     by_depth: dict[str, dict[str, list[float]]] = {}
     couplings = {}
@@ -324,6 +349,10 @@ def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
         ]
         if wrists:
             columns["calm_over_lively"] = bootstrap_ratio(*zip(*wrists, strict=True))
+        columns["pairwise_l1_m"] = _pairwise([row.arrays["positions"][0] for row in rows])
+        spread = _spread_at_will(rows, speakers if name == RECORDED else None)
+        if spread is not None:
+            columns["spread_at_will_m"] = spread
         columns |= window_diversity([row.arrays["windows"] for row in rows])
         if name != RECORDED:
             for measure, features in _judged(rows).items():
@@ -337,7 +366,60 @@ def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
         f"{measure}_floor": vars(frechet.split_half_floor(features))
         for measure, features in judged.items()
     }
-    return {"motion": motion, **floors, "by_depth": by_depth, "coupling": couplings}
+    return {
+        "motion": motion,
+        **floors,
+        "by_depth": by_depth,
+        "coupling": couplings,
+        "settings": settings(),
+    }
+
+
+def settings() -> dict[str, float]:
+    """The parameters behind the numbers."""
+    return {
+        "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,
+        "beat_sigma_motion_to_audio_s": beats.SIGMA_MOTION_TO_AUDIO_S,
+        "beat_speed_threshold": beats.SPEED_THRESHOLD,
+        "beat_neighbours_frames": beats.NEIGHBOURS,
+        "beat_margin_s": beats.MARGIN_S,
+        "wrong_speech_shift_s": face.SHIFT_S,
+        "silence_s": SILENCE_S,
+        "coupling_max_lag_s": face.MAX_LAG_S,
+        "div_batch_windows": differences.BATCH_WINDOWS,
+        "div_window_frames": differences.WINDOW_FRAMES,
+        "div_every_frames": differences.EVERY_FRAMES,
+    }
+
+
+def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
+    """How different motion comes out when nothing but chance differs: the pairwise L1 distance of
+    noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
+    where there are no two of either."""
+    if speakers is None:
+        drawn = [row.arrays["positions"] for row in rows]
+        pairs = [mean_pairwise_l1([*positions]) for positions in drawn if len(positions) > 1]
+        values = [float(d[np.triu_indices(len(d), 1)].mean()) for d in pairs]
+    else:
+        distances = mean_pairwise_l1([row.arrays["positions"][0] for row in rows])
+        values = [
+            float(distances[i, j])
+            for i, one in enumerate(speakers)
+            for j, other in enumerate(speakers[:i])
+            if one == other
+        ]
+    return bootstrap(values) if values else None
+
+
+def _pairwise(positions: Sequence[np.ndarray]) -> Estimate:
+    distances = mean_pairwise_l1(positions)
+
+    def statistic(index: np.ndarray) -> float:
+        chosen = distances[np.ix_(index, index)]
+        different = index[:, None] != index
+        return float(chosen[different].mean()) if different.any() else 0.0
+
+    return bootstrap_of(statistic, len(positions))
 
 
 def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:

@@ -78,6 +78,8 @@ COLUMNS = {
     "beat_align_motion_to_audio": "BeatAlign m->a",
     "beat_align_motion_to_audio_chance": "chance",
     "l1_to_mean_m": "L1 to mean, m",
+    "pairwise_l1_m": "pairwise L1, m",
+    "spread_at_will_m": "of one speaker or speech, m",
     "div": "Div",
     "div_gesture": "Div of gestures",
     "matched": "matched, share right",

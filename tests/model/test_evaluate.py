@@ -13,7 +13,7 @@ import torch
 
 from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
-from model.evaluation.clips import Cast, ClipContext, ClipRow, read_recording
+from model.evaluation.clips import Cast, ClipContext, ClipRow, as_table, read_recording
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.judges import (
     MEASURES,
@@ -214,8 +214,10 @@ def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(
     assert sorted(kept.iterdir()) == files
     motion = load_motion(data / "smplxflame_30" / f"{CLIPS[0]}.npz")
     save_motion(first_frames(motion, 100), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
-    table_of(data, system, seeds=2, kept=kept)  # other seeds, other recordings
+    twice = table_of(data, system, seeds=2, kept=kept)  # other seeds, other recordings
     assert len(list(kept.iterdir())) == 4
+    assert twice["motion"][NAME]["spread_at_will_m"]["mean"] > 0
+    assert "spread_at_will_m" not in twice["motion"]["recorded"]  # two clips of two speakers
 
 
 @pytest.mark.slow  # a whole evaluation each
@@ -226,8 +228,8 @@ def test_each_clip_has_noise_of_its_own_which_is_the_same_for_all_systems(data, 
         shutil.copy(data / sub / f"{first}.{ending}", data / sub / f"{twin}.{ending}")
     twins = [replace(system, name=name) for name in ("one", "other")]
     motion = table_of(data, *twins, clips=[first, twin])["motion"]
-    same, drawn = (motion[row]["tip_path_m_s"] for row in ("recorded", "one"))
-    assert same["low"] == pytest.approx(same["high"]) and drawn["high"] > 1.001 * drawn["low"]
+    assert motion["recorded"]["pairwise_l1_m"]["mean"] == pytest.approx(0, abs=1e-6)
+    assert motion["one"]["pairwise_l1_m"]["mean"] > 0.1
     assert motion["one"] == motion["other"]
 
 
@@ -242,6 +244,7 @@ def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, 
     assert "arms_in_silence" not in motion["recorded"], "no silence of 5 s is recorded"
     assert UNKNOWN_SPEAKERS not in table["left_out"]
     assert not manner & {*plain["motion"][NAME]}
+    assert "spread_at_will_m" not in plain["motion"][NAME], "it needs two of a kind"
     assert plain["motion"][NAME]["arms_in_silence"]["mean"] > 0
     assert plain["left_out"][-2:] == [UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
 
@@ -265,6 +268,21 @@ def test_matched_speech_has_rows_where_its_judge_is_there(system, made_once, tmp
         context = ClipContext(motion, speech.waveform, other.waveform, np.ones(13), cast)
         alone.append(context.row([motion]).measures["matched"])
     assert table["motion"]["recorded"]["matched"]["mean"] == pytest.approx(np.mean(alone))
+
+
+def test_recorded_clips_are_paired_with_those_of_their_speaker():
+    rng = np.random.default_rng(0)
+    rows = [
+        {
+            "recorded": replace(
+                ROW, arrays=ROW.arrays | {"positions": at + rng.normal(0, 1e-3, (1, 30, 55, 3))}
+            )
+        }
+        for at in (0.0, 0.1, 5.0)
+    ]
+    table = as_table(rows, ["ann", "ann", "bob"])
+    found = table["motion"]["recorded"]["spread_at_will_m"]["mean"]
+    assert found == pytest.approx(0.1 * 165, rel=0.05)
 
 
 def test_bootstrap_covers_the_mean_and_narrows_with_more_clips():

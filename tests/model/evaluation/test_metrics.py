@@ -8,7 +8,7 @@ import torch
 from scipy.linalg import sqrtm
 
 from model.evaluation import frechet
-from model.evaluation.clips import face_error
+from model.evaluation.clips import face_error, mean_pairwise_l1
 from model.evaluation.frechet import window_diversity
 from model.measures import beats, differences
 from model.measures.differences import l1_to_mean
@@ -112,11 +112,14 @@ def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     np.testing.assert_array_equal(frechet.motion_features(encoder, faceless), features)
 
 
-def test_the_distance_to_the_mean_pose_is_a_sum_over_coordinates():
-    swaying = np.zeros((4, 55, 3))
-    assert l1_to_mean(swaying) == 0
+def test_diversities_are_sums_over_coordinates():
+    still, swaying = np.zeros((4, 55, 3)), np.zeros((4, 55, 3))
     swaying[::2, :, 0], swaying[1::2, :, 0] = 0.1, -0.1
+    assert l1_to_mean(still) == 0
     assert l1_to_mean(swaying) == pytest.approx(5.5)
+    distances = mean_pairwise_l1([still, swaying, swaying[:2]])
+    assert distances[0, 1] == distances[1, 0] == pytest.approx(5.5)
+    assert distances[1, 2] == 0 and (np.diag(distances) == 0).all()
 
 
 def slow_diversity(windows: np.ndarray) -> float:
