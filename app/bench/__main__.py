@@ -7,7 +7,6 @@ import os
 import platform
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import tyro
 
 from app.bench import runs
-from app.config import BUNDLED_WEIGHTS, EXAMPLES
+from app.config import BUNDLED_WEIGHTS
 from app.run.body_motion import body_motion
 from app.run.models import warm_up
 from app.run.output.provenance import versions
@@ -23,22 +22,15 @@ from app.run.output.provenance import versions
 CLIP_S = 10.0
 
 
-def measure(
-    out: Path = Path("bench.json"),
-    weights: Path = BUNDLED_WEIGHTS,
-    speech: Path | None = None,
-    short: bool = False,
-) -> None:
+def measure(short: bool = False, out: Path = Path("bench.json")) -> None:
     """What each step costs here, as a table and a file.
 
     Args:
-        speech: a wav; by default an example.
         short: without stages of drawing, training and memory.
     """
     figures = []
-    speech = speech or min(EXAMPLES.glob("*.wav"))
     with tempfile.TemporaryDirectory(prefix="bench-") as name:
-        for figure in _figures(weights, speech, short, Path(name)):
+        for figure in _figures(short, Path(name)):
             sys.stdout.write(figure.line() + "\n")
             sys.stdout.flush()
             figures.append(figure)
@@ -50,24 +42,22 @@ def measure(
     out.write_text(json.dumps(record, indent=1) + "\n")
 
 
-def _figures(weights: Path, speech: Path, short: bool, folder: Path) -> Iterator[runs.Figure]:
+def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
     from app.bench import drawing
     from model.motion.motion import load_motion
 
-    clip = runs.repeat_speech(speech, CLIP_S, folder / "clip.wav")
-    started = time.monotonic()
-    with runs.served_page(weights, folder):
-        yield runs.Figure("page start", time.monotonic() - started, "s", "at most 8 s")
-    warm_up(weights, None)
-    yield from runs.time_motion(clip, weights)
-    yield from runs.time_page_run(clip, weights, folder)
+    yield runs.time_page_start(folder)
+    warm_up(BUNDLED_WEIGHTS, None)
+    clip = runs.speech_of(CLIP_S, folder)
+    yield from runs.time_motion(clip)
+    yield from runs.time_page_run(clip, folder)
     motion = load_motion(min((folder / "page").glob("*.npz")))
     yield runs.time_measures(motion)
     yield from drawing.video_rates(body_motion(motion), folder)
     if not short:
         yield from drawing.stages(body_motion(motion), folder)
-        yield from runs.time_training(weights)
-        yield from runs.measure_memory(speech, weights, folder)
+        yield from runs.time_training()
+        yield from runs.measure_memory(folder)
 
 
 if __name__ == "__main__":

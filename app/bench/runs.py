@@ -10,20 +10,18 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from app.config import PROJECT
+from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
 from app.run.ask import Ask, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
-from conventions.rates import FPS
+from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
 from model.data.recordings import NUM_FACE_UNITS
@@ -67,14 +65,12 @@ def peak_mb(*arguments: str) -> float:
     return usage.ru_maxrss / 1024  # kilobytes on Linux
 
 
-@contextmanager
-def served_page(weights: Path, folder: Path) -> Iterator[str]:
-    """The address of a page that has just been started, as on a fresh machine."""
-    address = "http://127.0.0.1:7899/"
+def time_page_start(folder: Path) -> Figure:
+    """Until a page answers that has just been started, as on a fresh machine."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory(dir=folder) as fresh:
         page = subprocess.Popen(
-            [sys.executable, "app.py", "--port", "7899", "--weights", str(weights.resolve())],
+            [sys.executable, "app.py", "--port", "7899"],
             cwd=PROJECT,
             env={**os.environ, "TMPDIR": fresh, "XDG_CACHE_HOME": fresh},
             stdout=subprocess.DEVNULL,  # nothing stands between the rows
@@ -83,36 +79,34 @@ def served_page(weights: Path, folder: Path) -> Iterator[str]:
         try:
             while True:
                 try:
-                    urllib.request.urlopen(address, timeout=5).read()
-                    break
+                    urllib.request.urlopen("http://127.0.0.1:7899/", timeout=5).read()
+                    return Figure("page start", time.monotonic() - started, "s", "at most 8 s")
                 except (urllib.error.URLError, ConnectionError) as error:
                     if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
                         raise RuntimeError("The page did not start.") from error
                     time.sleep(0.05)
-            yield address
         finally:
             page.terminate()
             page.wait()
 
 
-def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
-    """Speech of exactly that length, made by cutting or repeating ``path``."""
-    from conventions.rates import SAMPLE_RATE
+def speech_of(duration_s: float, folder: Path) -> Path:
+    """Speech of exactly that length, made by cutting or repeating an example."""
     from model.speech.audio import load_speech, write_wav
 
-    waveform = load_speech(path).waveform
-    num_samples = round(duration_s * SAMPLE_RATE)
-    write_wav(out, np.resize(waveform, num_samples))
+    out = folder / f"{duration_s:g}.wav"
+    waveform = load_speech(min(EXAMPLES.glob("*.wav"))).waveform
+    write_wav(out, np.resize(waveform, round(duration_s * SAMPLE_RATE)))
     return out
 
 
-def time_motion(clip: Path, weights: Path) -> list[Figure]:
+def time_motion(clip: Path) -> list[Figure]:
     """Features, generation of each system at the default number of steps, and five samples."""
     from model.generation.windows import generation_ms
     from model.speech.audio import load_speech
 
     speech = load_speech(clip)
-    systems = [get_system(name, weights) for name in list_systems(weights)]
+    systems = [get_system(name, BUNDLED_WEIGHTS) for name in list_systems(BUNDLED_WEIGHTS)]
     started = time.perf_counter()
     systems[0].encoder.encode(speech.waveform, speech.num_frames)
     features_ms = 1000 * (time.perf_counter() - started) / speech.num_frames
@@ -127,17 +121,14 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
 
 
-def time_training(weights: Path) -> list[Figure]:
+def time_training() -> list[Figure]:
     """Training at the demo's size, without compiling, which takes minutes by itself."""
-    return [
-        Figure(
-            f"training, {name}, demo size, not compiled", training_rate(name, weights), "windows/s"
-        )
-        for name in usual_systems("bench-training")
-    ]
+    rates = {name: training_rate(name, BUNDLED_WEIGHTS) for name in usual_systems("bench-training")}
+    title = "training, {}, demo size, not compiled"
+    return [Figure(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 
 
-def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     """A run as the page asks for it, of the ladder of systems, in a process that is warm: until the
     first of them moves on the stage, until all of its motion is there, as a stage without windows
     begins with, and until everything is there."""
@@ -153,12 +144,11 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
                 whole_at.append(time.monotonic())
 
     explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
-    ladder = tuple(name for name in list_systems(weights) if name in explained)
+    ladder = tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
     started = time.monotonic()
     ask = Ask(
         speech=clip,
         out=folder / "page",
-        weights=weights,
         has_video=True,
         systems=ladder,
         size=PAGE_SIZE_PX,
@@ -188,10 +178,10 @@ def time_measures(motion: Motion) -> Figure:
     return Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")
 
 
-def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
+def measure_memory(folder: Path) -> list[Figure]:
     """Peak memory of any process of a run of one system, for a long clip against a short, without
     videos, which stream."""
-    system = list_systems(weights)[-1]
+    system = list_systems(BUNDLED_WEIGHTS)[-1]
     imports = (
         "import app.run.pipeline, model.diagnostics, model.generation.windows, "
         "renderer.figures.figure6"
@@ -199,11 +189,11 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     imports_mb = peak_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):
-        clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
+        clip = speech_of(duration_s, folder)
         out = folder / f"{duration_s:g}"
         flags = ["--systems", system, "--steps", "1", "--no-video"]
         command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
-        peaks_mb.append(peak_mb(*command, "--weights", str(weights.resolve())))
+        peaks_mb.append(peak_mb(*command))
     short_mb, long_mb = peaks_mb
     return [
         Figure("peak memory, 1-minute clip", short_mb, "MB"),

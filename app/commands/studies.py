@@ -23,7 +23,6 @@ def export(
     out: Path,
     body: File = None,
     weights: Path = BUNDLED_WEIGHTS,
-    workers: int = 2,
 ) -> None:
     """Make the bundle for participants and the researcher's folder.
 
@@ -33,19 +32,16 @@ def export(
     Args:
         out: folder of the study.
         body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
-        workers: videos drawn at once.
     """
     from app.study.design.plan import read_plan
     from app.study.export import export_study
 
-    if workers < 1:
-        raise RunError(f"--workers must be at least 1; got {workers}.")
     body = body or default_body()
     read = read_plan(plan.absolute())
     try:
         with bars() as shown:
             told = partial(shown.show, "draw the videos")
-            workspace = export_study(read, out, weights, body, workers, on_progress=told)
+            workspace = export_study(read, out, weights, body, on_progress=told)
     except KeyboardInterrupt:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."

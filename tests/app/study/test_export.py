@@ -255,7 +255,7 @@ def test_the_real_renderer_makes_a_blind_study(weights, tmp_path):
     text += '[[systems]]\nname = "globaldiff/local"\nsteps = 1\n'
     (tmp_path / "plan.toml").write_text(text)
     argv = ["study", "export", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "out")]
-    assert main([*argv, "--weights", str(weights), "--workers", "1"]) == 0
+    assert main([*argv, "--weights", str(weights)]) == 0
     study = Workspace(tmp_path / "out")
     assert check_study(tmp_path / "out") == []
     assert len({file_sha256(path) for path in study.media.iterdir()}) == 2
