@@ -73,8 +73,6 @@ neighbours, or in numbers alone, and counts half."""
 class Finding:
     """One fault of one motion."""
 
-    kind: str
-    """One of the table's (`table.FAULTS`)."""
     sentence: str
     numbers: dict[str, Any]
     """What the sentence was made from."""
@@ -88,7 +86,8 @@ class Finding:
     """First and last frame of each place where it shows, the longest first, `MOST_STRETCHES` at
     most; none where it is everywhere."""
     gravity: int = SEEN
-    """Set by the table."""
+    kind: str = ""
+    """Set by the table, as gravity is (`table.FAULTS`)."""
 
     @property
     def worst_s(self) -> float | None:

@@ -73,7 +73,7 @@ def joint_noise(evidence: Evidence) -> Iterator[Finding]:
             f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
             f" the {point_words(evidence.point)} away."
         )
-    yield Finding("joint_noise", sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)
+    yield Finding(sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)
 
 
 def pops(evidence: Evidence) -> Iterator[Finding]:
@@ -93,7 +93,6 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
     degrees = float(np.degrees(off[frame, BODY[joint]]) / FPS)
     count = f"{len(frames)} frames pop" if len(frames) > 1 else "One frame pops"
     yield Finding(
-        "pops",
         f"{count} out and back, most the {point_words(name)} by {degrees:.0f}° at"
         f" {clock(int(frame) + 1)}.",
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
@@ -117,7 +116,6 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
         return
     share = len(frames) / evidence.num_frames
     yield Finding(
-        "copied_frames",
         f"{len(frames)} frames are copies of the frame before ({share:.1%}), the first at"
         f" {clock(int(frames[0]))}; recorded clips have none.",
         {"copies": len(frames), "share": share},
@@ -148,7 +146,6 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     if len(frames) < usual_skips:
         return
     yield Finding(
-        "skipped_frames",
         f"Frames seem to be missing in {len(frames)} places: the whole body steps about twice"
         f" as far as before and after, first at {clock(int(frames[0]))}.",
         {"skips": len(frames)},
@@ -168,7 +165,6 @@ def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
     if not ratio < HALF_RATE:
         return
     yield Finding(
-        "stretched_rate",
         "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
         f" second, or fewer, and was stretched to 30 (movement, or its change, is {ratio:.0%}"
         " of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
@@ -194,7 +190,6 @@ def seams(evidence: Evidence) -> Iterator[Finding]:
         return
     joins = range(found.phase_frame, evidence.num_frames, advance)
     yield Finding(
-        "seams",
         f"The body jumps every {advance} frames ({advance / FPS:.2f}"
         f" s), at frame {found.phase_frame} of each window: its jerk there is"
         f" {found.ratio:.1f} times the usual.",
@@ -223,7 +218,6 @@ def period(evidence: Evidence) -> Iterator[Finding]:
     else:
         how = f"{found.peak_over_least:.1f} times as high at one of them as at another"
     yield Finding(
-        "period",
         f"The {found.part} {verb} anew every {found.frames} frames"
         f" ({found.frames / FPS:.2f} s), as where windows or codes are joined: jerk is {how}.",
         {

@@ -90,7 +90,6 @@ class Level:
         where = f", most at {clock(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
         yield Finding(
-            self.kind,
             f"{means}{where}: {self.title} is {self._told(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
             excess=excess,

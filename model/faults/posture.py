@@ -30,7 +30,6 @@ def lying(evidence: Evidence) -> Iterator[Finding]:
     if not tilt.mean > LYING_DEG:
         return
     yield Finding(
-        "lying",
         f"The spine is tilted by {tilt.mean:.0f}° on average: the body lies, or the file's up"
         " is not y; --assume up=z reads z-up files.",
         {"spine_tilt_deg": tilt.mean},
@@ -47,7 +46,6 @@ def lifted(evidence: Evidence) -> Iterator[Finding]:
         return
     where = "above" if apart > 0 else "below"
     yield Finding(
-        "lifted",
         f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's; recorded clips of"
         " one speaker agree to a centimetre.",
         {"height_m": apart},
@@ -63,7 +61,6 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
     contact = evidence.raw.posture.foot_contact_share
     few = f" (on the ground in {contact:.0%} of the frames only)" if contact < CONTACT_SHARE else ""
     yield Finding(
-        "foot_slide",
         f"Feet on the ground slide at {100 * slide:.0f} cm/s on average{few}; recorded"
         f" clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s.",
         {"foot_slide_m_s": slide, "contact_share": contact},
@@ -86,7 +83,6 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         else "The feet hardly ever keep to one floor"
     )
     yield Finding(
-        "floating",
         f"{found}; a foot is on the ground in {contact:.0%} of the frames, in recorded clips"
         " in 97% and more.",
         {
@@ -108,7 +104,6 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
     worst = int(below.argmax())
     share = float(np.mean(is_below))
     yield Finding(
-        "through_floor",
         f"A foot goes {100 * below[worst]:.0f} cm through the floor at {clock(worst)}, and"
         f" deeper than {100 * SINKING_M:.0f} cm in {share:.1%} of the frames (the floor is"
         " where the lower foot usually stands).",
@@ -148,7 +143,6 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
         [f"{point_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]]
     )
     yield Finding(
-        "finger_range",
         f"Fingers bend as no human hand can in {share:.1%} of frames and joints;"
         f" most often the {named}.",
         {
@@ -179,7 +173,6 @@ def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
     is_left = place % 2 == 0 if place < len(knuckles) else place - len(knuckles) < 5
     side = "left" if is_left else "right"
     yield Finding(
-        "hand_in_body",
         f"The {side} hand goes into the body at {clock(worst)}: it is"
         f" {100 * distance[worst]:.0f} cm from the spine's line, in {is_inside.sum()} frames.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
@@ -200,7 +193,6 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
             return
         how = "as a mirror image" if is_mirrored else "joint by joint"
         yield Finding(
-            "swapped_sides",
             f"Left and right seem swapped {how}: upper body and hands are"
             f" {errors.as_is:.0f}° from the reference, and {error:.0f}° once swapped"
             " back.",
@@ -217,7 +209,6 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
     if share <= ELBOWS_BACKWARDS:
         return
     yield Finding(
-        "swapped_sides",
         "Left and right joints seem swapped: both elbows bend backwards in at"
         f" least {share:.0%} of the frames.",
         {"way": "swapped", "elbow_backwards_share": backwards},

@@ -24,7 +24,7 @@ MOVING_FRAMES = 2 * FPS
 def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
     if not evidence.raw.positions.joint_speed_m_s.max() < STILL_M_S:
         return
-    yield Finding("still", "Nothing moves in this motion.", {})
+    yield Finding("Nothing moves in this motion.", {})
 
 
 def freezes(evidence: Evidence) -> Iterator[Finding]:
@@ -41,7 +41,6 @@ def freezes(evidence: Evidence) -> Iterator[Finding]:
     times = f"{len(runs)} times, longest" if len(runs) > 1 else "once,"
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
-        "frozen",
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
         f" {clock(first)}; in recorded clips no two frames are so still.",
         {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
@@ -55,7 +54,6 @@ def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
     for side, share in vars(evidence.raw.rotations.fingers_still_share).items():
         if share > HAND_STILL:
             yield Finding(
-                "frozen_hand",
                 f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
                 {"side": side, "still_share": share},
                 excess=share / HAND_STILL,
@@ -71,7 +69,6 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
         return
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(
-        "still_translation",
         f"The translation is {where}: the body never leaves its place, so that feet slide or"
         " float wherever it leans. Foot measures tell of that more than of the feet.",
         {"trans_m": trans[0].tolist()},
@@ -110,7 +107,7 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
     else:
         return
     numbers = {"jaw_deviation_deg": jaw_deg, "expression_deviation": unit}
-    yield Finding("still_face", said, numbers)
+    yield Finding(said, numbers)
 
 
 def copied_face(evidence: Evidence) -> Iterator[Finding]:
@@ -124,7 +121,6 @@ def copied_face(evidence: Evidence) -> Iterator[Finding]:
     if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_UNIT:
         return
     yield Finding(
-        "copied_face",
         f"The expressions are the reference's, bit for bit, in {share:.0%} of the frames: they"
         " were copied, not made.",
         {"copied_share": share},

@@ -79,7 +79,10 @@ def find_faults(evidence: Evidence) -> list[Finding]:
 
 
 def _found(fault: Fault, evidence: Evidence) -> list[Finding]:
-    return [replace(finding, gravity=fault.gravity) for finding in fault.search(evidence)]
+    return [
+        replace(finding, kind=fault.kind, gravity=fault.gravity)
+        for finding in fault.search(evidence)
+    ]
 
 
 def without(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:

@@ -27,7 +27,6 @@ def identical(evidence: Evidence) -> Iterator[Finding]:
     if apart.max() > SAME_RAD or np.abs(own.trans - theirs.trans).max() > SAME_RAD:
         return
     yield Finding(
-        "identical",
         "This is the reference: every joint is the same in every frame.",
         {"largest_difference_rad": float(apart.max())},
     )
@@ -46,7 +45,6 @@ def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
     if abs(lag) < LEAST_LAG_FRAMES or best < COPY_CORRELATION:
         return
     yield Finding(
-        "time_shift",
         f"This moves as the reference does, {abs(lag) / FPS:.2f} s"
         f" {'later' if lag > 0 else 'earlier'}: their speeds then correlate with {best:.2f}.",
         {"against": "reference", "lag_frames": lag, "correlation": best},
@@ -79,7 +77,7 @@ def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
             f" --assume rate={lag.lag_rate:.4g} makes up for it."
         )
     excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
-    yield Finding("time_shift", sentence, numbers, excess)
+    yield Finding(sentence, numbers, excess)
 
 
 def _apart(lag_s: float) -> str:

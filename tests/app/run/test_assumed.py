@@ -13,7 +13,7 @@ from tests.model.formats.made import BODY_JOINTS, FROM_Y, Person, turned
 
 
 def finding(kind: str) -> Finding:
-    return Finding(kind, "", {})
+    return Finding("", {}, kind=kind)
 
 
 def test_nothing_is_found_of_what_a_file_does_not_tell() -> None:

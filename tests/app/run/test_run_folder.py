@@ -172,10 +172,10 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
 
 def test_the_gravest_findings_come_first_each_with_its_second():
     findings = {
-        "a": [Finding("seam", "It jumps.", {}, excess=3.0, worst_frame=45, gravity=SEEN)],
+        "a": [Finding("It jumps.", {}, kind="seam", excess=3.0, worst_frame=45, gravity=SEEN)],
         "b": [
-            Finding("through", "A hand is in the chest.", {}, gravity=WRONG),
-            Finding("noise", "It trembles.", {}, excess=9.0, gravity=SEEN),
+            Finding("A hand is in the chest.", {}, kind="through", gravity=WRONG),
+            Finding("It trembles.", {}, kind="noise", excess=9.0, gravity=SEEN),
         ],
     }
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]

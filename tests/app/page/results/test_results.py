@@ -91,8 +91,8 @@ def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
 
 def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst(tmp_path):
     measured = numbers(104.0, a=1.0)
-    grave = Finding("g", "Grave.", {}, gravity=3, worst_frame=45)
-    slight = [Finding("s", f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
+    grave = Finding("Grave.", {}, gravity=3, worst_frame=45)
+    slight = [Finding(f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
     measured.findings["a"] = [*slight, grave]
     whole = table(measured, tmp_path)
     places = [whole.index(words) for words in ("Grave.", "Slight 1.", "Also found", "Slight 2.")]
@@ -102,7 +102,7 @@ def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst(tmp_path
 
 def test_names_and_findings_cannot_bring_markup(tmp_path):
     measured = numbers(104.0, **{EVIL: 1.0})
-    measured.findings[EVIL] = [Finding("x", EVIL, {})]
+    measured.findings[EVIL] = [Finding(EVIL, {})]
     for piece in (
         table(measured, tmp_path),
         markup.header(EVIL),
