@@ -31,7 +31,6 @@ from model.plan.kinds import (
     usual_place,
 )
 from model.plan.plan import (
-    EVENTS,
     SIDES,
     Blink,
     Brow,
@@ -320,7 +319,9 @@ def _ending_at(phases: Sequence[HandPhase], end_s: float) -> int | None:
 
 
 Body = Nod | Gaze | Brow | Smile | Blink | Stand
-_LISTS = {kind: name for name, kind in EVENTS.items()}
+_LISTS: dict[type, str] = {
+    Nod: "nods", Gaze: "looks", Brow: "brows", Smile: "smiles", Blink: "blinks", Stand: "stands",
+}  # fmt: skip
 
 
 def with_event(plan: GesturePlan, event: Body) -> Edited:
@@ -337,16 +338,6 @@ def with_event(plan: GesturePlan, event: Body) -> Edited:
         events = [part for one in events for part in _around_span(one, start_s, end_s)]
     events.append(event)
     events.sort(key=lambda one: getattr(one, "start_s", getattr(one, "time_s", 0.0)))
-    return Edited(replace(plan, **{name: tuple(events)}))
-
-
-def without_event(plan: GesturePlan, event: Body) -> Edited:
-    """The plan without an event of the head, face or legs."""
-    name = _LISTS[type(event)]
-    events = list(getattr(plan, name))
-    if event not in events:
-        raise PlanError(f"The plan has no such {type(event).__name__.lower()}.")
-    events.remove(event)
     return Edited(replace(plan, **{name: tuple(events)}))
 
 

@@ -232,13 +232,6 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
     return tuple(filled)
 
 
-EVENTS: dict[str, type] = {
-    "left": HandPhase, "right": HandPhase, "nods": Nod, "looks": Gaze, "brows": Brow,
-    "smiles": Smile, "blinks": Blink, "stands": Stand, "planted": Planted,
-}  # fmt: skip
-"""Of what a plan's lists are."""
-
-
 def read_plan(path: Path) -> GesturePlan:
     """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
 

@@ -180,16 +180,16 @@ def _said_at(words: Said, at_s: float) -> str:
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
-def _of_both(change: Callable[[GesturePlan, Gesture, Values], Edited]) -> Does:
-    """A change of a gesture, and of the other hand's part in it."""
+def _of_both(change: Callable[..., Edited], *names: str) -> Does:
+    """A change of a gesture by some of its values, and of the other hand's part in it."""
 
     def does(plan: GesturePlan, told: Values, words: Said) -> Edited:
-        gesture = _gesture(told)
+        gesture, values = _gesture(told), [told[name] for name in names]
         partner = editing.partner_of(plan, gesture)
-        done = change(plan, gesture, told)
+        done = change(plan, gesture, *values)
         if partner is None:
             return done
-        also = change(done.plan, partner, told)
+        also = change(done.plan, partner, *values)
         return Edited(also.plan, tuple(dict.fromkeys((*done.notes, *also.notes))))
 
     return does
@@ -200,7 +200,7 @@ def _move(plan: GesturePlan, told: Values, words: Said) -> Edited:
     if word is None:
         word = _said_at(words, lands_s)
     by_s = lands_s - told["lands"]
-    moved = _of_both(lambda each, one, _: editing.moved(each, one, one.lands_s + by_s, word))
+    moved = _of_both(lambda each, one: editing.moved(each, one, one.lands_s + by_s, word))
     return moved(plan, told, words)
 
 
@@ -243,10 +243,12 @@ def _remove(plan: GesturePlan, told: Values, words: Said) -> Edited:
         at = event.start_s if hasattr(event, "start_s") else event.time_s
         return abs(at - told["at"])
 
-    nearest = min(getattr(plan, told["list"]), key=off, default=None)
+    events = getattr(plan, told["list"])
+    nearest = min(events, key=off, default=None)
     if nearest is None or off(nearest) >= AT_S:
         raise PlanError(f"The plan has none of its {told['list']} at {told['at']:.2f} s.")
-    return editing.without_event(plan, nearest)
+    left = tuple(event for event in events if event is not nearest)
+    return Edited(replace(plan, **{told["list"]: left}))
 
 
 def _style(plan: GesturePlan, told: Values, words: Said) -> Edited:
@@ -291,29 +293,17 @@ _where: dict[str, Any] = {
 }  # fmt: skip
 KINDS: Mapping[str, Kind] = {
     "move": _kind(_move, **_one, **_where),
-    "delete": _kind(_of_both(lambda plan, one, told: editing.deleted(plan, one)), **_one),
+    "delete": _kind(_of_both(editing.deleted), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),
     "hands": _kind(
         lambda plan, told, *_: editing.with_hands(plan, _gesture(told), told["hands"]),
         **_one, hands=Hands,
     ),
-    "hold": _kind(
-        _of_both(lambda plan, one, told: editing.held(plan, one, told["hold"])),
-        **_one, hold=_within(0, 60),
-    ),
+    "hold": _kind(_of_both(editing.held, "hold"), **_one, hold=_within(0, 60)),
     "end": _kind(_end, side=Side, ends=_Second, at=_Second),
-    "size": _kind(
-        _of_both(lambda plan, one, told: editing.sized(plan, one, told["size"])),
-        **_one, size=_within(0.1, 4),
-    ),
-    "height": _kind(
-        _of_both(lambda plan, one, told: editing.raised(plan, one, told["by"])),
-        **_one, by=_within(-1, 1),
-    ),
-    "speed": _kind(
-        _of_both(lambda plan, one, told: editing.hastened(plan, one, told["speed"])),
-        **_one, speed=_within(0.2, 5),
-    ),
+    "size": _kind(_of_both(editing.sized, "size"), **_one, size=_within(0.1, 4)),
+    "height": _kind(_of_both(editing.raised, "by"), **_one, by=_within(-1, 1)),
+    "speed": _kind(_of_both(editing.hastened, "speed"), **_one, speed=_within(0.2, 5)),
     "nod": _kind(
         lambda plan, told, *_: editing.with_event(
             plan, Nod(told["at"], told.get("depth", NOD_DEG))),

@@ -25,7 +25,6 @@ from model.plan.editing import (
     sized,
     with_event,
     with_hands,
-    without_event,
 )
 from model.plan.kinds import PLACES, REST_PLACE, strokes_of
 from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Smile
@@ -154,7 +153,6 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         (lambda p: raised(p, MIDDLE, 2.0), "at most 1 m"),
         (lambda p: hastened(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
-        (lambda p: without_event(p, Nod(1.0, 3.0)), "has no such nod"),
         (lambda p: ended(p, "right", 4.0, 4.2), "right hand does nothing that ends at 4.00 s"),
         (lambda p: ended(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
         (
@@ -175,7 +173,6 @@ def test_what_cannot_be_is_refused(edit, says):
 def test_nods_looks_smiles_and_blinks():
     plan = with_event(with_event(STILL, Nod(3.0, 4.0)).plan, Nod(1.0, 2.0)).plan
     assert [n.time_s for n in plan.nods] == [1.0, 3.0]
-    assert without_event(plan, Nod(3.0, 4.0)).plan.nods == (Nod(1.0, 2.0),)
     looking = replace(STILL, looks=(Gaze(0.0, 10.0, 0.0, 0.0),))
     plan = with_event(looking, Gaze(4.0, 5.0, 12.0, 0.0)).plan
     assert [(k.start_s, k.end_s) for k in plan.looks] == [(0.0, 4.0), (4.0, 5.0), (5.0, 10.0)]
