@@ -7,7 +7,7 @@ a window does not depend on where it began. The other kind, "place", is the posi
 where the body is at home.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -31,9 +31,10 @@ MOTION_DIM = ROTATION_DIM + ROOT_DIM
 AXIS_ANGLE_DIM = AXIS_ANGLE_MOTION_DIM - ROOT_DIM
 
 
-def joint_channels(joints: tuple[int, ...]) -> list[int]:
-    """Indices of the row-6D channels of ``joints`` in the motion vector."""
-    return [6 * joint + k for joint in joints for k in range(6)]
+def joint_channels(joints: Iterable[int], width: int = 6) -> list[int]:
+    """Places in the motion vector of ``joints`` that have ``width`` numbers each: row-6D, or 3 as
+    axis-angle."""
+    return [width * joint + k for joint in joints for k in range(width)]
 
 
 ROOT_CHANNELS = list(range(ROTATION_DIM, MOTION_DIM))
@@ -41,27 +42,19 @@ HAND_CHANNELS = joint_channels(HANDS)
 TORSO_CHANNELS = joint_channels(UPPER_BODY + LOWER_BODY + FACE) + ROOT_CHANNELS
 """The paper's two regions: hands (180 channels), and everything else (153 channels)."""
 
-NORMALISATION_GROUPS: dict[str, list[int]] = {
-    "hands": HAND_CHANNELS,
-    "upper body": joint_channels(UPPER_BODY),
-    "lower body": joint_channels(LOWER_BODY),
-    "face joints": joint_channels(FACE),
-    "root velocity": [ROOT_CHANNELS[0], ROOT_CHANNELS[2]],
-    "root height": [ROOT_CHANNELS[1]],
-}
-"""Channels that share one standard deviation. One for each channel would blow up channels that
-hardly move; none at all leaves the network with channels that are far smaller than the noise."""
+
+def _groups(width: int) -> list[list[int]]:
+    """Channels that share one standard deviation: of hands, upper and lower body and face, the
+    root's horizontal motion, and its height. One for each channel would blow up channels that
+    hardly move; none at all leaves the network with channels that are far smaller than the noise.
+    """
+    root = width * NUM_JOINTS
+    joints = (HANDS, UPPER_BODY, LOWER_BODY, FACE)
+    return [*(joint_channels(each, width) for each in joints), [root, root + 2], [root + 1]]
 
 
-AXIS_ANGLE_GROUPS: list[list[int]] = [
-    *(
-        [3 * j + k for j in joints for k in range(3)]
-        for joints in (HANDS, UPPER_BODY, LOWER_BODY, FACE)
-    ),
-    [AXIS_ANGLE_DIM, AXIS_ANGLE_DIM + 2],
-    [AXIS_ANGLE_DIM + 1],
-]
-"""The same groups in axis-angle vectors."""
+NORMALISATION_GROUPS, AXIS_ANGLE_GROUPS = _groups(6), _groups(3)
+"""In row-6D and in axis-angle vectors."""
 
 
 def pack(
@@ -146,7 +139,7 @@ class Normaliser:
         mean = vectors.mean(0)
         variance = vectors.var(0)
         std = torch.ones(vectors.shape[1])
-        for channels in groups or list(NORMALISATION_GROUPS.values()):
+        for channels in groups or NORMALISATION_GROUPS:
             std[list(channels)] = variance[list(channels)].mean().sqrt().clamp_min(1e-4)
         if representation == "raw":
             mean[:ROTATION_DIM] = 0.0

@@ -21,7 +21,7 @@ def test_layout_is_joint_major_row6d_then_root_and_regions_cover_it_once():
     torch.testing.assert_close(one_frame[0, 330:], torch.tensor([0.0, 2.0, 0.0]))
     assert sorted(packing.HAND_CHANNELS + packing.TORSO_CHANNELS) == list(range(333))
     assert (len(packing.HAND_CHANNELS), len(packing.TORSO_CHANNELS)) == (180, 153)
-    grouped = [c for group in packing.NORMALISATION_GROUPS.values() for c in group]
+    grouped = [c for group in packing.NORMALISATION_GROUPS for c in group]
     assert sorted(grouped) == list(range(333))
 
 
@@ -38,7 +38,7 @@ def test_what_was_packed_is_the_motion_up_to_where_it_stands(root):
 def test_normaliser_shares_one_std_in_a_group():
     vectors = torch.randn(500, 333) * torch.linspace(0.1, 3, 333) + 7
     normaliser = Normaliser.fit(vectors)
-    for channels in packing.NORMALISATION_GROUPS.values():
+    for channels in packing.NORMALISATION_GROUPS:
         assert normaliser.std[channels].unique().numel() == 1
         normal = normaliser.normalise(vectors)[:, channels]
         torch.testing.assert_close(normal.var(0).mean(), torch.tensor(1.0), atol=1e-3, rtol=0)
