@@ -194,9 +194,9 @@ def _check(arrays: Mapping[str, Any]) -> None:
         array = arrays[name]
         if array.shape != shape:
             raise MotionError(f"`{name}` must have the shape {shape}; it has {array.shape}.")
-        bad = np.argwhere(~np.isfinite(array))
-        if len(bad):
-            where = f", first in frame {bad[0][0]}" if array.ndim > 1 else ""
+        if not np.isfinite(array).all():
+            frame = np.argwhere(~np.isfinite(array))[0][0]
+            where = f", first in frame {frame}" if array.ndim > 1 else ""
             raise MotionError(
                 f"`{name}` holds values that are not finite (NaN or infinite){where}."
             )

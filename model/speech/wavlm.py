@@ -33,7 +33,6 @@ class WavLMEncoder:
     def __init__(
         self,
         folder: str | Path | None = None,
-        device: str | torch.device = "cpu",
         block_s: float = BLOCK_S,
         context_s: float = CONTEXT_S,
     ) -> None:
@@ -53,8 +52,7 @@ class WavLMEncoder:
                 "The speech encoder wavlm needs its weights; set WAVLM_DIR to a folder that holds "
                 f"config.json and the weights (got {str(folder)!r}), or use mel64."
             )
-        self.device = torch.device(device)
-        self._model = speech_model(folder, "WavLMModel").to(self.device)
+        self._model = speech_model(folder, "WavLMModel")
         config: Any = self._model.config
         self.dim = int(config.hidden_size)
         self._stride = int(np.prod(config.conv_stride))
@@ -92,10 +90,10 @@ class WavLMEncoder:
             first, last = max(0, start - self._context), min(total, stop + self._context)
             samples = waveform[first * self._stride : (last - 1) * self._stride + self._reach]
             with torch.inference_mode():
-                inputs = torch.from_numpy(samples)[None].to(self.device)
+                inputs = torch.from_numpy(samples)[None]
                 hidden = self._model(inputs).last_hidden_state[0]
             assert len(hidden) == last - first
-            blocks.append(hidden[start - first : stop - first].float().cpu().numpy())
+            blocks.append(hidden[start - first : stop - first].float().numpy())
         return np.concatenate(blocks)
 
 
