@@ -181,8 +181,8 @@ def test_the_gravest_findings_come_first_each_with_its_second():
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
-        ("b", "It trembles.", None),
         ("a", "It jumps.", 1.5),
+        ("b", "It trembles.", None),
     ]
 
 
