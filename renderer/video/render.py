@@ -22,7 +22,6 @@ from renderer.scene.stage import (
     Stage,
     cut_out,
     frames_of,
-    lay_out,
     set_stage,
 )
 from renderer.scene.studio import FramePreparer, Subject
@@ -44,18 +43,15 @@ class RenderSettings:
     """One of ``conventions.views.VIEWS``."""
     framing: Framing = "whole"
     """How much of the body a view shows that is no close-up."""
-    close_ups: tuple[str, ...] = ()
-    """Of `CLOSE_UPS`, beside the picture, in the same video."""
     crf: int = DEFAULT_CRF
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
     """What draws; None takes the first that works here."""
     layout: tuple[Panel, ...] | None = None
-    """Where the body, which comes first and is as large as ``width`` and ``height`` say, and the
-    close-ups stand; None as ``close_ups`` are laid out."""
+    """Where the body, which comes first and is as large as ``width`` and ``height`` say, and
+    close-ups stand, as of `lay_out`; None is the body alone."""
     is_transparent: bool = False
-    """Pictures of the body alone, with a fourth channel for what it covers; no videos and no
-    close-ups."""
+    """Pictures of the body alone, with a fourth channel for what it covers; no videos."""
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -64,12 +60,6 @@ class RenderSettings:
                 f"A picture of {self.width} x {self.height} pixels is outside the limits; "
                 f"each side may have {MIN_SIZE_PX} to {MAX_SIZE_PX}."
             )
-        if self.close_ups and self.is_transparent:
-            raise ValueError("A picture without a background has no close-ups beside it.")
-        body = self.panels[0]
-        has_both = self.layout is not None and bool(self.close_ups)
-        if has_both or (body.width, body.height) != (self.width, self.height):
-            raise ValueError("A layout begins with the body's panel and holds all close-ups.")
         check_size(*self.picture_size)
 
     @property
@@ -80,7 +70,7 @@ class RenderSettings:
     @property
     def panels(self) -> tuple[Panel, ...]:
         """The body's, and after it those of the close-ups."""
-        return self.layout or lay_out(self.view, self.width, self.height, self.close_ups)
+        return self.layout or (Panel(self.view, 0, 0, self.width, self.height),)
 
     @property
     def picture_size(self) -> tuple[int, int]:

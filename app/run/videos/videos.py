@@ -54,15 +54,15 @@ def picture_of(
     Raises:
         RunError: if the size cannot be drawn or encoded.
     """
+    from renderer.scene.stage import lay_out
     from renderer.video.render import RenderSettings
 
     width = ask.size if ask.framing == "whole" else 2 * (3 * ask.size // 8)
     size = (layout[0].width, layout[0].height) if layout else (width, ask.size)
-    close_ups = ask.close_ups if view == ask.views[0] and not layout else ()
+    if ask.close_ups and view == ask.views[0]:
+        layout = layout or lay_out(view, *size, ask.close_ups)
     try:
-        return RenderSettings(
-            *(*size, view, ask.framing), close_ups=close_ups, layout=layout, **others
-        )
+        return RenderSettings(*size, view, ask.framing, layout=layout, **others)
     except ValueError as error:
         raise RunError(str(error)) from error
 

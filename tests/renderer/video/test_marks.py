@@ -5,13 +5,14 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
+from renderer.scene.stage import lay_out
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors
 from renderer.video.render import RenderSettings, stage_for
 from tests.renderer.drawn import render_stills
 
 pytestmark = pytest.mark.gl
 
-SETTINGS = RenderSettings(160, 160, close_ups=("hands",))
+SETTINGS = RenderSettings(160, 160, layout=lay_out("front", 160, 160, ("hands",)))
 
 
 def drawn(marks: Marks | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.scene.stage import set_stage
+from renderer.scene.stage import lay_out, set_stage
 from renderer.video.render import RenderSettings
 from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion
@@ -16,6 +16,10 @@ pytestmark = pytest.mark.gl
 
 def small(**changes) -> RenderSettings:
     return replace(RenderSettings(width=128, height=128), **changes)
+
+
+def beside(*close_ups: str) -> RenderSettings:
+    return small(layout=lay_out("front", 128, 128, close_ups))
 
 
 def test_stills_come_in_the_order_asked_for():
@@ -29,14 +33,14 @@ def test_stills_come_in_the_order_asked_for():
             render_stills(body, motion, [frame], small())
     with pytest.raises(ValueError, match="other close-ups"):
         stage = set_stage(body, [motion])
-        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
+        render_stills(body, motion, [0], beside("hands"), stage=stage)
 
 
 def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
     body, motion = load_body(), BodyMotion.resting(6)
-    plain, both = small(), small(close_ups=("face", "hands"))
+    plain, both = small(), beside("face", "hands")
     assert both.picture_size == (128, 256)
-    assert small(close_ups=("hands",)).picture_size == (128, 192)
+    assert beside("hands").picture_size == (128, 192)
     (alone,) = render_stills(body, motion, [3], plain)
     (picture,) = render_stills(body, motion, [3], both)
     front, face, right, left = (picture[panel.box] for panel in both.panels)
@@ -56,7 +60,6 @@ def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
         ({"width": 511}, "511 x 512 .*even"),
         ({"width": 32}, "32 x 512 pixels is outside the limits"),
         ({"height": 9000}, "64 to 2160"),
-        ({"close_ups": ("hands",), "is_transparent": True}, "without a background"),
     ],
 )
 def test_impossible_settings_are_refused(changes, message):
