@@ -1,5 +1,5 @@
-"""Words of the page and of its runs: titles, labels, stages, refusals. What one tab alone says of
-itself, and sentences made from numbers, lie in their own modules."""
+"""Words that several rooms say of the page and its runs, or that tests hold on to; what is said in
+one place stands there."""
 
 from dataclasses import dataclass
 
@@ -22,39 +22,18 @@ MOTION_TAB = "Motion"
 LADDER_TAB = "Systems"
 STUDY_TAB = "User study"
 
-STEP_SPEECH = "Speech"
-STEP_SYSTEMS = "Systems"
-STEP_SETTINGS = "Settings"
 
-SPEECH_LABEL = "Speech"
 SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
-EXAMPLES_LABEL = "Or take an example (a synthetic voice)"
-SYSTEMS_LABEL = "Systems to compare"
-SYSTEMS_HELP = "Each is a trained generator; all get the same noise. The tab Systems explains them."
 OWN_GROUP, LADDER_GROUP, OTHERS_GROUP = "Our own", "The paper's ladder", "Others"
-STUDY_READY = "Ready to be made, with the examples unless you upload speech:"
-STUDY_CHANGED = "Gestures changed"
-STUDY_CHANGED_HELP = "Each is one more system: {system} with its plan changed."
-STUDY_SYSTEMS_HELP = "Each more is one more video of every clip, and more pairs to be judged."
-SPEAKER_LABEL = "Speaker style"
-SPEAKER_HELP = "Whose manner it takes on."
 SEED_LABEL = "Seed"
-SEED_HELP = "Same seed and speech, same motion."
 SAMPLES_LABEL = "Samples per system"
-SAMPLES_HELP = "More than one shows how much chance decides: up to eight by noise of their own."
 GUIDANCE_LABEL = "Strength of the speech"
 GUIDANCE_HELP = (
     "How much what is said changes the gestures. The papers' own code draws with 1, where other "
     "speech with the same seed gives nearly the same gestures."
 )
-USUAL_GUIDANCE = "as suits each system"
 GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
-STEPS_LABEL = "Sampler steps"
-STEPS_HELP = "Empty: what each system usually takes. A number for all, or full=20, local=5, …"
-USUAL_SAMPLER = "each system's usual one"
-SAMPLER_LABEL = "Sampler"
-SAMPLER_HELP = "The way from noise to motion. Leave it, unless you compare samplers."
 FILTER_LABEL = "Smooth every system (Savitzky-Golay 7/2)"
 FILTER_HELP = (
     "Off shows what the models made. On is what the official code does before anyone looks. "
@@ -62,7 +41,6 @@ FILTER_HELP = (
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
-START_LABEL = "First frame of the figure"
 TRANSCRIPT_LABEL = "Words: .TextGrid, or English as .txt (optional)"
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = "Of English, where no text is given; beside the drawing."
@@ -80,7 +58,6 @@ LOOK_ANSWER = (
     "{noise:g} rad at random in each frame; its fingertip jerks {trembling:,} m/s³, that of the "
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
-LOOK_OWN = "Make your own"
 ENLARGE_FIGURE = "Show large: {title}"
 
 
@@ -142,13 +119,8 @@ FILTER_SWITCH = "Filter of plots and measures, for all systems alike"
 NEAREST_LEGEND = "nearest to the reference"
 NO_REFERENCE_LEGEND = "Give a reference motion to see which system is nearest to it."
 ALL_MEASURES = "Show all {count} measures"
-FEWER_MEASURES = "Show fewer"
 CSV_LABEL = "Save as CSV"
-FINDINGS_TITLE = "What stands out, the gravest first"
-ALSO_FOUND = "Also found"
 GO_THERE = "Show {time}"
-DOWNLOADS_HEADING = "Downloads"
-FILES_LABEL = "Single files"
 
 VIEW_NAMES = {
     "front": "From the front",
@@ -158,23 +130,19 @@ VIEW_NAMES = {
     "left_hand": "The left hand",
     "right_hand": "The right hand",
 }
-RUN_LINK = "Link to this run"
 SAVE_RUN = "Save as a file"
 SAVE_RUN_HELP = "Everything of this run in one zip; drop it on this page to open the run again."
 SAVE_PAGE = "Save as a page"
 SAVE_PAGE_HELP = (
     "Bodies, sound and time line in one HTML file that any browser plays, without this program."
 )
-COPY_LINK = "Copy link"
 RUN_KEPT = "Whoever has it can open it, for {minutes} minutes more."
-YOUR_RUNS = "Your runs"
 COMPARE = "Compare the two that are ticked"
 COMPARE_THIS = "Compare {title}"
 COMPARE_HELP = "Tick two runs to see them together."
 COMPARE_LAST = "Compare with your run before"
 COMPARE_OTHER = "Compare with your run before, of other speech"
 PAIR_LINK = "Link to this comparison"
-PAIR_STATUS = "Two runs beside each other."
 PAIR_SAME_SETTINGS = "All settings are the same."
 PAIR_BROUGHT = "{run} is motion from your files, which no system was asked for."
 PAIR_ONE_SPEECH = "Both had the same speech, {speech}: they play together."
@@ -187,7 +155,6 @@ PAIR_OTHER_SPEECH = (
 )
 PAIR_LEGEND = "A is the earlier run. Differences are B less A."
 PAIR_DIFFERENCE = "B \N{MINUS SIGN} A"
-PAIR_SETTINGS = "All settings"
 RUN_GONE = "This run is kept no longer: runs and their files are deleted after {minutes} minutes."
 
 STAGE_NAMES = {
@@ -201,12 +168,10 @@ STAGE_NAMES = {
 READY = "Ready."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Starting, as soon as the models are read."
-WAITING = "Waiting for its turn."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 SEEN_STARTING = "The video of the stage begins as soon as there is room."
 SEEN_COMING = "The video of the stage is drawn: {share:.0%}."
 SEEN_DONE = "The video of the stage is there: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
-SEEN_SAVE = "Save the video"
 SEEN_DAMAGED = "What the stage told of itself cannot be used: {why}"
 PLAN_LABEL = "Plan of the gestures (JSON, TextGrid, ELAN) for systems that perform one"
 EDITS_DAMAGED = "What the editor of gestures asked for cannot be read; load the page again."
@@ -214,16 +179,13 @@ EDITS_GONE = (
     "This run is kept no longer, or is another browser's; generate the motion again to edit it."
 )
 TOO_MANY_TAKES = "There are {limit} takes of this run already; generate the motion again for more."
-TAKE_STARTING = "It is performed again."
 TAKE_COMING = "Take {number} is performed: it moves as far as it has come."
 TAKE_DONE = "Take {number} is there."
 EDITOR_READY = "Choose a gesture on the time line, or add one."
 SEEN_GONE = "A motion of the stage is kept no longer; start the run again, then make the video."
 VIDEOS_LABEL = "Draw videos as well"
 VIDEOS_HELP = "For a file to keep or to send; nobody waits for them, and the stage needs none."
-VIDEOS_COMING = "Videos are being drawn behind it: {share:.0%}."
 VIDEOS_DONE = "Its videos are drawn."
-VIDEOS_FAILED = "Its videos could not be drawn: {why}"
 STOPPED = "Stopped. Nothing was kept."
 CANCELLED = "Cancelled. Nothing was kept."
 FAILED_TITLE = "This run stopped"
@@ -235,20 +197,15 @@ CLIPS_HELP = (
     "table with a row for each clip, and a verdict with its interval over clips. No videos are "
     "drawn; the speech above, if there is any, is one of them."
 )
-CLIP_TWICE = "Two clips are called {name!r}; rename one of the files."
 CLIP_OTHER = "{name} cannot be one of several clips; these are {known}."
 OF_ONE_CLIP = (
     "A recorded motion, a transcript and a plan belong to one piece of speech; take them away, or "
     "generate that one alone."
 )
 CLIP = "Clip"
-CLIPS_TABLE = "{point} jerk in m/s³, as generated, clip by clip"
-CLIP_SHOWN = "Shown below"
-CLIPS_TITLE = "{count} clips: {systems}"
 CLIPS_DONE = "{done} of {count} clips are done; any of them can be chosen below the table."
 CLIPS_MEAN = "Mean [95 % interval over clips]"
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
-NO_SYSTEM = "No system is chosen: tick at least one."
 TOO_MANY_VIDEOS = (
     "{systems} with {samples} of each make {count} bodies, with the reference if there is one; "
     "this page shows at most {limit}. Choose fewer."
@@ -258,4 +215,3 @@ FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."
 )
-NO_SYSTEMS_INSTALLED = "No trained systems were found in {folder}; start with --weights DIR."

@@ -27,7 +27,6 @@ _KINDS = {
     gr.Textbox: str,
 }
 """What parts give; others a text, or the name of a file."""
-NOT_WHOLE = "{what} must be a whole number from {least} to {most}; got {value}."
 Fields = Mapping[str, Any]
 """Parts of the page."""
 
@@ -98,7 +97,7 @@ def _whole(part: Any, value: float | None) -> int:
     least, most = int(part.minimum), int(part.maximum)
     if value is None or value != int(value) or not least <= value <= most:
         told = "nothing" if value is None else f"{value:.15g}"
-        raise RunError(NOT_WHOLE.format(what=part.label, least=least, most=most, value=told))
+        raise RunError(f"{part.label} must be a whole number from {least} to {most}; got {told}.")
     return int(value)
 
 

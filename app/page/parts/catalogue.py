@@ -82,7 +82,7 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
     """
     names = list_systems(weights)
     if not names:
-        raise RunError(text.NO_SYSTEMS_INSTALLED.format(folder=weights))
+        raise RunError(f"No trained systems were found in {weights}; start with --weights DIR.")
     cards = [read_card(name, weights) for name in names]
     samplers = [sampler for name in names for sampler in family_of(name).samplers_of(name)]
     usual = [_usual_steps(name) for name in names]
@@ -142,4 +142,4 @@ def default_systems(systems: Sequence[str]) -> list[str]:
 def strength_choices(*values: float) -> list[tuple[str, float | str]]:
     """Labels and values of a field that offers these, and first of all nothing: the usual one."""
     named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
-    return [(text.USUAL_GUIDANCE, ""), *named]
+    return [("as suits each system", ""), *named]

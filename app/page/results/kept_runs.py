@@ -107,7 +107,7 @@ class KeptRun:
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
         alone = f'href="{address}/page" download title="{text.SAVE_PAGE_HELP}"'
         saved = f"<a class=bundle {zipped}>{text.SAVE_RUN}</a><a {alone}>{text.SAVE_PAGE}</a>"
-        heading = markup.heading(text.DOWNLOADS_HEADING)
+        heading = markup.heading("Downloads")
         return f'{heading}<div class="downloads"><p>{saved}</p>{listed}</div>'
 
 
@@ -172,16 +172,16 @@ class KeptRuns(Kept[KeptRun]):
         link = ""
         if opened:
             minutes = (min(run.ended for run in opened) + self._keep_s - time.time()) / 60
-            words = text.RUN_LINK if len(opened) == 1 else text.PAIR_LINK
+            words = "Link to this run" if len(opened) == 1 else text.PAIR_LINK
             link = (
                 f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
-                f'<button type="button">{text.COPY_LINK}</button>'
+                f'<button type="button">Copy link</button>'
                 f"<span>{text.RUN_KEPT.format(minutes=max(1, round(minutes)))}</span></p>"
                 f"{_beside(opened, mine)}"
             )
         compare = f'<button>{text.COMPARE}</button><span class="how">{text.COMPARE_HELP}</span>'
         listed = (
-            f"<details><summary>{text.YOUR_RUNS} ({len(mine)})</summary>"
+            f"<details><summary>Your runs ({len(mine)})</summary>"
             f'<form method="get" target="_blank"><ol>{items}</ol>'
             f"{compare if len(mine) > 1 else ''}</form></details>"
         )

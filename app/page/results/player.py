@@ -189,5 +189,5 @@ def question(facts: dict[str, Any]) -> str:
         f'<div class="first-look"><h2>{escape(text.LOOK_QUESTION)}</h2>'
         f"<p>{escape(about)}</p>"
         f"<details><summary>{escape(text.LOOK_SHOW)}</summary><p>{escape(answer)}</p></details>"
-        f'<a class="own" href="#speech">{escape(text.LOOK_OWN)}</a></div>'
+        f'<a class="own" href="#speech">{escape("Make your own")}</a></div>'
     )

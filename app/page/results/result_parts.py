@@ -25,7 +25,7 @@ class ResultParts:
         """The question about the example that plays before the first run."""
         self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
         """What is told of several clips together."""
-        self.clip = gr.Radio([], label=text.CLIP_SHOWN, visible=False, elem_id=prefix + "clip")
+        self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
         """Which of them is shown below, by the token of its run."""
         self.player = player_part(prefix)
         with gr.Row(elem_classes="seen-video"):
@@ -103,7 +103,7 @@ def files_listed(paths: Iterable[Path], address: Address) -> str:
         f"<li>{saved_link(address(path), path.name)}<span>{_size(path.stat().st_size)}</span></li>"
         for path in paths
     )
-    return f"<details><summary>{text.FILES_LABEL}</summary><ul>{items}</ul></details>"
+    return f"<details><summary>Single files</summary><ul>{items}</ul></details>"
 
 
 def _size(num_bytes: int) -> str:

@@ -34,7 +34,7 @@ def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie:
         for letter, run in zip("AB", (a, b), strict=True)
     )
     updates: Updates = {
-        parts.status: markup.sentence_status(text.PAIR_STATUS),
+        parts.status: markup.sentence_status("Two runs beside each other."),
         parts.verdict: shown(f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'),
         parts.player: pair.player(),
         parts.numbers: shown(pair.table()),
@@ -229,6 +229,6 @@ def _settings_table(a: RunRecord, b: RunRecord) -> str:
     )
     head = '<tr><th scope="col">Setting</th><th scope="col">A</th><th scope="col">B</th></tr>'
     return (
-        f"<details><summary>{text.PAIR_SETTINGS}</summary><table><thead>{head}</thead>"
+        f"<details><summary>All settings</summary><table><thead>{head}</thead>"
         f"<tbody>{rows}</tbody></table></details>"
     )

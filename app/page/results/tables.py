@@ -94,7 +94,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
     csv = csv_text([("measure", "unit", "name", "filter", "value"), *lines])
     more = (
         f'<button type="button" class="more" aria-expanded="false" '
-        f'data-fewer="{text.FEWER_MEASURES}">{text.ALL_MEASURES.format(count=len(shown))}</button>'
+        f'data-fewer="Show fewer">{text.ALL_MEASURES.format(count=len(shown))}</button>'
     )
     has_reference = any(column.kind == "reference" for column in columns)
     mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
@@ -161,8 +161,8 @@ def _findings(run: RunRecord) -> str:
         return ""
     ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
     items = [_finding(each, run.label(each.name)) for each in ordered]
-    also = f"{text.ALSO_FOUND} ({len(items) - len(run.gravest)})"
-    title = f"<h3>{text.FINDINGS_TITLE}</h3>" if run.findings[0].name else ""
+    also = f"Also found ({len(items) - len(run.gravest)})"
+    title = "<h3>What stands out, the gravest first</h3>" if run.findings[0].name else ""
     return _listed(title, items, len(run.gravest), also)
 
 
@@ -178,7 +178,7 @@ def title_of(records: Sequence[RunRecord]) -> str:
     if len(records) < 2:
         return records[0].title
     asked = records[0].settings.get("systems", "")
-    return text.CLIPS_TITLE.format(count=len(records), systems=asked)
+    return f"{len(records)} clips: {asked}"
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:
@@ -199,7 +199,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     means = [interval(list(of.values())) for of in jerk.values()]
     cells = [f"{plain(mean)} [{plain(low)}, {plain(high)}]" for mean, low, high in means]
     head = markup.heads({name: names[name] for name in jerk})
-    title = text.CLIPS_TABLE.format(point=point_title(point))
+    title = f"{point_title(point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
     return (
         f'<div class="measures all clips">{above}<p>{escape(title)}</p>'
@@ -214,14 +214,11 @@ def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 
-SETS_HEADING = "Results as sets"
 COUNTED = (
     "{clips} in {sets}, each measured as it is. Means over clips, with 95 % intervals over clips."
 )
 WORST_FIRST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
-NONE_FOUND = "Nothing stands out in any clip."
 SETS_TABLE = "Mean over clips [95 % interval]"
-MORE_MEASURES = "All measures"
 MOST_SHOWN = 5
 """Worst clips that are seen unfolded."""
 
@@ -234,7 +231,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
         clips=counted(len(clips), "clip"), sets=counted(len(systems), "set")
     )
     return (
-        f'<div class="sets">{markup.heading(SETS_HEADING, told_count)}'
+        f'<div class="sets">{markup.heading("Results as sets", told_count)}'
         f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems, len(clips))}"
         f'<div class="downloads">{links}</div></div>'
     )
@@ -251,7 +248,7 @@ def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     if not worst:
-        return f'<p class="says">{NONE_FOUND}</p>'
+        return '<p class="says">Nothing stands out in any clip.</p>'
     unit = next(row.unit for row in MEASURES if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
@@ -274,5 +271,5 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
     first = table([row for row in rows if row["measure"] in firsts])
     return (
         f'<div class="measures all">{first}{star}'
-        f"<details><summary>{MORE_MEASURES}</summary>{table(list(rows))}</details></div>"
+        f"<details><summary>All measures</summary>{table(list(rows))}</details></div>"
     )

@@ -66,7 +66,7 @@ def ask_from_form(
         told["has_video"] = False
     told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECHES
     if not told["systems"]:
-        raise RunError(text.NO_SYSTEM)
+        raise RunError("No system is chosen: tick at least one.")
     # Kept in the catalogue's order, so that rows stand the same way in every run; of one that is
     # not among them the run says so.
     order = {name: number for number, name in enumerate(catalogue.systems)}
@@ -115,7 +115,7 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
     names = [printable(path.stem) for path in speeches]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise RunError(text.CLIP_TWICE.format(name=twice))
+        raise RunError(f"Two clips are called {twice!r}; rename one of the files.")
     other = next((path.name for path in speeches if path.suffix.lower() not in ENDINGS), None)
     if other is not None:
         raise RunError(text.CLIP_OTHER.format(name=printable(other), known=", ".join(ENDINGS)))
@@ -134,9 +134,9 @@ def build_form(services: Services) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
     catalogue, config = services.catalogue, services.config
     of: dict[str, Any] = {}
-    gr.HTML(markup.step(1, text.STEP_SPEECH))
+    gr.HTML(markup.step(1, "Speech"))
     of["speech"] = gr.Audio(
-        label=text.SPEECH_LABEL,
+        label="Speech",
         sources=["upload", "microphone"],
         type="filepath",
         elem_id="speech",
@@ -162,23 +162,23 @@ def build_form(services: Services) -> FormParts:
         of["clips"] = services.file(
             "clips", text.CLIPS_LABEL, ["audio"], "several", height=150, file_count="multiple"
         )
-    gr.HTML(markup.step(2, text.STEP_SYSTEMS))
+    gr.HTML(markup.step(2, "Systems"))
     of["systems"] = gr.CheckboxGroup(
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
-        label=text.SYSTEMS_LABEL,
-        info=text.SYSTEMS_HELP,
+        label="Systems to compare",
+        info="Each is a trained generator; all get the same noise. The tab Systems explains them.",
         elem_id="systems",
     )
     about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
     arrange_chips("systems", about, groups)
-    gr.HTML(markup.step(3, text.STEP_SETTINGS))
+    gr.HTML(markup.step(3, "Settings"))
     with gr.Row(elem_classes="pair"):
         of["speaker"] = gr.Dropdown(
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
-            label=text.SPEAKER_LABEL,
-            info=text.SPEAKER_HELP,
+            label="Speaker style",
+            info="Whose manner it takes on.",
             min_width=120,
         )
         of["seed"] = gr.Number(
@@ -186,7 +186,7 @@ def build_form(services: Services) -> FormParts:
             minimum=0,
             maximum=SEED_LIMIT,
             label=text.SEED_LABEL,
-            info=text.SEED_HELP,
+            info="Same seed and speech, same motion.",
             min_width=100,
         )
     of["samples"] = gr.Slider(
@@ -195,7 +195,7 @@ def build_form(services: Services) -> FormParts:
         value=1,
         step=1,
         label=text.SAMPLES_LABEL,
-        info=text.SAMPLES_HELP,
+        info="More than one shows how much chance decides: up to eight by noise of their own.",
         buttons=[],
     )
     of["guidance"] = gr.Dropdown(
@@ -212,20 +212,20 @@ def build_form(services: Services) -> FormParts:
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
         of["steps"] = gr.Textbox(
             "",
-            label=text.STEPS_LABEL,
-            info=text.STEPS_HELP,
+            label="Sampler steps",
+            info="Empty: what each system usually takes. A number for all, or full=20, local=5, …",
             placeholder=catalogue.usual_steps,
             max_lines=1,
             elem_id="steps",
         )
         of["sampler"] = gr.Dropdown(
             choices=[
-                (text.USUAL_SAMPLER, ""),
+                ("each system's usual one", ""),
                 *((sampler_title(name), name) for name in catalogue.samplers),
             ],
             value="",
-            label=text.SAMPLER_LABEL,
-            info=text.SAMPLER_HELP,
+            label="Sampler",
+            info="The way from noise to motion. Leave it, unless you compare samplers.",
         )
         of["reference"] = services.file(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
@@ -252,7 +252,7 @@ def build_form(services: Services) -> FormParts:
 def start_field(elem_id: str | None = None) -> gr.Number:
     """The first frame of a figure."""
     return gr.Number(
-        value=0, minimum=0, maximum=LAST_FRAME, label=text.START_LABEL, elem_id=elem_id
+        value=0, minimum=0, maximum=LAST_FRAME, label="First frame of the figure", elem_id=elem_id
     )
 
 
@@ -263,7 +263,7 @@ def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path)
     offered = gr.Dataset(
         components=[gr.Textbox(visible=False)],
         samples=[[label] for label in labels],
-        label=text.EXAMPLES_LABEL,
+        label="Or take an example (a synthetic voice)",
         type="index",
         elem_id="examples",
     )

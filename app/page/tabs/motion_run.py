@@ -182,7 +182,7 @@ class RunRunner(TabRunner):
 
     def waits(self) -> Updates:
         """From the click until its turn has come."""
-        line = markup.sentence_status(text.WAITING)
+        line = markup.sentence_status("Waiting for its turn.")
         return {self._status: line, self._form.cancel: gr.update(visible=True)}
 
     def idle(self) -> Updates:

@@ -41,12 +41,10 @@ ORDER = (
 """In which programs give what the form asks for."""
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
-FILES_LABEL = "Motions, and what goes with them"
 FILES_HELP = (
     "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, or English as "
     ".txt), zips of clips. No order is needed: each is known by what is in it."
 )
-RECORDED_LABEL = "Recorded motion among them, as reference"
 NO_RECORDED = "none"
 _IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
 WINDOWS_HELP = (
@@ -61,9 +59,6 @@ ASSUME_HELP = (
     "alone *.bvh:up=z or NAME:up=z."
 )
 CLIP_LABEL = "Open a clip on the stage"
-CHANNEL_LABEL = "Which side of a dialogue speaks"
-SHOWN_LABEL = "Shown on the stage and in figures"
-SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
     "Measures motion files of your own as it measures the systems, raw and filtered: "
     "nearly any .npz, .npy or .bvh of a whole body; how each was understood is told. A zip of "
@@ -112,7 +107,7 @@ def build_own_form(services: Services) -> FormParts:
     of: dict[str, Any] = {}
     of["motions"] = services.file(
         "files",
-        FILES_LABEL,
+        "Motions, and what goes with them",
         [".npz", ".npy", ".bvh", ".TextGrid", ".txt", "audio", *SETS],
         "own-motions",
         height=170,
@@ -124,7 +119,7 @@ def build_own_form(services: Services) -> FormParts:
         value="",
         allow_custom_value=True,  # as below
         visible=False,
-        label=RECORDED_LABEL,
+        label="Recorded motion among them, as reference",
         elem_id="own-reference",
     )
     of["shown"] = gr.Dropdown(
@@ -133,14 +128,14 @@ def build_own_form(services: Services) -> FormParts:
         max_choices=MAX_COMPARED,
         allow_custom_value=True,  # of files just taken away: a click may come before the answer
         visible=False,
-        label=SHOWN_LABEL,
-        info=SHOWN_HELP,
+        label="Shown on the stage and in figures",
+        info="At most six with the reference; all are measured.",
         elem_id="own-shown",
     )
     of["channel"] = gr.Dropdown(
         [("All channels, mixed", ""), ("Left channel", "left"), ("Right channel", "right")],
         value="",
-        label=CHANNEL_LABEL,
+        label="Which side of a dialogue speaks",
         elem_id="own-channel",
         visible=False,
     )
@@ -186,12 +181,7 @@ ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
 """Of which one goes with all motions."""
 ONE_FILE = "One file of {what} goes with all motions; {count} were given."
 NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
-NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
 NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
-MEASURING_SETS = "Measuring clips: {share:.0%}"
-MEASURED_SETS = "Measured {clips} of {sets}. Any of them opens on the stage."
-CLIP_GONE = "These clips are kept no longer; give the zips again."
-CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again."
 SetsParts = tuple[gr.HTML, gr.Dropdown]
 """Where sets are shown, and which of their clips is opened."""
 MAX_FILES = 24
@@ -210,7 +200,7 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
     told |= as_they_are(told["motions"], told.pop("recorded"))
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
     if not motions:
-        raise RunError(NO_MOTION)
+        raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
     if is_one_run(motions):
         return asked_of({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
@@ -299,12 +289,12 @@ class OwnMotionRunner(RunRunner):
         if not has_sets(ask.motions):
             yield from super().perform(job, ask, form)
             return
-        found = yield from self.done(job, measure_sets, ask, MEASURING_SETS)
+        found = yield from self.done(job, measure_sets, ask, "Measuring clips: {share:.0%}")
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
-        line = MEASURED_SETS.format(
+        line = "Measured {clips} of {sets}. Any of them opens on the stage.".format(
             clips=counted(len(choices), "clip"),
             sets=counted(len(found.clips), "set"),
         )
@@ -337,9 +327,9 @@ class ClipRunner(RunRunner):
         token, _, clip = str(values[0] if values else "").partition("/")
         sets, config = self._sets.find(token, job.cookie), self._services.config
         if sets is None:
-            raise RunError(CLIP_GONE)
+            raise RunError("These clips are kept no longer; give the zips again.")
         if clip not in sets.told["clips"]:
-            raise RunError(CLIP_DAMAGED)
+            raise RunError("What was asked for is no clip of these sets; load the page again.")
         motions = {name: files[clip] for name, files in sets.clips.items()}
         asked = asked_of(motions, sets.sounds.get(clip), job.folder, config)
         told = sets.ask.told.known(asked.motions, *asked.names)

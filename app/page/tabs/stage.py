@@ -91,7 +91,7 @@ class TakesRunner(TabRunner):
             number = max(row.take.number for row in showing.record.rows if row.take)
             return said(text.TAKE_COMING.format(number=number), state="working")
 
-        yield said(text.TAKE_STARTING, state="working")
+        yield said("It is performed again.", state="working")
         try:
             wanted = TakeAsk(
                 out=showing.folder,
@@ -164,7 +164,7 @@ class SeenRunner(TabRunner):
             megabytes=video.path.stat().st_size / 1e6,
         )
         address = self._services.media.share(job.folder, job.cookie)(video.path)
-        link = saved_link(address, video.path.name, text.SEEN_SAVE)
+        link = saved_link(address, video.path.name, "Save the video")
         yield {
             self._parts.seen: shown(line_of(" ".join((line, *video.notes)), more=link)),
             self._parts.seen_cancel: gr.update(visible=False),
@@ -241,7 +241,7 @@ class VideosBehind:
         except CancelledRun:
             return  # another run of the visitor has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
-            yield self._line(run, text.VIDEOS_FAILED.format(why=visitor_sentence(error)))
+            yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")
 
     def _drawn(self, job: Job, run: KeptRun, ask: Ask) -> Iterator[Updates]:
         def told(events: list[Event]) -> Updates:
@@ -250,7 +250,7 @@ class VideosBehind:
                 updates[self._parts.player] = run.showing.value()
             share = last_share(events)
             if share is not None:
-                updates |= self._line(run, text.VIDEOS_COMING.format(share=share))
+                updates |= self._line(run, f"Videos are being drawn behind it: {share:.0%}.")
             return updates
 
         request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")

@@ -90,7 +90,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Buttons that fill in a study of the gestures of the system that plans."""
     if usual_planner() not in catalogue.systems:
         return []
-    gr.HTML(f'<p class="hint">{text.STUDY_READY}</p>')
+    gr.HTML('<p class="hint">Ready to be made, with the examples unless you upload speech:</p>')
     with gr.Row(elem_id="study-ready"):
         return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
 
@@ -113,13 +113,13 @@ def _build_materials(services: Services) -> dict[str, Any]:
         catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems",
-        info=text.STUDY_SYSTEMS_HELP,
+        info="Each more is one more video of every clip, and more pairs to be judged.",
     )
     of["changed"] = gr.CheckboxGroup(
         list(CHANGES),
         value=[],
-        label=text.STUDY_CHANGED,
-        info=text.STUDY_CHANGED_HELP.format(system=planner),
+        label="Gestures changed",
+        info=f"Each is one more system: {planner} with its plan changed.",
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
@@ -317,7 +317,6 @@ NO_COOKIE = (
     "kept for you alone; allow cookies and reload the page."
 )
 MADE = "The study is made, and no leak was found. Fetch the key, look at the page, then host it."
-KEY_TITLE = "First: the key, for you alone"
 KEY_HELP = (
     "Without it nobody can tell which video is which, you neither: answers could never be "
     "analysed. It is deleted here as it is sent, and after {minutes} minutes in any case. Keep it "
@@ -326,7 +325,6 @@ KEY_HELP = (
 KEY_BUTTON = "Fetch key and records (zip, once)"
 KEY_FETCHED = "It went to this browser's downloads: see that researcher_only.zip is there."
 PREVIEW = "Preview as participant"
-PREVIEW_HELP = "In a new tab; nothing is sent."
 PARTICIPANTS = "For participants: the page and its videos (zip)"
 PLAN = "The plan (TOML)"
 
@@ -424,7 +422,7 @@ def _link(elem_id: str, url: str, name: str, words: str) -> str:
 def _key(token: str, keep_s: float) -> str:
     """What must not be overlooked, before anything that can be hosted."""
     return (
-        f'<div class="key" role="note" id="study-researcher"><h3>{KEY_TITLE}</h3>'
+        f'<div class="key" role="note" id="study-researcher"><h3>First: the key, for you alone</h3>'
         f"<p>{KEY_HELP.format(minutes=round(keep_s / 60))}</p>"
         f'<form method="post" action=".{RESEARCHER_ROUTE}/{token}">'
         f'<button type="submit" class="lg primary">{KEY_BUTTON}</button></form>'
@@ -435,7 +433,7 @@ def _key(token: str, keep_s: float) -> str:
 def _preview(address: str) -> str:
     return (
         f'<p class="study-preview"><a href="{escape(address)}" target="_blank" rel="noopener">'
-        f"{PREVIEW}</a><span>{PREVIEW_HELP}</span></p>"
+        f"{PREVIEW}</a><span>In a new tab; nothing is sent.</span></p>"
     )
 
 

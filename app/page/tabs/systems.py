@@ -92,7 +92,6 @@ def _card(number: int, rung: ExplainedSystem, systems: Sequence[str]) -> str:
     )
 
 
-MEASURING = "Measuring: {share:.0%}"
 MOTION_TYPES = [".npz", ".npy", ".bvh"]
 
 
@@ -163,7 +162,7 @@ class FigureRunner(TabRunner):
                 updates[self.player] = showing.value() | {"plays": True}
             share = last_share(events)
             if share is not None:
-                updates[self._status] = markup.sentence_status(MEASURING.format(share=share))
+                updates[self._status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
         yield from self.done(job, type(self).measure, asked, told)

@@ -246,6 +246,12 @@ def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_howe
     assert str(ROOT / "app") not in told
 
 
+def test_the_queue_is_bounded_and_a_page_at_rest_seldom_looks_who_waits(served):
+    waiting = served.app.get_blocks()._queue
+    assert (waiting.max_size, waiting.default_concurrency_limit) == (AppConfig().max_waiting, 1)
+    assert waiting.sleep_when_free >= 0.01
+
+
 STUCK = """
 import atexit, signal
 from app.page import launch
