@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app import text
 from conventions.names import printable
+from processes.job import Cancelled
 
 log = logging.getLogger(__name__)
 
@@ -18,8 +19,8 @@ class RunError(ValueError):
     """A run that cannot be done, with the one sentence that says why and what to do."""
 
 
-class CancelledRun(Exception):
-    """The person stopped the run; nothing was kept."""
+CancelledRun = Cancelled
+"""The person stopped the run; nothing was kept."""
 
 
 class FaultElsewhere(Exception):

@@ -16,29 +16,32 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES, Measure, nearest, numbers_of, written
+from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
 from app.page.alone import player_alone
-from app.run.ask import Ask
+from app.run.ask import TIP, Ask
 from app.run.diagnostics import measure_motions, onsets_of
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.followed_point import choose_tip_source
+from app.run.many.table import titled
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RunRecord
+from app.run.output.run_folder import RunRecord, row_files
 from app.run.output.telling import Bars
 from app.run.pipeline import do
 from app.run.planning import make_plan
 from app.run.run_writer import RunWriter
-from app.run.videos.export import RenderAsk, render_motion
-from conventions.names import REFERENCE_NAME, Version, file_stem
+from app.run.tasks import RenderAsk
+from app.run.videos.export import render_motion
+from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion, read_told
 from model.measures.differences import degrees_by_part
 from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, first_frames, load_motion, save_motion
+from model.motion.motion import Motion, load_motion, save_motion
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import Speech, load_speech, write_wav
@@ -84,7 +87,7 @@ def read_speech(speech: SpeechLike) -> Speech:
     if isinstance(speech, Speech):
         return speech
     with TemporaryDirectory() as folder:
-        return load_speech(speech_in(Path(folder), speech))
+        return load_speech(in_file(Path(folder), speech) or "")
 
 
 def read_motion(motion: MotionLike, assume: str = "") -> Motion:
@@ -121,17 +124,27 @@ def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, M
     return {name: read_motion(motion) for name, motion in motions.items()}
 
 
-def speech_in(folder: Path, speech: SpeechLike) -> Path:
-    """The sound as a file, which is made in the folder where it is none."""
-    path = folder / "speech.wav"
-    if isinstance(speech, str | Path):
-        return Path(speech)
-    if isinstance(speech, Speech):
-        write_wav(path, speech.waveform)
-        return path
+def in_file(folder: Path, given: SpeechLike | MotionLike | PlanLike | None) -> Path | None:
+    """What was handed over as a file, which is made in the folder where it is none."""
+    match given:
+        case None:
+            return None
+        case str() | Path():
+            return Path(given)
+        case Speech():
+            write_wav(path := folder / "speech.wav", given.waveform)
+        case Motion():
+            save_motion(given, path := folder / "motion.npz")
+        case GesturePlan():
+            given.write(path := folder / "plan.json")
+        case (samples, rate):
+            _write_samples(path := folder / "speech.wav", np.asarray(samples), int(rate))
+    return path
+
+
+def _write_samples(path: Path, samples: np.ndarray, rate: int) -> None:
     from scipy.io import wavfile
 
-    samples, rate = np.asarray(speech[0]), speech[1]
     if samples.ndim not in (1, 2) or not np.issubdtype(samples.dtype, np.number):
         raise RunError(
             "Speech as an array is numbers of the shape (N,) or (N, channels); it is "
@@ -139,24 +152,7 @@ def speech_in(folder: Path, speech: SpeechLike) -> Path:
         )
     if samples.dtype not in (np.int16, np.int32, np.uint8):
         samples = samples.astype(np.float32)
-    wavfile.write(path, int(rate), samples)
-    return path
-
-
-def motion_in(folder: Path, motion: MotionLike) -> Path:
-    """The motion as a file of BEAT2's form in the folder."""
-    path = folder / "motion.npz"
-    save_motion(read_motion(motion), path)
-    return path
-
-
-def plan_in(folder: Path, plan: PlanLike) -> Path:
-    """The plan as a file, which is made in the folder where it is none."""
-    path = folder / "plan.json"
-    if not isinstance(plan, GesturePlan):
-        return Path(plan)
-    plan.write(path)
-    return path
+    wavfile.write(path, rate, samples)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -258,54 +254,35 @@ def find_plan(motion: MotionLike) -> GesturePlan:
     return found_plan(read_motion(motion), open_body_skeleton())
 
 
-@dataclass(frozen=True)
-class MeasureRow:
-    """One measure of all motions."""
-
-    measure: Measure
-    values: dict[str, float | None]
-    """By motion, in the order of all, in the measure's unit; None where there is no such number."""
-    nearest: tuple[str, ...]
-    """Those nearest to the reference's."""
-
-    @property
-    def title(self) -> str:
-        unit = f" ({self.measure.unit})" if self.measure.unit else ""
-        return f"{self.measure.key}{unit}"
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A table in a cell, and typed numbers; pandas takes ``as_dict()``."""
+    """Measures of several motions, a table in a cell."""
 
-    names: tuple[str, ...]
-    rows: tuple[MeasureRow, ...]
-    apart_deg: dict[tuple[str, str], dict[str, float]]
+    table: DataFrame
+    """A row for each measure, a column for each motion; None where there is no such number."""
+    nearest: Mapping[str, Sequence[str]]
+    """By measure the motions that are nearest to the reference."""
+    apart_deg: Mapping[tuple[str, str], Mapping[str, float]]
     """Of each two motions, by part of the body: mean angle between the rotations of its joints, the
     part that differs most first."""
 
-    def as_dict(self) -> dict[str, dict[str, float | None]]:
-        """By measure, then by motion."""
-        return {row.title: dict(row.values) for row in self.rows}
-
     def __repr__(self) -> str:
-        from pandas import DataFrame
-
-        told = {row.title: map(written, row.values.values()) for row in self.rows}
-        return DataFrame({key: list(each) for key, each in told.items()}, self.names).T.to_string()
+        return self.table.map(written).to_string()
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{escape(name)}</th>" for name in self.names)
-        body = []
-        for row in self.rows:
-            cells = []
-            for name, value in row.values.items():
-                told = written(value)
-                cells.append(f"<td>{f'<b>{told}</b>' if name in row.nearest else told}</td>")
-            title = f'<th title="{escape(row.measure.about)}">{escape(row.title)}</th>'
-            body.append(f"<tr>{title}{''.join(cells)}</tr>")
-        note = "<caption>As generated. Bold: nearest to the reference.</caption>"
-        return f"<table>{note}<tr><th></th>{head}</tr>{''.join(body)}</table>"
+        told = self.table.map(written)
+        for title, names in self.nearest.items():
+            for name in names:
+                told.loc[title, name] = f"<b>{told.loc[title, name]}</b>"
+        told = told.rename(index=_explained, columns=escape)
+        note = "<p>As generated. Bold: nearest to the reference.</p>"
+        return note + told.to_html(escape=False, border=0)
+
+
+def _explained(title: str) -> str:
+    """With what the measure is of, under the pointer."""
+    about = next(measure.about for measure in MEASURES if titled(measure) == title)
+    return f'<span title="{escape(about)}">{escape(title)}</span>'
 
 
 def compare(
@@ -324,26 +301,26 @@ def compare(
         kind: as generated ("raw") or behind the Savitzky-Golay filter ("savgol").
     """
     named = named_motions(motions)
-    if reference is None:
-        reference = named.pop(REFERENCE_NAME, None)
+    if reference is not None:
+        named[REFERENCE_NAME] = read_motion(reference)
     if diagnostics is None:
-        diagnostics = diagnose(named, reference=reference, speech=speech, progress=False)
+        diagnostics = diagnose(named, speech=speech, progress=False)
     of_all = dict(diagnostics.systems)
     if diagnostics.reference is not None:
         of_all[REFERENCE_NAME] = diagnostics.reference
     numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
-    rows = []
+    rows: dict[str, dict[str, float | None]] = {}
+    best: dict[str, Sequence[str]] = {}
     for measure in MEASURES:
         values = {name: of.get(measure.key) for name, of in numbers.items()}
-        if all(value is None for value in values.values()):
-            continue
-        target = values.get(REFERENCE_NAME) if measure.has_target else None
-        of_systems = {name: value for name, value in values.items() if name != REFERENCE_NAME}
-        rows.append(MeasureRow(measure, values, nearest(of_systems, target)))
-    if reference is not None:
-        named |= named_motions({REFERENCE_NAME: reference})
+        if any(value is not None for value in values.values()):
+            rows[titled(measure)] = values
+            target = values.get(REFERENCE_NAME) if measure.has_target else None
+            others = {name: values[name] for name in diagnostics.systems}
+            best[titled(measure)] = nearest(others, target)
     apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}
-    return Comparison(tuple(of_all), tuple(rows), apart)
+    table = DataFrame.from_dict(rows, orient="index", columns=list(of_all), dtype=object)
+    return Comparison(table, best, apart)
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,25 +376,21 @@ def generate(
     held = TemporaryDirectory()
     folder = Path(held.name)
     ask = Ask(
-        speech=speech_in(folder, speech),
+        speech=in_file(folder, speech),
         out=folder / RUN,
         systems=named,
-        plan=None if plan is None else plan_in(folder, plan),
-        reference=None if reference is None else motion_in(folder, reference),
+        plan=in_file(folder, plan),
+        reference=in_file(folder, reference),
         has_figures=False,
         **_fields(Ask, asked),
     )
     with Bars(is_shown=progress, stays=False) as bars:
         result = do(ask, bars.take)
-    stems = {name: result.out / file_stem(name) for name in result.names if name != REFERENCE_NAME}
-    motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
-    plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}
-    if ask.reference is not None:
-        motions[REFERENCE_NAME] = first_frames(read_motion(ask.reference), result.num_frames)
+    motions, plans = (row_files(ask.out, kind) for kind in ("motion", "performed"))
     return Performance(
         speech=read_speech(ask.speech or ""),
-        motions=motions,
-        plans={name: read_plan(path) for name, path in plans.items() if path.is_file()},
+        motions={name: load_motion(path) for name, path in motions.items()},
+        plans={name: read_plan(path) for name, path in plans.items()},
         said=result.said,
         diagnostics=result.diagnostics,
         notes=result.notes,
@@ -432,7 +405,7 @@ def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
         asked: as of `generate`.
     """
     with TemporaryDirectory() as held:
-        sound, out = speech_in(Path(held), speech), Path(held, "drawn.json")
+        sound, out = in_file(Path(held), speech), Path(held, "drawn.json")
         return make_plan(Ask(speech=sound, out=out, **_fields(Ask, asked))).plan
 
 
@@ -477,10 +450,8 @@ def render(
     """
     out = Path(out)
     with TemporaryDirectory() as held, Bars(is_shown=progress, stays=False) as bars:
-        sound = None if speech is None else speech_in(Path(held), speech)
-        motions = (motion_in(Path(held), motion),)
-        files, _ = render_motion(
-            RenderAsk(motions=motions, out=out, speech=sound, **_fields(RenderAsk, asked)),
-            bars.take,
-        )
+        moved, sound = (in_file(Path(held), given) for given in (motion, speech))
+        motions = () if moved is None else (moved,)
+        ask = RenderAsk(motions=motions, out=out, speech=sound, **_fields(RenderAsk, asked))
+        files, _ = render_motion(ask, bars.take)
     return files

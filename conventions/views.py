@@ -11,9 +11,11 @@ Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
 """How much of a body a view shows that is no close-up: all, or from the knees up."""
 
-BUILDS = ("average", "slender", "broad")
+Build = Literal["average", "slender", "broad"]
+BUILDS: tuple[Build, ...] = get_args(Build)
 """Builds of the open body; the first is the one its file is written around."""
-TONES = ("light", "medium", "dark", "clay")
+Tone = Literal["light", "medium", "dark", "clay"]
+TONES: tuple[Tone, ...] = get_args(Tone)
 LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
 """Looks of the open body; the first is the usual one."""
 

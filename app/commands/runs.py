@@ -3,12 +3,12 @@ render."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -26,20 +26,25 @@ from app.flags import (
     whole,
     written,
 )
-from app.run.ask import SAMPLING, Ask, OnEvent, ShouldCancel
+from app.run.ask import SAMPLING, Ask
 from app.run.display import Display
-from app.run.experiments.hearing import HearingAsk, measure_hearing
-from app.run.experiments.mechanism import MechanismAsk, show_mechanism
-from app.run.experiments.step_curve import StepsAsk, measure_step_curve
-from app.run.output.run_folder import RunRecord, Told, read_run
-from app.run.planning import find_plan, is_motion, make_plan
-from app.run.videos.export import RenderAsk, render_motion
+from app.run.output.run_folder import read_run
+from app.run.tasks import (
+    MEASURE_HEARING,
+    MEASURE_STEPS,
+    RUN,
+    SHOW_MECHANISM,
+    HearingAsk,
+    MechanismAsk,
+    RenderAsk,
+    StepsAsk,
+    Task,
+)
 from conventions.views import CLOSE_UPS
 from model.formats.read import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
-Asked = TypeVar("Asked", bound=Ask)
 _FIGURE = ("joint", "start_frame", "figure")
 _WORDS = ("channel", "transcript", "words")
 _SYSTEMS = ("weights", "speaker")
@@ -159,25 +164,28 @@ def generate(ask: Generate, files: Files, pool: Pool) -> None:
     started again, it goes on with what is not done.
     """
     from app.run.many.speeches import is_many
-    from app.run.pipeline import do
 
     use_family_files(vars(files))
     asked = whole(Ask, ask)
     if asked.speech is not None and is_many(asked.speech):
         _generate_many(asked, pool.jobs())
-        return
+    else:
+        _do(RUN, asked)
+
+
+def _do(task: Task, ask: Ask, files: Files = None) -> None:
+    """Do it, and say what its folder says: its numbers, and what stands out."""
+    if files is not None:
+        use_family_files(vars(files))
     with bars() as shown:
-        result = do(asked, shown.take)
-    record = read_run(result.out)
-    _finish(result.files, [*result.notes, *_told(record, record.gravest)])
-
-
-def _told(record: RunRecord, findings: Iterable[Told]) -> list[str]:
-    """What a run's numbers say, and what stands out."""
+        task(ask, shown.take, lambda: False)
+    record = read_run(ask.out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
-    said = [record.says[key] for key in ("step", "beats")]
+    said = [record.says.get(key) for key in ("step", "beats")]
+    findings = record.gravest if record.kind == "generated" else record.findings
     found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
-    return [*filter(None, [*verdict, *said]), *found]
+    paths = [ask.out / name for name in record.results]
+    _finish(paths, [*record.notes, *filter(None, [*verdict, *said]), *found])
 
 
 def _generate_many(ask: Ask, pool: JobPool) -> None:
@@ -226,7 +234,6 @@ def diagnose(
         rotations: of the joints, where their number says too little.
     """
     from app.run.many.unpacked import is_packed
-    from app.run.pipeline import do
 
     if check not in (None, "genea") or rotations not in (None, *ROTATIONS):
         raise RunError(f"--check takes genea, and --rotations {', '.join(ROTATIONS)}.")
@@ -244,10 +251,7 @@ def diagnose(
         return
     if asked.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
-    with bars() as shown:
-        result = do(asked, shown.take)
-    record = read_run(result.out)
-    _finish(result.files, [*result.notes, *_told(record, record.findings)])
+    _do(RUN, asked)
 
 
 def _check_sets(ask: Ask) -> None:
@@ -277,25 +281,13 @@ def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
         )
 
 
-def _experiment(
-    task: Callable[[Asked, OnEvent, ShouldCancel], None], ask: Asked, files: Files = None
-) -> None:
-    """Do it, and say what its folder says."""
-    if files is not None:
-        use_family_files(vars(files))
-    with bars() as shown:
-        task(ask, shown.take, lambda: False)
-    record = read_run(ask.out)
-    _finish([ask.out / name for name in record.results], record.notes)
-
-
 def steps(ask: Steps, files: Files) -> None:
     """Quality against time: what steps of a sampler buy on this machine.
 
     Generate the same motion with few and with many steps, and plot jerk, and the distance to the
     result of most steps, over milliseconds a frame.
     """
-    _experiment(measure_step_curve, whole(StepsAsk, ask), files)
+    _do(MEASURE_STEPS, whole(StepsAsk, ask), files)
 
 
 def hearing(ask: Hearing, files: Files) -> None:
@@ -305,7 +297,7 @@ def hearing(ask: Hearing, files: Files) -> None:
     or neither. Or compare a folder of anyone's motion, whose files are called
     SYSTEM__SPEECH__SEED.npz.
     """
-    _experiment(measure_hearing, whole(HearingAsk, ask), files)
+    _do(MEASURE_HEARING, whole(HearingAsk, ask), files)
 
 
 def mechanism(ask: Mechanism) -> None:
@@ -315,7 +307,7 @@ def mechanism(ask: Mechanism) -> None:
     beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
     network takes part.
     """
-    _experiment(show_mechanism, whole(MechanismAsk, ask, has_video=True))
+    _do(SHOW_MECHANISM, whole(MechanismAsk, ask, has_video=True))
 
 
 def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
@@ -329,6 +321,8 @@ def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> Non
     Args:
         is_empty: draw nothing: leave the tiers to be annotated by hand.
     """
+    from app.run.planning import find_plan, is_motion, make_plan
+
     asked = whole(Ask, ask)
     source = asked.speech or Path()
     if is_motion(source):
@@ -354,6 +348,8 @@ def render(ask: Render) -> None:
     --stills and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is
     for the SMPL-X add-on of Blender.
     """
+    from app.run.videos.export import render_motion
+
     with bars() as shown:
         files, notes = render_motion(whole(RenderAsk, ask), shown.take)
     _finish(files, notes)

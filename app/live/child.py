@@ -9,16 +9,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import torch
 
 from app.errors import RunError, visitor_sentence
-from app.live.session import KEEP_S, NOT_THERE, LiveSession, check_live, rehearse
+from app.live.session import LiveSession, check_live, rehearse
+from app.live.sessions import KEEP_S, NOT_THERE
 from app.run.models import get_system
+from model.generation.base import System
 from model.systems.registry import usual_systems
 from processes.child import parent_channel
-
-if TYPE_CHECKING:
-    from model.generation.base import System
 
 
 class Performers:
@@ -98,8 +99,6 @@ class Performers:
 
 def main() -> None:
     """Do what the page says, and make windows in between."""
-    import torch
-
     torch.set_num_threads(1)  # windows are small, and others want to work too
     channel, (weights,) = parent_channel()
     performers = Performers(Path(weights), lambda number, told: channel.send((number, told)))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from app.errors import RunError
 from conventions.rates import FPS, SAMPLE_RATE
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan, PlannedAhead
+from model.motion.motion import Motion, put_together
+from model.plan.plan import GesturePlan, PlannedAhead
 
 SHORTEST_S = 0.5 / FPS
 """What is left of a cut event, at the least."""
@@ -42,8 +39,6 @@ class LastPlan:
 
     def part(self, first: int, count: int) -> GesturePlan:
         """The plan of some frames of the session, the first of which is its second 0."""
-        from model.plan.plan import GesturePlan
-
         start_s, end_s = first / FPS, (first + count) / FPS
         lists = {
             name: tuple(_shifted(one, -start_s) for one in _cut(events, start_s, end_s))
@@ -104,27 +99,25 @@ class LastMinute:
     """Forgets what is older than a minute, sound, motion and plan alike."""
 
     def __init__(self) -> None:
-        self._sound: deque[np.ndarray] = deque()
-        self._sound_start = 0
-        self._pieces: deque[Motion] = deque()
-        self._first_frame = 0
-        self._next_frame = 0
+        self._sound: list[np.ndarray] = []
+        self._motion: Motion | None = None
+        self._first_frame = self._next_frame = 0
         self._plan: LastPlan | None = None
 
     def add_sound(self, samples: np.ndarray) -> None:
         self._sound.append(samples)
-        self._forget_sound_before(_sample_of(self._first_frame))
 
     def add_motion(self, motion: Motion, ahead: PlannedAhead | None = None) -> None:
         """The next frames, and the plan that they perform."""
         if ahead is not None:
             self._plan = self._plan or LastPlan()
             self._plan.go_on(ahead, self._next_frame)
-        self._pieces.append(motion)
+        whole = motion if self._motion is None else put_together([self._motion, motion])
+        self._motion = whole.part(slice(-KEPT_FRAMES, None))
         self._next_frame += motion.num_frames
-        while self._next_frame - self._first_frame - self._pieces[0].num_frames >= KEPT_FRAMES:
-            self._first_frame += self._pieces.popleft().num_frames
-        self._forget_sound_before(_sample_of(self._first_frame))
+        before = _sample_of(self._first_frame)
+        self._first_frame = self._next_frame - self._motion.num_frames
+        self._sound = [np.concatenate(self._sound)[_sample_of(self._first_frame) - before :]]
         if self._plan is not None:
             self._plan.forget_before(self._first_frame)
 
@@ -134,33 +127,16 @@ class LastMinute:
         Raises:
             RunError: if that is too little.
         """
-        first = max(self._first_frame, self._next_frame - KEPT_FRAMES)
-        count = self._next_frame - first
-        if count < SHORTEST_FRAMES:
+        motion, first = self._motion, self._first_frame
+        if motion is None or motion.num_frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
-        from model.motion.motion import Motion
-
-        skipped = first - self._first_frame
-        columns = [
-            np.concatenate([getattr(piece, name) for piece in self._pieces])[skipped:]
-            for name in ("poses", "trans", "expressions")
-        ]
-        poses, trans, expressions = columns
-        whole = Motion(
-            poses=poses,
-            trans=trans - trans[:1] * np.array([1, 0, 1], np.float32),
-            expressions=expressions,
-            expression_basis=self._pieces[0].expression_basis,
-            betas=self._pieces[0].betas,
+        count = motion.num_frames
+        here = replace(
+            motion, trans=motion.trans - motion.trans[:1] * np.array([1, 0, 1], np.float32)
         )
-        start = _sample_of(first) - self._sound_start
-        sound = np.concatenate([*self._sound])[start : start + _sample_of(count)]
+        sound = np.concatenate(self._sound)[: _sample_of(count)]
         plan = None if self._plan is None else self._plan.part(first, count)
-        return Minute(sound, whole, first, plan)
-
-    def _forget_sound_before(self, sample: int) -> None:
-        while self._sound and self._sound_start + len(self._sound[0]) <= sample:
-            self._sound_start += len(self._sound.popleft())
+        return Minute(sound, here, first, plan)
 
 
 def _sample_of(frame: int) -> int:

@@ -11,9 +11,10 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import torch
 
 from app.errors import RunError
 from app.live.minute import LastMinute, Minute
@@ -21,21 +22,20 @@ from app.live.sound import read_sound
 from app.run.ask import Ask, Take
 from app.run.pieces import frames_message
 from conventions.rates import FPS, SAMPLE_RATE
-
-if TYPE_CHECKING:
-    from model.generation.base import System
-    from model.plan.plan import PlannedAhead
-    from model.plan.style import Manner
+from model.generation.base import System
+from model.generation.live import LiveMotion, Pace
+from model.generation.windows import GenerateOptions
+from model.motion.motion import save_motion
+from model.plan.plan import SIDES, GesturePlan, PlanError, PlannedAhead
+from model.plan.style import Manner
+from model.speech.audio import write_wav
+from model.speech.features import CausalMel
 
 BEHIND_S = 8.0
 """Speech without its motion after which a machine is too slow."""
 MAX_WINDOW_MS = 400.0
 """Of one processor: with more, a body alone on the machine follows later than in 1.5 s."""
 TRIAL_WINDOWS = 3
-KEEP_S = 600.0
-"""How long the last minute of a session that has ended can still be kept."""
-NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
-SEED_LIMIT = 2**31 - 1
 PLANNING_STEPS = 4
 """Of the sampler, of systems that plan beside making motion; six leave half of them no time."""
 Tell = Callable[[bytes | dict[str, Any]], None]
@@ -58,22 +58,6 @@ SLOW_SYSTEM = (
 )
 
 
-def live_ask(told: Any) -> Ask:
-    """From the first message of a browser.
-
-    Raises:
-        RunError: if that asks for nothing that can be.
-    """
-    if not isinstance(told, dict):
-        raise RunError("The page asked for no live session; load it again.")
-    system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
-    if not isinstance(system, str) or not isinstance(speaker, str):
-        raise RunError("Choose a system and a speaker style first.")
-    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
-        raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
-    return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
-
-
 class LiveSession:
     """One body that follows what is heard; used from one thread."""
 
@@ -91,11 +75,6 @@ class LiveSession:
         Raises:
             RunError, UnknownNameError: if the system cannot be had live with that speaker.
         """
-        from model.generation.live import LiveMotion, Pace
-        from model.generation.windows import GenerateOptions
-        from model.plan.plan import GesturePlan
-        from model.speech.features import CausalMel
-
         check_live(system)
         self.ask, self.pace, self.name = ask, Pace(), system.name
         self.minute = LastMinute()
@@ -157,8 +136,6 @@ class LiveSession:
         Raises:
             RunError: if system or machine are too slow.
         """
-        import torch
-
         sound, self._inbox = self._inbox, []
         if sound:
             was_due = self._live.is_due
@@ -200,9 +177,6 @@ class LiveSession:
         Raises:
             RunError: if there is too little.
         """
-        from model.motion.motion import save_motion
-        from model.speech.audio import write_wav
-
         minute = self.minute.kept()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, minute.waveform)
@@ -265,12 +239,6 @@ def rehearse(system: System, speaker: str) -> None:
     Raises:
         UnknownNameError: if the system does not know the speaker.
     """
-    import torch
-
-    from model.generation.live import LiveMotion
-    from model.generation.windows import GenerateOptions
-    from model.speech.features import CausalMel
-
     live = LiveMotion(system, GenerateOptions(speaker))
     live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
     live.step()
@@ -283,8 +251,6 @@ def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
     Args:
         first: the frame; what goes on there is told, too.
     """
-    from model.plan.plan import SIDES
-
     plan, zero_s, from_s = ahead.condition, ahead.origin / FPS, first / FPS
 
     def span(event: Any) -> list[float]:
@@ -308,9 +274,6 @@ def manner_of(told: Any) -> Manner:
     Raises:
         RunError: if it is anything else.
     """
-    from model.plan.plan import PlanError
-    from model.plan.style import Manner
-
     sliders = told.get("manner") if isinstance(told, dict) else None
     try:
         return Manner.of(sliders)

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from app.errors import RunError, without_folders
-from app.live.session import KEEP_S, NOT_THERE
 from app.live.sound import Microphone
 from app.run.ask import Ask
 from processes.child import Child, Gone
@@ -22,6 +22,10 @@ MAX_SESSIONS = 10
 MAX_SESSIONS_EACH = 6
 """Of one address, so that the others have places left."""
 KEPT_SESSIONS = 20
+KEEP_S = 600.0
+"""How long the last minute of a session that has ended can still be kept."""
+NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
+SEED_LIMIT = 2**31 - 1
 FULL = (
     "{limit} visitors speak live on this machine already, and more would make all of them wait; "
     "try again in a few minutes."
@@ -34,6 +38,22 @@ TAKEN_OVER = "The live session goes on in another tab of this browser."
 ENDED = "The process of live speech"
 FOR_MEMORY, AGAIN = "choose a system that takes fewer steps", "start again"
 Tell = Callable[[object], None]
+
+
+def live_ask(told: Any) -> Ask:
+    """From the first message of a browser.
+
+    Raises:
+        RunError: if that asks for nothing that can be.
+    """
+    if not isinstance(told, dict):
+        raise RunError("The page asked for no live session; load it again.")
+    system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
+    if not isinstance(system, str) or not isinstance(speaker, str):
+        raise RunError("Choose a system and a speaker style first.")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
+        raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
+    return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
 
 
 @dataclass(eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -37,6 +37,10 @@ WordsAsked = Literal["recognise", "none"]
 WORDS_ASKED: tuple[WordsAsked, ...] = get_args(WordsAsked)
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
+TIP = "right_middle"
+"""Fingertip that is followed where nobody asks for another point."""
+NUM_SECONDS = 6
+"""Worst ones that a time line names."""
 MAX_SAMPLES = 8
 MAX_CLIPS = 10
 """Of a run on the page."""
@@ -264,7 +268,7 @@ class Ask:
     known."""
     overlap: int = 0
     """Frames that two such windows share."""
-    joint: str = "right_middle"
+    joint: str = TIP
     """Fingertip or joint to follow, such as left_index or right_wrist."""
     shown: Annotated[Names, arg(name="show")] = ()
     """Which given motions figures and stage show, by the names of their files, where there are more
@@ -336,6 +340,12 @@ def _check_steps(asked: Steps) -> None:
         if count is not None and not 1 <= count <= MAX_STEPS:
             whose = f"Steps of {system}" if system else "Steps"
             raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
+
+
+def absolute(ask: Ask) -> Ask:
+    """The same for another process, which may be in another folder."""
+    named = {name: path for name, path in vars(ask).items() if isinstance(path, Path)}
+    return replace(ask, **{name: path.absolute() for name, path in named.items()})
 
 
 @dataclass(frozen=True)

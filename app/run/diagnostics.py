@@ -10,8 +10,10 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from app.errors import RunError
 from app.run.ask import Ask
@@ -19,21 +21,18 @@ from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
-from model.speech.transcript import NOTHING_SAID
+from model.diagnostics import Diagnostics, Versions, diagnose
+from model.generation.base import Windowing
+from model.measures.beats import speech_onsets
+from model.measures.results import Measures
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import Tracks
+from model.speech.audio import Speech
+from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.harmless import csv_text
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from model.diagnostics import Diagnostics, Versions
-    from model.generation.base import Windowing
-    from model.measures.results import Measures
-    from model.motion.motion import Motion
-    from model.motion.tracks import Tracks
-    from model.speech.audio import Speech
-    from model.speech.transcript import Transcript
-    from renderer.figures.figure6 import Figure6
-    from renderer.figures.jitter import Jitter, JitterSheet
+from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
+from renderer.figures.jitter import Jitter, JitterSheet
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
@@ -60,9 +59,6 @@ def measure_motions(
         heard: of the speech frame by frame, for how late they are.
         mean_speeds: published ones of the joints, for BeatAlign.
     """
-    from model.diagnostics import diagnose
-    from model.motion.kinematics import open_body_skeleton
-
     done, count = 0, 2 * len(motions)
 
     def follow(version: Motion, tracks: Tracks) -> np.ndarray:
@@ -88,8 +84,6 @@ def measure_motions(
 
 def onsets_of(speech: Speech) -> np.ndarray:
     """Times in seconds at which sounds begin; found once for a run and all that is shown of it."""
-    from model.measures.beats import speech_onsets
-
     if speech not in _ONSETS:
         _ONSETS[speech] = speech_onsets(speech.waveform)
     return _ONSETS[speech]
@@ -171,8 +165,6 @@ def figure6_of(
         clip: name of the speech.
         on_piece: called at least once for each motion; what it raises ends the work.
     """
-    from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
-
     end, labels, marks = ask.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
@@ -200,8 +192,6 @@ def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str
 
 def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) -> JitterSheet:
     """The jitter sheet of some systems."""
-    from renderer.figures.jitter import JitterSheet
-
     reference = {} if diagnostics.reference is None else {REFERENCE_NAME: diagnostics.reference}
     shown = reference | {name: diagnostics.systems[name] for name in names}
     windows = diagnostics.windows
@@ -214,8 +204,6 @@ def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) ->
 
 
 def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
-    from renderer.figures.jitter import Jitter
-
     def of(measures: Measures) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period
         return Jitter(

@@ -8,23 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol, get_args
+from itertools import chain
+from typing import Annotated, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 from tyro.conf import Suppress, arg
 
+from app import text
 from app.errors import RunError
 from app.flags import one_of
-from app.run.body_motion import body_motion
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from model.motion.motion import Motion
-    from renderer.body.body import Body
-    from renderer.video.marks import Heat, Marks, Trail
-
+from conventions.names import printable
+from conventions.views import Build, Tone
+from model.plan.plan import sentence_of
+from renderer.scene.camera import Orbit
 
 Coloring = Literal["natural", "jerk"]
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
@@ -32,8 +29,6 @@ EXAGGERATIONS = (1, 5, 20)
 """What can be asked for on a command line; a stage has a slider."""
 FULL_SPEED_M_S = 1.5
 """Recorded speakers' fingertips are faster in one frame of fifty."""
-_HEAT_SIGMA_FRAMES = 3.0
-"""Jerk of one frame is chance, and would flicker."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +108,9 @@ class Look(FromBrowser):
     """Whether the second of a pair stands where the first does, pelvis on pelvis."""
     is_whole: bool = False
     """All of the body rather than from the knees up."""
-    tone: str = "light"
-    """One of `TONES`; of the open body alone."""
-    build: str = "average"
-    """One of `BUILDS`; of the open body alone."""
+    tone: Tone = "light"
+    build: Build = "average"
+    """Of the open body alone, as the tone."""
     has_bones: bool = False
     has_axes: bool = False
     """Skeletons and axes lie over the bodies; a video has none, and says so."""
@@ -128,82 +122,119 @@ class Look(FromBrowser):
         return Display(coloring=coloring, **{name: getattr(self, name) for name in names})
 
 
-class Followed(Protocol):
-    """The point of a trail; such is an `app.run.followed_point.TipSource`."""
-
-    @property
-    def point(self) -> str: ...
-
-    def track(self, motion: Motion) -> np.ndarray: ...
-
-
-def displayed(motion: Motion, display: Display) -> Motion:
-    """The motion as it is drawn."""
-    from model.motion.altered import exaggerate
-
-    return exaggerate(motion, display.exaggeration, display.cutoff_hz)
+Mode = Literal["grid", "ghost", "wipe", "flicker"]
+MAX_SHOWN = 12
+"""Bodies in one video."""
+MAX_BODIES = 64
+"""On a stage, whether they are shown or not: all of them say where the cameras stand."""
+MAX_LABEL = 60
 
 
-def marks_of(motion: Motion, display: Display, tip: Followed, body: Body) -> Marks | None:
-    """What stands in the pictures of a motion; None where it is shown as it is.
-
-    Jerk and speed are those of the motion itself, also where it is drawn with its tremble
-    multiplied.
-    """
-    from renderer.video.marks import Marks
-
-    if display.is_plain:
-        return None
-    factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
-    is_larger = display.exaggeration != 1
-    return Marks(
-        trail=_trail(motion, display, tip) if display.has_trail else None,
-        heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
-        notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
-        tag=f"x{factor}" if is_larger else "",
-    )
+Four = tuple[float, float, float, float]
+Side = Annotated[float, Field(ge=64, le=8192)]
+"""Of a picture on a screen, in its pixels."""
+Color = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
+Label = Annotated[str, AfterValidator(lambda label: printable(label)[:MAX_LABEL] or "motion")]
 
 
-def _trail(motion: Motion, display: Display, tip: Followed) -> Trail:
-    import numpy as np
+class SeenPanel(FromBrowser):
+    """A rectangle of a picture on a screen, in its pixels, and what is seen in it."""
 
-    from model.measures.smoothness import derivative_magnitudes
-    from renderer.video.marks import Trail
-
-    track = tip.track(motion)
-    speed = _by_frame(derivative_magnitudes(track, 1), len(track))
-    jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
-    side = tip.point.split("_")[0]
-    return Trail(
-        points=track if display.exaggeration == 1 else tip.track(displayed(motion, display)),
-        speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
-        is_spike=jerk > display.jerk_m_s3,
-        legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
-        close_up=f"{side}_hand" if side in ("left", "right") else "",
-        num_frames=display.trail_frames,
-    )
+    rect: Four
+    """Left, top, width, height."""
+    view: Literal["face", "left_hand", "right_hand"] | None = None
+    """Of a close-up; None is the body."""
 
 
-def _heat(motion: Motion, display: Display, body: Body) -> Heat:
-    import numpy as np
-    from scipy import ndimage  # only where something is smoothed: the page starts without
+class SeenBody(FromBrowser):
+    """One of a stage's bodies."""
 
-    from model.measures.smoothness import derivative_magnitudes
-    from renderer.video.marks import Heat
-
-    jerk = derivative_magnitudes(body.joint_positions(body_motion(motion)), 3)
-    of_frame = _by_frame(jerk, motion.num_frames)
-    smooth = ndimage.gaussian_filter1d(of_frame, _HEAT_SIGMA_FRAMES, axis=0, mode="nearest")
-    shares = np.minimum(smooth / display.jerk_m_s3, 1.0)
-    return Heat(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
+    label: Label
+    motion: str
+    """Its address."""
+    color: Color
+    """Of its row."""
 
 
-def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
-    """A value for each frame: of the difference that has it in its middle, at the ends the nearest;
-    0 in a clip too short to have any."""
-    import numpy as np
+class Seen(FromBrowser):
+    """Which bodies a stage shows, how, and from where."""
 
-    if not len(values):
-        return np.zeros((num_frames, *values.shape[1:]))
-    before = (num_frames - len(values)) // 2
-    return values[np.clip(np.arange(num_frames) - before, 0, len(values) - 1)]
+    bodies: Annotated[tuple[SeenBody, ...], Field(max_length=MAX_BODIES)]
+    """All that are on it."""
+    shown: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES)]
+    """Numbers of the bodies from 0 on, in their order; the two of a pair."""
+    size: tuple[Side, Side]
+    """Width and height of one body's picture; of a pair, of the whole."""
+    panels: Annotated[
+        tuple[Annotated[tuple[SeenPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
+    ]
+    """Of all pictures alike; of a pair those of each. The body's comes first."""
+    columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
+    """Pictures in a row."""
+    mode: Mode = "grid"
+    """How two lie over each other; ``grid`` is beside."""
+    wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the body's picture that shows the first."""
+    look: Look = Look()
+    is_smoothed: bool = False
+    """Behind the post-filter."""
+    camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
+    """As `Orbit` has it."""
+    sound: str | None = None
+    """Its address."""
+
+    @classmethod
+    def read(cls, told: object) -> Seen:
+        """
+        Args:
+            told: JSON, as app/page/web/player/player.js writes it.
+
+        Raises:
+            RunError: if it is anything else, or what no stage shows.
+        """
+        try:
+            seen = cls.model_validate_json(told if isinstance(told, str) else "")
+        except ValidationError as error:
+            why = printable(sentence_of(error))[:200]
+            raise RunError(text.SEEN_DAMAGED.format(why=why)) from None
+        seen.check()
+        return seen
+
+    def check(self) -> None:
+        """Refuse what no stage shows.
+
+        Raises:
+            RunError: with one sentence.
+        """
+        if not self.bodies:
+            raise RunError("There is no body on the stage yet; wait until one moves.")
+        if not 1 <= len(self.shown) <= MAX_SHOWN:
+            raise RunError(
+                f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.shown)}: "
+                "enlarge one, or compare two."
+            )
+        is_pair = self.mode != "grid"
+        fits = len(self.panels) == 1 + is_pair and not (is_pair and len(self.shown) != 2)
+        for picture in self.panels:
+            views = [panel.view for panel in picture]
+            fits = fits and views[:1] == [None] and len(set(views)) == len(views)
+        if not fits or max(self.shown) >= len(self.bodies):
+            raise RunError(text.SEEN_DAMAGED.format(why="its pictures are not of its bodies."))
+        for panel in chain(*self.panels):
+            left, top, width, height = panel.rect
+            inside = (
+                min(left, top) >= -1
+                and left + width <= self.size[0] + 1
+                and top + height <= self.size[1] + 1
+                and min(width, height) >= 8
+            )
+            if not inside:
+                raise RunError(
+                    f"The {(panel.view or 'body').replace('_', ' ')} has no room on the stage; "
+                    "make its window larger, or leave out close-ups."
+                )
+        check_display(self.look.display)
+        try:
+            Orbit(*self.camera).check()
+        except ValueError as error:
+            raise RunError(str(error)) from error

@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.errors import RunError
 from app.findings.comparison import point_title
+from app.run.ask import TIP
 from app.run.body_motion import body_motion
-from conventions.joints import TIP_VERTICES
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from model.motion.tracks import Tracks
-    from renderer.body.body import Body
-
-TIP = "right_middle"
+from conventions.joints import JOINT_INDEX, TIP_VERTICES
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import Tracks, track_points
+from renderer.body.body import Body
 
 TipPieces = Callable[["Motion"], Iterator[np.ndarray]]
 
@@ -86,8 +83,6 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
     Raises:
         RunError: if there is no such point, with the points there are.
     """
-    from conventions.joints import JOINT_INDEX
-
     if point in JOINT_INDEX:
         joint = JOINT_INDEX[point]
         if body_path is None:
@@ -113,9 +108,6 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
 
 def open_point(motion: Motion, point: str) -> Iterator[np.ndarray]:
     """A joint or rigid fingertip of the open skeleton, (T, 3) metres, in pieces."""
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import track_points
-
     skeleton = open_body_skeleton()
     return (track_points(part, skeleton).point(point).copy() for part in _motion_pieces(motion))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from app.errors import RunError
 from app.run.ask import MAX_COMPARED, Ask
@@ -19,14 +20,18 @@ from app.run.run_writer import Rows, RunWriter
 from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
-    from model.faults.evidence import Finding
-    from model.generation.base import Windowing
-    from model.motion.motion import Motion
-    from model.speech.audio import Speech
+from model.diagnostics import Diagnostics
+from model.faults.evidence import Finding
+from model.faults.table import without
+from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart, read_any_motion
+from model.generation.base import Windowing
+from model.measures.beats import read_mean_speeds
+from model.measures.lag import heard_of
+from model.measures.posture import FEET
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import track_points
+from model.speech.audio import Speech, SpeechLimits, load_speech
 
 NO_SPEECH = (
     "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
@@ -40,9 +45,6 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     Raises:
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
     """
-    from model.measures.beats import read_mean_speeds
-    from model.measures.lag import heard_of
-
     if ask.mean_speeds is not None and ask.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     body = get_body(ask.body)
@@ -89,8 +91,6 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
 
 
 def _read_speech(ask: Ask) -> Speech | None:
-    from model.speech.audio import SpeechLimits, load_speech
-
     if ask.speech is None:
         return None
     return load_speech(ask.speech, SpeechLimits(channel=ask.channel))
@@ -118,12 +118,6 @@ def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
 def _on_the_floor(motion: Motion) -> Motion:
     """For the pictures only: a body whose translation never changes would stand sunk to the chest,
     or in the air, beside one that has a floor."""
-    import numpy as np
-
-    from model.measures.posture import FEET
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import track_points
-
     if np.ptp(motion.trans, axis=0).any():
         return motion
     feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
@@ -149,8 +143,6 @@ def _files_of(ask: Ask) -> dict[str, Path]:
 
 
 def _read_motions(ask: Ask, files: Mapping[str, Path], run: RunWriter) -> dict[str, Reading]:
-    from model.formats.read import read_any_motion
-
     ask.told.check(list(files.values()), *(name for name in files if name != REFERENCE_NAME))
     readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(files.items()):
@@ -173,8 +165,6 @@ def _check_frames(ask: Ask, motions: Iterable[Motion]) -> None:
 
 def as_read(measured: Diagnostics, rows: Rows) -> Diagnostics:
     """With what was assumed of files, and without faults of what they lack."""
-    from model.faults.table import without
-
     readings = rows.readings
     return replace(
         measured,
@@ -208,8 +198,6 @@ def _windows(ask: Ask, motions: Iterable[str]) -> dict[str, Windowing]:
     Raises:
         RunError: for windows that cannot be.
     """
-    from model.generation.base import Windowing
-
     if ask.window is None:
         if ask.overlap:
             raise RunError("An overlap says nothing without a window; give both (--window).")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.errors import RunError
 from app.run.ask import SAMPLING, Ask, Take, steps_of
@@ -21,15 +21,24 @@ from app.run.timeline import make_timeline
 from app.run.videos.videos import names_that_fit
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
-
-if TYPE_CHECKING:
-    from model.generation.base import System, Windowing
-    from model.generation.windows import GenerateOptions, MotionPiece
-    from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan
-    from model.plan.style import StyleWish
-    from model.speech.audio import Speech
-    from model.speech.transcript import Transcript
+from model.formats.read import read_any_motion
+from model.generation.base import System, Windowing
+from model.generation.windows import (
+    GenerateOptions,
+    MotionPiece,
+    draw_conditions,
+    motion_pieces,
+    one_thread,
+)
+from model.motion.altered import filtered
+from model.motion.motion import Motion, first_frames, load_motion, put_together
+from model.plan.files import read_plan_file
+from model.plan.plan import GesturePlan, read_plan
+from model.plan.style import StyleWish, read_wish
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.transcript import Transcript
+from model.systems.registry import list_systems
+from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
     "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
@@ -44,11 +53,6 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
         PlanError, WriteError: each with one sentence.
     """
-    from model.motion.altered import filtered
-    from model.plan.style import read_wish
-    from model.speech.audio import SpeechLimits, load_speech
-    from renderer.draw.probe import choose_backend
-
     if ask.speech is None:
         raise RunError("There is neither speech to move to nor motion to measure; give one.")
     speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
@@ -118,9 +122,6 @@ def row_names(ask: Ask, systems: Sequence[str]) -> list[str]:
 
 def _taken(take: Take, name: str, run: RunWriter) -> Motion:
     """Motion of a live session, and before it the plan for which one would be found."""
-    from model.motion.motion import load_motion
-    from model.plan.plan import read_plan
-
     if take.plan is not None:
         run.performed(name, read_plan(take.plan))
     run.note(LIVE_NOTE)
@@ -143,9 +144,6 @@ def _made_in_turns(
         told: tells of a whole motion, and filters it.
         is_seen: whether windows are told of as they are made.
     """
-    from model.generation.windows import one_thread
-    from model.motion.motion import put_together
-
     parts: dict[tuple[str, int], list[Motion]] = {}
     shares = dict.fromkeys(making, 0.0)
     made: dict[tuple[str, int], tuple[Motion, Motion]] = {}
@@ -170,8 +168,6 @@ def _made_in_turns(
 
 def _performs(system: System) -> bool:
     """Whether it follows plans."""
-    from model.plan.plan import GesturePlan
-
     return system.condition_type is GesturePlan
 
 
@@ -187,8 +183,6 @@ def _pieces_of(
     Args:
         wish: what is done to every plan.
     """
-    from model.generation.windows import motion_pieces
-
     if _performs(system):
         said, _ = words.found(run.stop_if_asked)
         options = _with_plans(system, speech, options, said, wish, run)
@@ -204,8 +198,6 @@ def _with_plans(
     run: RunWriter,
 ) -> GenerateOptions:
     """The options with the plans that the system performs, each left beside its motion."""
-    from model.generation.windows import draw_conditions
-
     plans = options.conditions
     if not plans:
         plans = draw_conditions(system, speech, replace(options, words=said.words))
@@ -239,8 +231,6 @@ def _first_speaker(systems: tuple[System, ...]) -> str:
 
 
 def _load_systems(ask: Ask) -> tuple[System, ...]:
-    from model.systems.registry import list_systems
-
     names = ask.systems or list_systems(ask.weights)
     if not names:
         raise RunError(
@@ -263,8 +253,6 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     Args:
         more: fields of the options that do not stand in the ask, or another way.
     """
-    from model.generation.windows import GenerateOptions
-
     known = {sampler.name for sampler in system.samplers}
     sampler = system.sampler(ask.sampler if ask.sampler in known else None)
     usual: dict[str, Any] = {name: getattr(ask, name) for name in SAMPLING} | {
@@ -283,8 +271,6 @@ def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[st
         RunError: if no system has the sampler, or none takes guidance or a plan.
         PlanError: if the plan cannot be used.
     """
-    from model.plan.files import read_plan_file
-
     read = None if ask.plan is None else read_plan_file(ask.plan)
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", ask.plan), ("style", ask.style)):
@@ -314,9 +300,6 @@ def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> dict[str, M
     """The recorded motion by its name, no longer than the speech, where there is one."""
     if ask.reference is None:
         return {}
-    from model.formats.read import read_any_motion
-    from model.motion.motion import first_frames
-
     ask.told.check([ask.reference])
     read = read_any_motion(ask.reference, ask.told, ask.body, REFERENCE_NAME)
     reporter.note(*read.notes)

@@ -12,10 +12,9 @@ import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from app import text
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.findings.sentences import sentences_of
 from app.run.ask import Ask, Done, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion, in_register
@@ -37,12 +36,11 @@ from app.run.timeline import said_in
 from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords, given_words
 from conventions.names import REFERENCE_NAME, printable
+from model.diagnostics import Diagnostics
+from model.motion.motion import Motion
 from model.storage.files import file_sha256
-from processes.job import Cancelled
-
-if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
-    from model.motion.motion import Motion
+from renderer.figures.figure6 import choose_snapshot_frames, figure6
+from renderer.figures.jitter import jitter_sheet
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -81,10 +79,7 @@ def do(
     ):
         if words.need_speech and ask.speech is None:
             raise RunError(NO_SPEECH)
-        try:
-            return _do(_as_far_as_anything_draws(ask, run), words, run, started)
-        except Cancelled as error:
-            raise CancelledRun from error
+        return _do(_as_far_as_anything_draws(ask, run), words, run, started)
 
 
 def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
@@ -192,9 +187,6 @@ def _draw_figures(
     run: RunWriter,
 ) -> None:
     """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
-    from renderer.figures.figure6 import figure6
-    from renderer.figures.jitter import jitter_sheet
-
     begun = 0.0 if snapshots is not None else _POSES
     if snapshots is None:
         snapshots = _draw_poses(ask, rows, run)
@@ -224,8 +216,6 @@ def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
 
 
 def _pose_frames(ask: Ask, motions: Mapping[str, Motion]) -> tuple[int, ...]:
-    from renderer.figures.figure6 import choose_snapshot_frames
-
     shortest = min(motion.num_frames for motion in motions.values())
     return ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
 

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.run.ask import Ask
+from app.run.made import options_of
+from app.run.models import get_system
 from app.run.words import SpokenWords
-from model.formats.read import Assumptions
-
-if TYPE_CHECKING:
-    from model.plan.editing import Edited
+from model.formats.read import ENDINGS, Assumptions, read_any_motion
+from model.generation.windows import draw_conditions
+from model.motion.kinematics import open_body_skeleton
+from model.plan.editing import Edited
+from model.plan.files import check_ending, write_plan_file
+from model.plan.found import found_plan
+from model.plan.plan import GesturePlan
+from model.plan.style import read_wish
+from model.speech.audio import SpeechLimits, load_speech
+from model.systems.registry import usual_planner
 
 MAX_SPEECH_S = 3600.0
 
 
 def is_motion(path: Path) -> bool:
     """Whether a file's ending is that of a motion."""
-    from model.formats.read import ENDINGS
-
     return path.suffix.lower() in ENDINGS
 
 
@@ -29,11 +34,6 @@ def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[
     Raises:
         MotionError, PlanError, WriteError: each with one sentence for the person who asked.
     """
-    from model.formats.read import read_any_motion
-    from model.motion.kinematics import open_body_skeleton
-    from model.plan.files import check_ending, write_plan_file
-    from model.plan.found import found_plan
-
     check_ending(out)
     (told or Assumptions()).check([motion])
     read = read_any_motion(motion, told)
@@ -52,16 +52,6 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Edited:
         RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
         WriteError: each with one sentence for the person who asked.
     """
-    from app.run.made import options_of
-    from app.run.models import get_system
-    from model.generation.windows import draw_conditions
-    from model.plan.editing import Edited
-    from model.plan.files import check_ending, write_plan_file
-    from model.plan.plan import GesturePlan
-    from model.plan.style import read_wish
-    from model.speech.audio import SpeechLimits, load_speech
-    from model.systems.registry import usual_planner
-
     ask.check()
     check_ending(ask.out)
     if is_empty and ask.style is not None:

@@ -9,7 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from app.errors import CancelledRun, sentence_of
 from app.findings.measure_rows import numbers_of
@@ -17,6 +19,7 @@ from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.ask import Grown, OnEvent, ShouldCancel
 from app.run.body_motion import Register, register_of
+from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     MAX_ROWS,
@@ -43,21 +46,18 @@ from app.run.timeline import (
     waveform_of,
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
+from model.diagnostics import Diagnostics
+from model.faults.evidence import Finding, ranked
+from model.formats.read import Reading
+from model.generation.base import Windowing
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, put_together, save_motion
+from model.plan.found import found_plan
+from model.plan.plan import GesturePlan, read_plan
+from model.speech.audio import Speech, write_wav
+from model.speech.transcript import Transcript
 from model.storage.harmless import csv_text
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from app.run.followed_point import TipSource
-    from model.diagnostics import Diagnostics
-    from model.faults.evidence import Finding
-    from model.formats.read import Reading
-    from model.generation.base import Windowing
-    from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan
-    from model.speech.audio import Speech
-    from model.speech.transcript import Transcript
-    from renderer.body.body import Body
+from renderer.body.body import Body
 
 _GROWN = 1.2
 """So many times as long, a motion may stand elsewhere among the others."""
@@ -77,8 +77,6 @@ class _Growing:
 
     def placed(self, num_frames: int) -> Register:
         """Of the whole at its end; before it from time to time, as it takes all frames so far."""
-        from model.motion.motion import put_together
-
         is_due = self.end >= min(_GROWN * self.register_at, num_frames)
         if self.register is None or (is_due and not self.is_placed):
             self.register = register_of(put_together(self.parts))
@@ -238,8 +236,6 @@ class RunWriter(Reporter):
         Args:
             file_name: where it is kept; by default among what only a player shows.
         """
-        from model.motion.motion import save_motion
-
         path = self.folder.path(file_name or shown_file(name, ".npz"))
         save_motion(motion, path)
         if name not in self._growing:
@@ -248,8 +244,6 @@ class RunWriter(Reporter):
 
     def sound(self, waveform: np.ndarray) -> Path:
         """What is heard: 16 kHz."""
-        from model.speech.audio import write_wav
-
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
         self.record.sound = SPEECH
@@ -271,8 +265,6 @@ class RunWriter(Reporter):
             weights: where the speech encoder is whose accents are told; None tells none.
             plans: that they performed, by name.
         """
-        from model.plan.plan import read_plan
-
         self.rows(motions)
         self.sound(waveform_of(speech, motions))
         for name in sorted(motions.keys() & (plans or {}).keys()):
@@ -292,8 +284,6 @@ class RunWriter(Reporter):
     def performed(self, name: str, plan: GesturePlan) -> GesturePlan:
         """Leave a row's plan beside its motion; given back with the decimals that anybody finds in
         the file."""
-        from model.plan.plan import read_plan
-
         path = self.folder.path(f"{file_stem(name)}.plan.json")
         plan.write(path)
         written = read_plan(path)
@@ -303,9 +293,6 @@ class RunWriter(Reporter):
 
     def find_plans(self, motions: Mapping[str, Motion]) -> None:
         """What those rows seem to follow that performed no plan."""
-        from model.motion.kinematics import open_body_skeleton
-        from model.plan.found import found_plan
-
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
                 path = self.folder.path(shown_file(name, ".plan.json"))
@@ -337,8 +324,6 @@ class RunWriter(Reporter):
 
 def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
     """Of several motions, the gravest first; last, and of no name, in which there is nothing."""
-    from model.faults.evidence import ranked
-
     told = [
         Told(name=name, kind=finding.kind, sentence=cut(finding.sentence), at=finding.worst_s)
         for name, finding in ranked(findings)[: MAX_TOLD - 1]

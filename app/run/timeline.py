@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, Field
 
+from app.run.ask import NUM_SECONDS
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
 from app.run.output.run_folder import Text, file_of, read_run
 from conventions.names import REFERENCE_NAME, Version
+from conventions.rates import FPS, SAMPLE_RATE
+from model.measures.smoothness import derivative_magnitudes
+from model.motion.altered import smooth_motion
+from model.motion.motion import Motion
+from model.networks.speech_codes import heard_accents as heard
+from model.speech.audio import Speech
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
@@ -22,12 +29,6 @@ from model.speech.transcript import (
     Transcript,
     Word,
 )
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from model.speech.audio import Speech
-
-NUM_SECONDS = 6
 
 
 def worst_seconds(
@@ -42,9 +43,6 @@ def worst_seconds(
         For each ``start_s`` and ``end_s``, the ``name`` of the motion that jerks most then, and its
         mean ``jerk_m_s3``; a shorter clip is one stretch, and one under 4 frames is none.
     """
-    from conventions.rates import FPS
-    from model.measures.smoothness import derivative_magnitudes
-
     means = {name: _means(derivative_magnitudes(track, 3), FPS) for name, track in tracks.items()}
     lengths = {name: min(FPS, len(track)) for name, track in tracks.items()}
     found: list[dict[str, Any]] = []
@@ -108,9 +106,6 @@ def make_timeline(
         `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it,
         of those that were not recorded.
     """
-    from conventions.rates import FPS
-    from model.motion.altered import smooth_motion
-
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     curves = {}
     for name, motion in motions.items():
@@ -186,8 +181,6 @@ def said_in(folder: Path) -> Transcript:
 
 def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:
     """Time and strength of accents, as our speech encoder hears them, if its weights are there."""
-    from model.networks.speech_codes import heard_accents as heard
-
     return [(accent.time_s, accent.strength) for accent in heard(speech, weights)]
 
 
@@ -230,9 +223,6 @@ def derivative_curve(
         longer curve than ``max_points`` keeps the highest value of each stretch, so that no peak is
         lost.
     """
-    from conventions.rates import FPS
-    from model.measures.smoothness import derivative_magnitudes
-
     values = derivative_magnitudes(track, order)
     stride = max(1, -(-len(values) // max_points))
     if len(values):
@@ -253,8 +243,6 @@ def longest_s(motions: Mapping[str, Motion]) -> float:
 
 def waveform_of(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
     """Speech, with silence as far as the longest motion goes; silence alone where there is none."""
-    from conventions.rates import SAMPLE_RATE
-
     waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
     missing = round(longest_s(motions) * SAMPLE_RATE) - len(waveform)
     return np.pad(waveform, (0, max(0, missing)))

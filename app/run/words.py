@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from app.run.ask import WordsAsked
+from model.speech.recognised import Hearing
 from model.speech.transcript import NOTHING_SAID, Transcript, read_words
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from app.run.ask import WordsAsked
-    from model.speech.recognised import Hearing
 
 _LOOK_EVERY_S = 0.1
 
@@ -58,8 +56,6 @@ class SpokenWords:
     def begin(self, waveform: np.ndarray) -> None:
         """Look for them in this speech, if they are to be looked for and are not yet, and return at
         once."""
-        from model.speech.recognised import Hearing
-
         if self.need_speech and self._hearing is None:
             text = self._given if isinstance(self._given, str) else None
             self._hearing = Hearing(waveform, text)

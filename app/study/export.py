@@ -16,7 +16,6 @@ from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
-from app.run.videos.videos import draw_videos, picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from renderer.body.body import BodyMotion
 
 Draw = Callable[..., object]
-"""`app.run.videos.videos.draw_videos`, or what a test puts in its place."""
+"""As `renderer.video.workers.draw_jobs`."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def export_study(
     *,
     on_progress: Callable[[float], None] = lambda fraction: None,
     should_cancel: Callable[[], bool] = lambda: False,
-    draw: Draw = draw_videos,
+    draw: Draw | None = None,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
 
@@ -95,6 +94,8 @@ def export_study(
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
+    from renderer.video.workers import draw_jobs
+
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out)
@@ -102,7 +103,9 @@ def export_study(
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(*(plan, workspace, weights, body), draw, on_progress, should_cancel)
+        maker = _Maker(
+            *(plan, workspace, weights, body), draw or draw_jobs, on_progress, should_cancel
+        )
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -216,6 +219,7 @@ class _Maker:
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
+        from app.run.videos.videos import picture_of
         from renderer.scene.stage import set_stage
         from renderer.video.workers import RenderJob
 

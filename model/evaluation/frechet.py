@@ -7,7 +7,6 @@ of another amount of motion, cannot be compared with these.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -77,33 +76,6 @@ class Moments:
     def of(features: Features) -> "Moments":
         """Of the features of one clip."""
         return Moments(len(features), features.sum(0), features.T @ features)
-
-    @staticmethod
-    def sum(clips: Sequence["Moments"]) -> "Moments":
-        """Of several clips together."""
-        return Moments(
-            sum(clip.count for clip in clips),
-            np.sum([clip.total for clip in clips], axis=0),
-            np.sum([clip.products for clip in clips], axis=0),
-        )
-
-    def kept(self) -> dict[str, Any]:
-        """As plain numbers; products once, as they are symmetric."""
-        upper = self.products[np.triu_indices(len(self.total))]
-        return {"count": self.count, "total": self.total.tolist(), "products": upper.tolist()}
-
-    @staticmethod
-    def of_kept(kept: Mapping[str, Any]) -> "Moments":
-        """The inverse of `kept`."""
-        total = np.array(kept["total"])
-        products = np.zeros((len(total), len(total)))
-        products[np.triu_indices(len(total))] = kept["products"]
-        return Moments(kept["count"], total, products + np.triu(products, 1).T)
-
-    @property
-    def tells(self) -> bool:
-        """Whether there are enough features for a covariance of full rank."""
-        return self.count > len(self.total)
 
     @property
     def mean(self) -> Float[np.ndarray, " dim"]:

@@ -62,17 +62,17 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     calm, recorded = smooth_motion_example(60), smooth_motion_example(60, seed=1)
     shaken = calm.part(np.arange(60)[::2].repeat(2))  # each frame twice: steps
     found = compare({"calm": calm, "shaken": shaken, "reference": recorded})
-    assert found.names == ("calm", "shaken", "reference")
-    (jerk,) = (row for row in found.rows if row.title == "Followed point: Jerk (m/s³)")
-    assert jerk.nearest == ("calm",) and jerk.values["shaken"] > 3 * jerk.values["calm"]
-    assert not any("BeatAlign" in row.title for row in found.rows)
+    assert list(found.table.columns) == ["calm", "shaken", "reference"]
+    jerk = "Followed point: Jerk (m/s³)"
+    calm_jerk, shaken_jerk, _ = found.table.loc[jerk]
+    assert list(found.nearest[jerk]) == ["calm"] and shaken_jerk > 3 * calm_jerk
+    assert not any("BeatAlign" in title for title in found.table.index)
     assert set(found.apart_deg) == {
         ("calm", "shaken"),
         ("calm", "reference"),
         ("shaken", "reference"),
     }
-    assert f"<b>{jerk.values['calm']:.3g}</b>" in found._repr_html_()
-    assert found.as_dict()[jerk.title] == jerk.values
+    assert f"<b>{calm_jerk:.3g}</b>" in found._repr_html_()
 
 
 def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights):
@@ -88,7 +88,7 @@ def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights)
     for name in names:
         jerks = [each.systems[name].raw.point.tip_jerk_m_s3 for each in (found, done.diagnostics)]
         assert jerks[0] == jerks[1] > 0
-    assert done.compare().names == tuple(names)
+    assert list(done.compare().table.columns) == names
     html = done.show().html
     assert all(f'"{name}"' in html for name in names) and "jerk in m/s³" in html
 

@@ -16,8 +16,8 @@ from app import text
 from app.page.tabs import live, own_motion
 from app.run import display
 from app.run.body_motion import body_motion
+from app.run.display import Seen
 from app.run.pieces import frames_message
-from app.run.videos.seen_video import Seen
 from model.motion.altered import exaggerate, smooth_motion
 from model.motion.motion import Motion
 from renderer.body.body import load_body

@@ -16,8 +16,7 @@ from app.findings.comparison import by_measure, kinds_told, plain, point_title
 from app.findings.measure_rows import JERK, MEASURES, Measure, Numbers, nearest, signed, written
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
-from app.run.many.distances import TITLE as DISTANCE
-from app.run.many.table import cells_of, interval, star_told
+from app.run.many.table import DISTANCE, cells_of, interval, star_told
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 from model.storage.harmless import csv_text

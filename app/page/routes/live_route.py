@@ -18,8 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.config import EXAMPLES
 from app.errors import RunError, visitor_sentence
-from app.live.session import live_ask
-from app.live.sessions import LiveSessions, Place
+from app.live.sessions import LiveSessions, Place, live_ask
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
 

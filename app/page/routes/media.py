@@ -36,7 +36,7 @@ from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.pieces import body_glb, builds, face_names, reaches_message
-from app.run.videos.export import MARKERS_ENDING, RenderAsk, render_motion, write_plan
+from app.run.tasks import MARKERS_ENDING, RENDER, WRITE_PLAN, RenderAsk
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -189,7 +189,7 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
         if not (is_plan or path.suffix == ".npz") or kind not in endings:
             return PlainTextResponse(GONE, status_code=404)
         stem = path.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
-        task = write_plan if is_plan else render_motion
+        task = WRITE_PLAN if is_plan else RENDER
 
         def asked(out: Path) -> RenderAsk:
             return RenderAsk(motions=(path,), out=out)
@@ -255,8 +255,8 @@ def prepare() -> None:
 @functools.cache
 def stage_facts() -> bytes:
     """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    from app.run.ask import TIP
     from app.run.display import FULL_SPEED_M_S
-    from app.run.followed_point import TIP
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
     from renderer.files.glb import STEP_M

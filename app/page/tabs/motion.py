@@ -31,9 +31,9 @@ from app.page.tabs.runner import SEEN, Services, set_here
 from app.run.ask import (
     MAX_CLIPS,
     MAX_SAMPLES,
+    TIP,
     Ask,
 )
-from app.run.followed_point import TIP
 from app.run.many.opened import SPEECHES
 from app.run.many.speeches import ENDINGS
 from app.run.upload_check import TOO_MANY_CLIPS

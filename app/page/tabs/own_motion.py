@@ -24,12 +24,11 @@ from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import SEEN, Services, set_here
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
-from app.run.ask import MAX_COMPARED, Ask
+from app.run.ask import MAX_COMPARED, TIP, Ask
 from app.run.examples import RECORDED, planted_files
-from app.run.followed_point import TIP
-from app.run.many.motions import Sets, measure_sets
 from app.run.many.opened import is_one_run
 from app.run.many.unpacked import is_packed, stem_of
+from app.run.tasks import MEASURE_SETS, Sets
 from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, counted, printable
 
@@ -289,7 +288,7 @@ class OwnMotionRunner(RunRunner):
         if not has_sets(ask.motions):
             yield from super().perform(job, ask, form)
             return
-        found = yield from self.done(job, measure_sets, ask, "Measuring clips: {share:.0%}")
+        found = yield from self.done(job, MEASURE_SETS, ask, "Measuring clips: {share:.0%}")
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)

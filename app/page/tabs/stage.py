@@ -23,11 +23,10 @@ from app.page.tabs.runner import Services, TabRunner, follow, last_share
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.ask import Ask, Event, Grown
+from app.run.display import Seen
 from app.run.output.run_folder import drop_unfinished
-from app.run.takes.edits import MAX_PLAN_CHARACTERS, edits_of
-from app.run.takes.take import TakeAsk, make_take
-from app.run.videos.seen_video import Seen, SeenAsk, draw_seen
-from app.run.videos.videos import draw_behind
+from app.run.takes.edits import MAX_PLAN_CHARACTERS, TakeAsk, edits_of
+from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE, SeenAsk
 from conventions.rates import FPS
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
@@ -99,7 +98,7 @@ class TakesRunner(TabRunner):
                 start=asked.start,
                 edits=edits_of(asked.edits),
             )
-            take = yield from self.done(job, make_take, wanted, coming)
+            take = yield from self.done(job, MAKE_TAKE, wanted, coming)
         except Exception as error:
             drop_unfinished(showing.folder)
             yield said(visitor_sentence(error), is_refused=True)
@@ -156,7 +155,7 @@ class SeenRunner(TabRunner):
                 return {}
             return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
-        video = yield from self.done(job, draw_seen, ask, told)
+        video = yield from self.done(job, DRAW_SEEN, ask, told)
         count = len(seen.shown)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
@@ -254,7 +253,7 @@ class VideosBehind:
             return updates
 
         request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")
-        do = partial(self._services.videos.do, draw_behind, request)
+        do = partial(self._services.videos.do, DRAW_BEHIND, request)
         yield from follow(do, job, told, {self._parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))
         yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}

@@ -22,9 +22,16 @@ from app.page.tabs.runner import Services, TabRunner, last_share, set_here
 from app.page.visitors.files import Job
 from app.run.ask import Ask, Event, Grown
 from app.run.examples import CLEAN
-from app.run.experiments.hearing import HearingAsk, measure_hearing
-from app.run.experiments.mechanism import NOISE_RAD, MechanismAsk, show_mechanism
-from app.run.experiments.step_curve import StepsAsk, measure_step_curve
+from app.run.tasks import (
+    MEASURE_HEARING,
+    MEASURE_STEPS,
+    NOISE_RAD,
+    SHOW_MECHANISM,
+    HearingAsk,
+    MechanismAsk,
+    StepsAsk,
+    Task,
+)
 from model.generation.family import Beside, ExplainedSystem, Ladder, Use
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import families, family_of, usual_systems
@@ -103,8 +110,7 @@ class FigureRunner(TabRunner):
     verb: ClassVar[str]
     """On the button that begins."""
     asks: ClassVar[type[Ask]]
-    measure: ClassVar[Any]
-    """The worker's task."""
+    measure: ClassVar[Task]
 
     def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
         """Lay out the part here and wire it; it begins on other events also."""
@@ -165,7 +171,7 @@ class FigureRunner(TabRunner):
                 updates[self._status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
-        yield from self.done(job, type(self).measure, asked, told)
+        yield from self.done(job, self.measure, asked, told)
         record = showing.record
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
         files = (asked.out / name for name in record.results)
@@ -201,7 +207,7 @@ class MechanismRunner(FigureRunner):
         "its parent and once in the world. No network takes part. Look at the fingertips, then "
         "move the slider."
     )
-    asks, measure = MechanismAsk, staticmethod(show_mechanism)
+    asks, measure = MechanismAsk, SHOW_MECHANISM
 
     def __init__(self, tab: gr.Tab, services: Services) -> None:
         """
@@ -239,7 +245,7 @@ class HearingRunner(FigureRunner):
         "one speech rise and fall together; where it is deaf, those of one seed. The same as "
         "<code>python -m app hearing</code>, which takes anyone's motion too."
     )
-    asks, measure = HearingAsk, staticmethod(measure_hearing)
+    asks, measure = HearingAsk, MEASURE_HEARING
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         systems = self.systems(catalogue, "hearing-tab")
@@ -286,7 +292,7 @@ class StepCurveRunner(FigureRunner):
         "is from that of 25 steps, and what a frame costs on the machine that serves this page. "
         "The same as <code>python -m app steps</code>."
     )
-    asks, measure = StepsAsk, staticmethod(measure_step_curve)
+    asks, measure = StepsAsk, MEASURE_STEPS
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         label = "Speech (optional: an example otherwise; ten seconds are used)"

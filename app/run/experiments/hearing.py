@@ -9,81 +9,32 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 from app.errors import RunError
-from app.flags import written
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import OnEvent, ShouldCancel
 from app.run.made import options_of
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
+from app.run.tasks import HearingAsk
 from conventions.names import file_stem, short_names
+from conventions.rates import SAMPLE_RATE
+from model.evaluation.judges import calm_over_lively, manner_of
+from model.formats.read import read_any_motion
+from model.generation.windows import generate_motion
+from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
+from model.motion.motion import Motion, save_motion
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from renderer.figures.curves import HearingRow, hearing_figure
 from renderer.figures.style import MAX_SYSTEMS
 
-if TYPE_CHECKING:
-    from model.measures.hearing import Decided, Grid
-    from model.motion.motion import Motion
-    from model.speech.audio import Speech
-
-MAX_SPEECHES, MAX_SEEDS = 8, 8
 MAX_S = 60.0
 """Of each speech; the rest is not heard."""
 COMPARED = "Compared {count} system{s}."
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = ("same_speech", "same_noise", "neither", "by_speech", "by_noise")
-
-
-def _two_names(written: str) -> tuple[str, str]:
-    calm, comma, lively = written.partition(",")
-    if not (calm and comma and lively) or calm == lively:
-        raise RunError(f"it takes two names, CALM,LIVELY; got {written!r}.")
-    return calm, lively
-
-
-TwoSpeakers = Annotated[
-    tuple[str, str] | None, written(_two_names, "CALM,LIVELY", "none", ",".join)
-]
-
-
-@dataclass(frozen=True, kw_only=True)
-class HearingAsk(Ask):
-    """A run of which speech and noise vary."""
-
-    speeches: tuple[Path, ...]
-    """Two sound files or more; or one folder of anyone's motions, whose files are called
-    ``[SYSTEM__]SPEECH__SEED.npz``."""
-    seeds: int = 2
-    """Of the noise, from 0 on."""
-    speakers: TwoSpeakers = None
-    """Two whose manner is compared on the first speech, too, such as hana,june."""
-
-    @property
-    def is_of_motions(self) -> bool:
-        return len(self.speeches) == 1 and self.speeches[0].is_dir()
-
-    def check(self) -> None:
-        """
-        Raises:
-            RunError: for what cannot be compared.
-        """
-        super().check()
-        if self.is_of_motions:
-            if self.speakers:
-                raise RunError("A folder of motions tells no speakers.")
-            return
-        if not 2 <= len(self.speeches) <= MAX_SPEECHES:
-            raise RunError(
-                f"Two to {MAX_SPEECHES} speeches are compared; got {len(self.speeches)}."
-            )
-        if len({path.stem for path in self.speeches}) < len(self.speeches):
-            raise RunError("Two of the speeches have one name; rename one of the files.")
-        if not 2 <= self.seeds <= MAX_SEEDS:
-            raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
-        count = len(self.systems)
-        if not 1 <= count <= MAX_SYSTEMS:
-            raise RunError(f"One to {MAX_SYSTEMS} systems are compared at once; got {count}.")
 
 
 @dataclass(frozen=True)
@@ -110,8 +61,6 @@ def measure_hearing(
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """
-    from model.motion.motion import save_motion
-
     ask.check()
     record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
     with (
@@ -143,9 +92,6 @@ def measure_hearing(
 
 def _speeches(ask: HearingAsk) -> dict[str, Speech]:
     """By name; no more of each than is heard."""
-    from conventions.rates import SAMPLE_RATE
-    from model.speech.audio import SpeechLimits, load_speech
-
     limits = SpeechLimits(max_s=ask.max_speech_s)
     whole = {path.stem: load_speech(path, limits) for path in ask.speeches}
     heard = int(MAX_S * SAMPLE_RATE)
@@ -157,8 +103,6 @@ def _speeches(ask: HearingAsk) -> dict[str, Speech]:
 def _generated(
     ask: HearingAsk, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
 ) -> dict[str, _Made]:
-    from model.generation.windows import generate_motion
-
     systems = [get_system(name, ask.weights) for name in dict.fromkeys(ask.systems)]
     seeds = range(ask.seeds)
     of_system: dict[str, _Made] = {}
@@ -187,8 +131,6 @@ def _generated(
 
 def _read(folder: Path) -> dict[str, Grid]:
     """Motions of a folder, by what their names say."""
-    from model.formats.read import read_any_motion
-
     grids: dict[str, dict[tuple[str, int], Motion]] = {}
     for path in sorted(folder.glob("*.npz")):
         named = _NAMED.fullmatch(path.name)
@@ -206,8 +148,6 @@ def _read(folder: Path) -> dict[str, Grid]:
 
 def _numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
     """Of one system, as ``hearing.json`` has them."""
-    from model.evaluation.judges import calm_over_lively, manner_of
-    from model.measures.hearing import arm_rotations_same_noise, decided
 
     def shares(found: Decided) -> dict[str, float]:
         return {column: getattr(found, column) for column in _COLUMNS}
@@ -260,9 +200,6 @@ def _sentence(system: str, numbers: Mapping[str, Any]) -> str:
 def _draw(
     told: Mapping[str, Mapping[str, Any]], of_system: Mapping[str, _Made], run: RunWriter
 ) -> None:
-    from model.measures.hearing import arm_speed
-    from renderer.figures.curves import HearingRow, hearing_figure
-
     rows = [
         HearingRow(
             system,

@@ -4,57 +4,37 @@ rotations of one motion, two bodies in lock-step."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import arg
+from pandas import DataFrame
 
 from app.errors import RunError
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import TIP, OnEvent, ShouldCancel
 from app.run.display import Display
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
-from app.run.videos.videos import draw_videos, jobs_of
+from app.run.tasks import VIDEO, MechanismAsk
+from app.run.videos.videos import jobs_of
+from model.formats.read import read_any_motion
+from model.measures.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
+from model.motion.altered import noisy_motions
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import moving_chain
 from model.speech.transcript import NOTHING_SAID
-
-if TYPE_CHECKING:
-    from model.measures.error_growth import ErrorGrowth
-    from model.motion.motion import Motion
+from renderer.figures.curves import error_growth_figure
+from renderer.video.compose import compose_videos
+from renderer.video.workers import draw_jobs
 
 NAMES: tuple[str, str] = ("local rotations", "global rotations")
 """Of the two bodies: where the noise is."""
-NOISE_RAD = (0.005, 0.1)
-"""Least and most noise that may be asked for."""
-VIDEO = "mechanism.mp4"
 DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
 _DRAWN = 0.85
 """Share of the work that is done when both bodies are drawn."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MechanismAsk(Ask):
-    """Equal noise on one motion."""
-
-    noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
-    """Deviation of the random turns about each axis, .005 to .1."""
-
-    def check(self) -> None:
-        """
-        Raises:
-            RunError: for what cannot be shown.
-        """
-        super().check()
-        least, most = NOISE_RAD
-        if not least <= self.noise_rad <= most:
-            raise RunError(f"Noise must be {least:g} to {most:g} rad; got {self.noise_rad:g}.")
-        if len(self.motions) != 1:
-            raise RunError(f"One motion is shown; got {len(self.motions)}.")
-        if self.out.suffix.lower() == ".mp4":
-            raise RunError(f"--out is a folder, in which the video is called {VIDEO}.")
 
 
 def show_mechanism(
@@ -69,12 +49,6 @@ def show_mechanism(
         CancelledRun: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.formats.read import read_any_motion
-    from model.measures.error_growth import measure_error_growth
-    from model.motion.altered import noisy_motions
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import moving_chain
-
     ask.check()
     (motion,) = ask.motions
     if not moving_chain(ask.joint):
@@ -101,11 +75,6 @@ def show_mechanism(
 
 def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None:
     """How far points along the chain are moved."""
-    from pandas import DataFrame
-
-    from model.measures.error_growth import growth_sentence
-    from renderer.figures.curves import error_growth_figure
-
     spreads = DataFrame(
         {
             "point": growth.points,
@@ -120,8 +89,6 @@ def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None
 
 
 def _draw(ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter) -> None:
-    from renderer.video.compose import compose_videos
-
     body = get_body(ask.body)
     tip = choose_tip_source(body, ask.body, ask.joint)
     seen = replace(ask, display=Display(has_trail=True))
@@ -134,7 +101,7 @@ def _draw(ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: Ru
 
     # The noise moves no camera.
     jobs = jobs_of(noisy, seen, body, tip, out, staged=[clean])
-    draw_videos(jobs, run.share("video", _DRAWN))
+    draw_jobs(jobs, run.share("video", _DRAWN))
     video = run.folder.path(VIDEO)
     compose_videos(
         list(paths.values()),
@@ -148,8 +115,6 @@ def _draw(ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: Ru
 
 def _told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
     """What the experiment shows, and what it does not."""
-    from model.measures.error_growth import growth_sentence
-
     jerk = growth.jerk_m_s3
     yield growth_sentence(growth, noise_rad)
     yield (

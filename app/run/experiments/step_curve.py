@@ -5,65 +5,32 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import arg
+import numpy as np
+from pandas import DataFrame
 
-from app.errors import RunError
 from app.findings.comparison import ALIKE
-from app.flags import a_count, written
-from app.run.ask import MAX_STEPS, Ask, OnEvent, ShouldCancel
+from app.run.ask import OnEvent, ShouldCancel
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import RunWriter
+from app.run.tasks import StepsAsk
 from conventions.names import short_names
-from renderer.figures.style import MAX_SYSTEMS
+from conventions.rates import SAMPLE_RATE
+from model.generation.base import System
+from model.generation.windows import GenerateOptions, generate_motion
+from model.measures.smoothness import derivative_magnitudes, mean_over_time
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import track_points
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from renderer.figures.curves import step_curve_figure
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from model.generation.base import System
-    from model.motion.motion import Motion
-    from model.speech.audio import Speech
-
-COUNTS = (1, 2, 4, 8, 25)
-"""Steps that are tried; motion with the most of them is what the others are held against."""
 MAX_S = 10.0
 """Of the speech: time a frame does not depend on its length."""
 FINGERTIP = "right_middle"
 MEASURED = "Measured {count} motions."
-
-
-def _counts(told: str) -> tuple[int, ...]:
-    return tuple(map(a_count, told.split(",")))
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepsAsk(Ask):
-    """A run of which the steps vary."""
-
-    counts: Annotated[
-        tuple[int, ...],
-        written(_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
-        arg(name="steps"),
-    ] = COUNTS
-    """Numbers of steps."""
-
-    def check(self) -> None:
-        """
-        Raises:
-            RunError: for what cannot be measured.
-        """
-        super().check()
-        if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
-            raise RunError(
-                f"Steps must be whole numbers from 1 to {MAX_STEPS}; got "
-                f"{', '.join(map(str, self.counts)) or 'none'}."
-            )
-        count = len(self.systems)
-        if not 1 <= count <= MAX_SYSTEMS:
-            raise RunError(f"One to {MAX_SYSTEMS} systems are measured at once; got {count}.")
 
 
 @dataclass(frozen=True)
@@ -92,12 +59,6 @@ def measure_step_curve(
         CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
-    from pandas import DataFrame
-
-    from conventions.rates import SAMPLE_RATE
-    from model.speech.audio import SpeechLimits, load_speech
-    from renderer.figures.curves import step_curve_figure
-
     ask.check()
     whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
@@ -123,8 +84,6 @@ def _points_of(
     system: System, speech: Speech, ask: StepsAsk, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
     """From few steps to many."""
-    from model.generation.windows import GenerateOptions, generate_motion
-
     counts = sorted(set(ask.counts), reverse=True)  # the most first: others are compared to it
     speaker = ask.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
@@ -152,10 +111,6 @@ def _points_of(
 
 
 def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
-    from model.measures.smoothness import derivative_magnitudes, mean_over_time
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import track_points
-
     tracks = track_points(motion, open_body_skeleton())
     tip = tracks.point(FINGERTIP)
     return tracks.joints, float(mean_over_time(derivative_magnitudes(tip, 3)))

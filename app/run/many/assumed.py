@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.findings.measure_rows import MEASURES
-from model.formats.read import LACKS
-
-if TYPE_CHECKING:
-    from model.formats.read import Reading
+from model.formats.read import LACKS, Reading
 
 Counts = Mapping[str, Counter[tuple[str, str]]]
 """By set, in how many files what was assumed had which value."""

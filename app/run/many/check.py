@@ -18,8 +18,10 @@ from app.run.many.unpacked import stem_of, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
-from model.formats.read import ENDINGS
+from model.formats.read import ENDINGS, read_any_motion
+from model.motion.motion import load_motion
 from model.storage.files import file_sha256, written_atomically
+from model.storage.npz import MotionError
 
 SAMPLES = 5
 SPLIT = "train_test_split.csv"
@@ -143,10 +145,6 @@ def _checked(folder: Path, recorded: Path) -> Checked:
 
 
 def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, str]:
-    from model.formats.read import read_any_motion
-    from model.motion.motion import load_motion
-    from model.storage.npz import MotionError
-
     frames = read_any_motion(recorded).motion.num_frames
     wrong: dict[str, str] = {}
     seen: dict[str, str] = {}

@@ -1,143 +1,66 @@
 """How far sets of motion are from the recorded set: by our encoder's codes, and by EMAGE's.
 
-A clip's codes lie beside its record, since sums of their products would be as large. Sets are put
-together clip by clip, all draws of the interval at once, so that memory does not grow with clips.
+A clip's codes lie beside its record. Sets are put together clip by clip, all draws of the interval
+at once, so that memory does not grow with clips.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from app.errors import RunError
+from app.run.many.table import DISTANCE
 from conventions.names import REFERENCE_NAME
+from model.evaluation.frechet import Moments, distance_of, motion_features
+from model.evaluation.tables import drawn_clips, interval_of
+from model.motion.motion import Motion
+from model.networks.autoencoder import load_encoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.files import written_atomically
+from model.systems.helpers import emage
+from model.systems.helpers.config import FGD_ENCODER
 
-if TYPE_CHECKING:
-    from model.evaluation.frechet import Moments
-    from model.motion.motion import Motion
-    from model.networks.autoencoder import FrozenEncoder
-    from model.systems.helpers.emage import EmageEncoder
-
-TITLE = "Distribution: FGD to the recorded set, our encoder"
-
-
-def moments_of(motion: Motion) -> dict[str, Any]:
-    """What is kept of one motion, so that any clips can be put together."""
-    from model.evaluation.frechet import Moments, motion_features
-
-    features = motion_features(_encoder(), motion)
-    assert features is not None  # it sees no faces
-    return Moments.of(features).kept()
+EMAGE_TITLE = "Distribution: FGD to the recorded set, EMAGE's encoder"
+LEFT_OUT = (
+    "FGD by {whose} is left out: all clips together have {codes} codes, one for every {frames} "
+    "frames; at least {least} are needed."
+)
+DRAWS = 200
+_CLIPS_AT_ONCE = 50
 
 
-def distance_rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
-    """As `_rows`; none without a recorded set, or where clips are too short (`why_left_out`)."""
-    if REFERENCE_NAME in systems and not why_left_out(numbers):
-        yield from _rows(TITLE, systems, len(numbers), lambda name: _clips_of(name, numbers))
+@dataclass(frozen=True)
+class Judge:
+    """An encoder by whose codes sets are told apart."""
 
-
-def _rows(
-    title: str,
-    systems: Sequence[str],
-    num_clips: int,
-    clips: Callable[[str], Iterator[Moments]],
-    offset: float = 0.0,
-) -> Iterator[tuple[Any, ...]]:
-    """As the other measures have them: of each system, and of each pair.
-
-    Args:
-        clips: of a set, one after the other.
-        offset: of `distance_of`.
-    """
-    from model.evaluation.frechet import distance_of
-    from model.evaluation.tables import interval_of
-
-    recorded = _drawn(clips(REFERENCE_NAME), num_clips)
-    apart = {
-        name: np.array([
-            distance_of(real, made, offset)
-            for real, made in zip(recorded, _drawn(clips(name), num_clips), strict=True)
-        ])
-        for name in systems
-        if name != REFERENCE_NAME
-    }  # fmt: skip
-
-    def told(values: np.ndarray) -> tuple[float, float, float]:
-        found = interval_of(values[0], values[1:])
-        return found.mean, found.low, found.high
-
-    names = list(apart)
-    for place, name in enumerate(names):
-        yield (title, "", name, num_clips, *told(apart[name]), *[""] * 4)
-        for other in names[place + 1 :]:
-            difference = told(apart[name] - apart[other])
-            yield (title, "", name, num_clips, "", "", "", other, *difference)
-
-
-def _drawn(clips: Iterator[Moments], num_clips: int) -> list[Moments]:
-    """Of all clips, and then of those of each draw."""
-    from model.evaluation.frechet import Moments
-    from model.evaluation.tables import drawn_clips
-
-    drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
-    times = np.array([np.ones(num_clips), *drawn])
-    sums: Any = 0.0
-    dim = 0
-    for start in range(0, num_clips, _CLIPS_AT_ONCE):
-        rows = []
-        for clip in islice(clips, _CLIPS_AT_ONCE):
-            upper = np.triu_indices(len(clip.total))
-            rows.append(np.concatenate([[clip.count], clip.total, clip.products[upper]]))
-            dim = len(clip.total)
-        sums = sums + times[:, start : start + _CLIPS_AT_ONCE] @ np.array(rows)
-    keys = ("count", "total", "products")
-    parts = [(round(row[0]), *np.split(row[1:], [dim])) for row in sums]
-    return [Moments.of_kept(dict(zip(keys, part, strict=True))) for part in parts]
-
-
-def why_left_out(numbers: list[dict[str, Any]]) -> str | None:
-    """A sentence where the recorded set, and so each of as many frames, is too short to tell of."""
-    if not all(REFERENCE_NAME in each["systems"] for each in numbers):
-        return None
-    from model.evaluation.frechet import Moments
-
-    recorded = Moments.sum(list(_clips_of(REFERENCE_NAME, numbers)))
-    if recorded.tells:
-        return None
-    return (
-        f"FGD is left out: all clips together have {recorded.count} codes, one for every 8 frames; "
-        f"more than {len(recorded.total)} are needed."
-    )
-
-
-def _clips_of(name: str, numbers: list[dict[str, Any]]) -> Iterator[Moments]:
-    from model.evaluation.frechet import Moments
-
-    return (Moments.of_kept(each["systems"][name]["codes"]) for each in numbers)
+    title: str
+    codes: Callable[[Motion], Any]
+    frames_a_code: int
+    offset: float = 0.0
+    """Of `distance_of`."""
 
 
 @cache
-def _encoder() -> FrozenEncoder:
-    """Read once by each process that measures."""
-    from model.networks.autoencoder import load_encoder
-    from model.systems.helpers.config import FGD_ENCODER
+def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
+    """Ours, and EMAGE's where a person has it; read once by each process that measures.
 
-    return load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-
-
-EMAGE_TITLE = "Distribution: FGD to the recorded set, EMAGE's encoder"
-DRAWS = 200
-LEAST_CODES = 241
-"""One more than a code has numbers, so that a covariance has full rank."""
-_CLIPS_AT_ONCE = 50
+    Raises:
+        CheckpointError: for a file that is not EMAGE's.
+    """
+    ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
+    judges = [Judge(DISTANCE, partial(motion_features, ours), max(ours.network.config.scales))]
+    if emage_weights is not None:
+        theirs = emage.load_emage_encoder(emage_weights)
+        codes = partial(emage.emage_codes, theirs)
+        judges.append(Judge(EMAGE_TITLE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
+    return tuple(judges)
 
 
 def check_weights(weights: Path | None, reference: Path | None) -> None:
@@ -154,68 +77,98 @@ def check_weights(weights: Path | None, reference: Path | None) -> None:
             "EMAGE's encoder tells how far a set is from the recorded one; give it, too "
             "(--reference FOLDER)."
         )
-    _emage_encoder(weights.absolute())
+    judges_of(weights.absolute())
 
 
 def codes_path(record: Path) -> Path:
     """Of a clip, beside its record."""
-    return record.with_suffix(".emage.npz")
+    return record.with_suffix(".codes.npz")
 
 
-def keep_codes(record: Path, weights: Path, motions: Mapping[str, Sequence[Motion]]) -> None:
+def keep_codes(
+    record: Path, motions: Mapping[str, Sequence[Motion]], emage_weights: Path | None
+) -> None:
     """Leave the codes of one clip's motions beside its record, whole or not at all; of each system
     those of all samples."""
-    from model.systems.helpers.emage import emage_codes
-
-    encoder = _emage_encoder(weights)
-    codes = [
-        np.concatenate([emage_codes(encoder, motion) for motion in motions[name]])
-        for name in sorted(motions)
-    ]
-    with written_atomically(codes_path(record)) as temporary:
-        np.savez(temporary, *codes)
+    codes: dict[str, Any] = {
+        f"{number} {name}": np.concatenate([judge.codes(motion) for motion in samples])
+        for number, judge in enumerate(judges_of(emage_weights))
+        for name, samples in motions.items()
+    }
+    with written_atomically(codes_path(record)) as part:
+        np.savez(part, **{key: each.astype(np.float32) for key, each in codes.items()})
 
 
-@dataclass(frozen=True)
-class EmageDistances:
-    """Of all sets: what the tables say of them, or why they say nothing."""
-
-    rows: tuple[tuple[Any, ...], ...] = ()
-    note: str | None = None
-
-
-def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> EmageDistances:
-    """As `_rows`.
+def distance_rows(
+    systems: Sequence[str], records: Sequence[Path], emage_weights: Path | None
+) -> tuple[list[tuple[Any, ...]], list[str]]:
+    """As the other measures have them, of each system and of each pair, and sentences on what is
+    left out; none without a recorded set.
 
     Args:
-        systems: the sets, the recorded one among them.
-        frames: of each clip, by the path of its record, which has codes beside it.
+        records: of the clips, which have codes beside them.
     """
-    from model.evaluation.frechet import Moments
-    from model.systems.helpers.emage import FRAMES_A_CODE, ROOT_OFFSET, WHOLE_FRAMES
-
-    records = [record for record, count in frames.items() if count >= WHOLE_FRAMES]
-    codes = sum(count // WHOLE_FRAMES for count in frames.values()) * WHOLE_FRAMES // FRAMES_A_CODE
-    if codes < LEAST_CODES:
-        return EmageDistances(
-            note=(
-                f"FGD by EMAGE's encoder is left out: all clips together have {codes} codes, one "
-                f"for every {FRAMES_A_CODE} frames; at least {LEAST_CODES} are needed."
-            )
-        )
-
-    def clips(name: str) -> Iterator[Moments]:
-        place = sorted(systems).index(name)
-        for record in records:
-            with np.load(codes_path(record), allow_pickle=False) as file:
-                yield Moments.of(file[f"arr_{place}"].astype(np.float64))
-
-    return EmageDistances(tuple(_rows(EMAGE_TITLE, systems, len(records), clips, ROOT_OFFSET)))
+    rows: list[tuple[Any, ...]] = []
+    notes: list[str] = []
+    for number, judge in enumerate(judges_of(emage_weights) if REFERENCE_NAME in systems else ()):
+        shapes = [codes.shape for codes in _codes_of(number, records, REFERENCE_NAME)]
+        count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
+        if count < least:
+            told = {"codes": count, "frames": judge.frames_a_code, "least": least}
+            notes.append(LEFT_OUT.format(whose=judge.title.rsplit(", ", 1)[1], **told))
+            continue
+        known = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
+        rows += _rows(judge, systems, len(known), partial(_codes_of, number, known))
+    return rows, notes
 
 
-@cache
-def _emage_encoder(weights: Path) -> EmageEncoder:
-    """Read once by each process that measures."""
-    from model.systems.helpers.emage import load_emage_encoder
+def least_codes(numbers: int) -> int:
+    """Of so many numbers each, for a covariance of full rank."""
+    return numbers + 1
 
-    return load_emage_encoder(weights)
+
+def _codes_of(judge: int, records: Sequence[Path], name: str) -> Iterator[np.ndarray]:
+    """Of one set, clip after clip."""
+    for record in records:
+        with np.load(codes_path(record), allow_pickle=False) as file:
+            yield file[f"{judge} {name}"].astype(np.float64)
+
+
+def _rows(
+    judge: Judge,
+    systems: Sequence[str],
+    num_clips: int,
+    clips: Callable[[str], Iterator[np.ndarray]],
+) -> Iterator[tuple[Any, ...]]:
+    def told(values: np.ndarray) -> tuple[float, float, float]:
+        found = interval_of(values[0], values[1:])
+        return found.mean, found.low, found.high
+
+    recorded = _drawn(clips(REFERENCE_NAME), num_clips)
+    apart = {
+        name: np.array([
+            distance_of(real, made, judge.offset)
+            for real, made in zip(recorded, _drawn(clips(name), num_clips), strict=True)
+        ])
+        for name in systems
+        if name != REFERENCE_NAME
+    }  # fmt: skip
+    names = list(apart)
+    for place, name in enumerate(names):
+        yield (judge.title, "", name, num_clips, *told(apart[name]), *[""] * 4)
+        for other in names[place + 1 :]:
+            difference = told(apart[name] - apart[other])
+            yield (judge.title, "", name, num_clips, "", "", "", other, *difference)
+
+
+def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:
+    """Of the codes of all clips, and then of those of each draw."""
+    drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
+    times = np.array([np.ones(num_clips), *drawn])
+    sums: Any = 0.0
+    for start in range(0, num_clips, _CLIPS_AT_ONCE):
+        # Beside a column of ones, the products hold count and total, too.
+        some = [np.insert(codes, 0, 1.0, axis=1) for codes in islice(clips, _CLIPS_AT_ONCE)]
+        products = np.array([codes.T @ codes for codes in some])
+        sums = sums + np.tensordot(times[:, start : start + _CLIPS_AT_ONCE], products, 1)
+    return [Moments(round(each[0, 0]), each[0, 1:], each[1:, 1:]) for each in sums]

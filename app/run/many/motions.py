@@ -13,63 +13,47 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from app.errors import RunError, sentence_of
+from app.errors import RunError
 from app.findings.measure_rows import numbers_of
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import Ask, OnEvent, ShouldCancel, absolute
 from app.run.diagnostics import onsets_of
 from app.run.many.assumed import assumed_in, told_above, without_what_lacks
-from app.run.many.distances import (
-    EmageDistances,
-    check_weights,
-    codes_path,
-    emage_distances,
-    keep_codes,
-    moments_of,
-    why_left_out,
-)
+from app.run.many.distances import check_weights, codes_path, distance_rows, keep_codes
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.speeches import stamp_of
-from app.run.many.table import Above, draw_spread, mean_of_samples, write_tables
+from app.run.many.speeches import do_jobs, stamp_of
+from app.run.many.table import draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import UnpackLimits, unpack_sets, unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.telling import Reporter
+from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
-from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Assumptions, Reading
+from model.diagnostics import raw_evidence
+from model.faults.table import find_faults, without
+from model.formats.read import ENDINGS, MOTIONS, REFERENCE, Reading, read_any_motion
+from model.measures.beats import read_mean_speeds
+from model.measures.lag import heard_of
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, first_frames
+from model.speech.audio import SpeechLimits, load_speech
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
 from model.storage.files import file_sha256, written_atomically
+from model.storage.npz import MotionError
+from model.systems.helpers.config import FGD_ENCODER
+from model.training.loop import revision
 from processes.job import Job
 from processes.pool import JobPool
 
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-
-FORMAT = 5
+FORMAT = 6
 """Of a clip's record; another one is measured anew."""
 _SPEECH = "the speech"
 
 
 MAX_BYTES, MAX_FILES = 10**9, 1500
 """Of all zips that a visitor brings at once, unpacked."""
-
-
-@dataclass(frozen=True)
-class Sets:
-    """What was written, found, and must be said."""
-
-    ask: Ask
-    files: tuple[Path, ...]
-    notes: tuple[str, ...]
-    told: dict[str, Any]
-    """What `app.run.many.table.write_tables` leaves in ``many.json``."""
-    clips: dict[str, dict[str, Path]]
-    """By system, and the reference, the motion file of each clip that is in the tables."""
-    sounds: dict[str, Path]
-    """Of those clips that have one."""
 
 
 def measure_sets(
@@ -102,8 +86,8 @@ def diagnose_folders(
         pool: who measures; by default this process.
 
     Raises:
-        RunError: where folders have no clip in common, a folder is none, or a zip is hostile.
-        MotionError, SpeechError: if no clip can be read.
+        RunError: where folders have no clip in common or none that can be read, a folder is none,
+            or a zip is hostile.
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if those who measure are lost.
     """
@@ -171,71 +155,48 @@ def _diagnose_clips(
     on_progress: Callable[[float], None],
     pool: JobPool,
 ) -> Sets:
-    kept = ask.out / "clips"
-    kept.mkdir(parents=True, exist_ok=True)
-    records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}
-    jobs = []
-    for clip in clips:
-        of_clip = {
-            name: {sample: path.absolute() for sample, path in found[clip].items()}
-            for name, found in files.items()
-        }
-        sound, speeds, weights = (
-            path and path.absolute()
-            for path in (sounds.get(clip), ask.mean_speeds, ask.emage_weights)
+    kept, here = ask.out.absolute() / "clips", absolute(ask)
+    measured = {
+        clip: _Clip(
+            {name: _absolute(found[clip]) for name, found in files.items()},
+            sounds[clip].absolute() if clip in sounds else None,
+            *(here, kept / f"{clip}.json"),
         )
-        beside = _Beside(sound, speeds, weights, ask.channel)
-        asked = ask.told, ask.body and ask.body.absolute()
-        measured_of = {
-            f"{name} {sample}".strip(): path
-            for name, samples in of_clip.items()
-            for sample, path in samples.items()
-        }
-        stamp = stamp_of(measured_of | beside.files, [FORMAT, *map(str, asked), ask.channel])
-        jobs.append(
-            Job(
-                clip,
-                partial(_is_measured, records[clip], stamp, beside),
-                partial(_measure_clip, of_clip, beside, asked, records[clip], stamp),
-            )
-        )
-    known = sum(job.is_done() for job in jobs)
+        for clip in clips
+    }
+    jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
+    known, left_out = do_jobs(jobs, pool, lambda clip, share: on_progress(share))
     if known:
         notes.append(f"{known} clips had been measured before and were kept.")
-    done = known
-
-    def on_done(clip: str) -> None:
-        nonlocal done
-        done += 1
-        on_progress(done / len(jobs))
-
-    failed = pool.do_all(jobs, on_done)
-    left_out = {clip: sentence_of(error) or "" for clip, error in sorted(failed.items())}
-    for clip, error in failed.items():
-        if len(failed) == len(jobs) or not left_out[clip]:
-            raise error
+    if len(left_out) == len(jobs):
+        raise RunError(next(iter(left_out.values())))
+    left_out = dict(sorted(left_out.items()))
     notes += [f"Left out: {clip}: {sentence}" for clip, sentence in left_out.items()]
-    clips = [clip for clip in clips if clip not in failed]
-    records = {clip: records[clip] for clip in clips}
-    numbers = [json.loads(path.read_text()) for path in records.values()]
-    notes += [sentence for each in numbers for sentence in each["unread"]]
-    above = Above(told_above(files, numbers), left_out)
-    notes[:0] = above.notes
-    by_emage = EmageDistances()
-    if ask.emage_weights is not None:
-        frames = [each["frames"] for each in numbers]
-        by_emage = emage_distances(list(files), dict(zip(records.values(), frames, strict=True)))
-    origin = _origin_of(list(files), clips, numbers, ask.mean_speeds)
-    written = write_tables(ask.out, list(files), clips, numbers, origin, by_emage.rows, above)
-    notes += filter(None, (why_left_out(numbers), by_emage.note))
-    drawn, said = draw_spread(ask.out, list(files), numbers)
-    measured = {
-        name: {clip: first_of(found[clip]) for clip in clips} for name, found in files.items()
-    }
-    heard = {clip: sounds[clip] for clip in clips if clip in sounds}
-    notes += said
-    told = json.loads((ask.out / "many.json").read_text())
-    return Sets(ask, (*written, *drawn), tuple(notes), told, measured, heard)
+    records = {clip: each.record for clip, each in measured.items() if clip not in left_out}
+    numbers = {clip: json.loads(path.read_text()) for clip, path in records.items()}
+    notes += [sentence for each in numbers.values() for sentence in each["unread"]]
+    above = told_above(files, list(numbers.values()))
+    notes[:0] = above
+    distances, unsaid = distance_rows(list(files), list(records.values()), here.emage_weights)
+    origin = _origin_of(list(files), numbers, ask.mean_speeds)
+    written, told = write_tables(
+        ask.out, list(files), numbers, above, left_out, origin=origin, more=distances
+    )
+    drawn, said = draw_spread(ask.out, list(files), list(numbers.values()))
+    return Sets(
+        ask,
+        files=(*written, *drawn),
+        notes=(*notes, *unsaid, *said),
+        told=told,
+        clips={
+            name: {clip: first_of(found[clip]) for clip in numbers} for name, found in files.items()
+        },
+        sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
+    )
+
+
+def _absolute(samples: Samples) -> Samples:
+    return {sample: path.absolute() for sample, path in samples.items()}
 
 
 def _counts(numbers: Iterable[int]) -> str:
@@ -269,129 +230,103 @@ def _speech_folder(ask: Ask) -> Path | None:
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """What one clip's motions are measured with."""
+class _Clip:
+    """The motions of one clip, which one process measures; all files by their whole paths."""
 
-    speech: Path | None
-    mean_speeds: Path | None
-    emage_weights: Path | None
-    channel: int | None
+    files: dict[str, Samples]
+    """By set, the recorded one among them."""
+    sound: Path | None
+    ask: Ask
+    record: Path
 
-    @property
-    def files(self) -> dict[str, Path]:
-        """By what they are."""
-        named = {
-            "its sound": self.speech,
-            "mean speeds": self.mean_speeds,
-            "EMAGE's encoder": self.emage_weights,
-        }
-        return {name: path for name, path in named.items() if path is not None}
+    def _stamp(self) -> str:
+        """Of all that its numbers depend on."""
+        ask = self.ask
+        beside = {"sound": self.sound, "speeds": ask.mean_speeds, "encoder": ask.emage_weights}
+        files = {
+            f"{name} {sample}": path
+            for name, samples in self.files.items()
+            for sample, path in samples.items()
+        } | {name: path for name, path in beside.items() if path is not None}
+        return stamp_of(files, [FORMAT, str(ask.told), str(ask.body), ask.channel])
 
-    def heard(self) -> dict[str, Any]:
-        """What `raw_evidence` is told of it."""
-        from model.measures.beats import read_mean_speeds
-        from model.measures.lag import heard_of
-        from model.speech.audio import SpeechLimits, load_speech
-
-        if self.speech is None:
-            return {}
-        speech = load_speech(self.speech, SpeechLimits(channel=self.channel))
-        return {
-            "onsets_s": onsets_of(speech),
-            "heard": heard_of(speech.waveform),
-            "mean_speeds": self.mean_speeds and read_mean_speeds(self.mean_speeds),
-        }
-
-
-def _is_measured(record: Path, stamp: str, beside: _Beside) -> bool:
-    """Whether a clip's record is there, whole, and of this very stamp."""
-    try:
-        is_kept = json.loads(record.read_text()).get("stamp") == stamp
-    except (OSError, ValueError, AttributeError):
-        return False
-    return is_kept and (beside.emage_weights is None or codes_path(record).is_file())
-
-
-def _measure_clip(
-    files: dict[str, Samples],
-    beside: _Beside,
-    asked: tuple[Assumptions, Path | None],
-    out: Path,
-    stamp: str,
-) -> None:
-    """All systems of one clip beside its reference, over the frames that all have; of each the mean
-    over its samples.
-
-    Raises:
-        MotionError: if some system has no sample that can be read.
-    """
-    from model.diagnostics import raw_evidence
-    from model.faults.table import find_faults, without
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.motion import first_frames
-
-    unread: list[str] = []
-    readings = {name: _readings(name, files[name], asked, unread) for name in files}
-    heard = beside.heard()
-    shortest = min(each.motion.num_frames for found in readings.values() for each in found.values())
-    reference = None
-    systems: dict[str, Any] = {}
-    motions: dict[str, list[Motion]] = {}
-    for name in sorted(readings, key=lambda name: name != REFERENCE_NAME):  # the reference first
-        told = []
-        for sample, reading in readings[name].items():
-            motion = first_frames(reading.motion, shortest)
-            motions.setdefault(name, []).append(motion)
-            evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
-            faults = without(find_faults(evidence), reading.lacks)
-            told.append({
-                "numbers": without_what_lacks(numbers_of(evidence.raw), reading.lacks),
-                "findings": [fault.kind for fault in faults],
-                "codes": moments_of(motion),
-                "sha256": file_sha256(files[name][sample]),
-            })  # fmt: skip
-            if name == REFERENCE_NAME:
-                reference = evidence
-        systems[name] = mean_of_samples(told)
-        systems[name]["assumed"] = [assumed_in(each) for each in readings[name].values()]
-    if beside.emage_weights is not None:
-        keep_codes(out, beside.emage_weights, motions)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    record = {"stamp": stamp, "frames": shortest, "systems": systems, "unread": unread}
-    with written_atomically(out) as part:
-        part.write_text(json.dumps(record, allow_nan=False) + "\n")
-
-
-def _readings(
-    name: str, samples: Samples, asked: tuple[Assumptions, Path | None], unread: list[str]
-) -> dict[str, Reading]:
-    """Of those samples that can be read; why others cannot goes to ``unread``.
-
-    Raises:
-        MotionError: if none can.
-    """
-    from model.formats.read import read_any_motion
-    from model.storage.npz import MotionError
-
-    kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
-    found: dict[str, Reading] = {}
-    why: MotionError | None = None
-    for sample, path in samples.items():
+    def is_measured(self) -> bool:
+        """Whether its record is there, whole, and of these very files."""
         try:
-            found[sample] = read_any_motion(path, *asked, kind, name)
-        except MotionError as error:
-            why = error
-            unread.append(f"Of the samples of one clip this is left out: {error}")
-    if why is not None and not found:
-        raise why
-    return found
+            is_kept = json.loads(self.record.read_text()).get("stamp") == self._stamp()
+        except (OSError, ValueError, AttributeError):
+            return False
+        return is_kept and codes_path(self.record).is_file()
+
+    def measure(self) -> None:
+        """All systems beside the reference, over the frames that all have; of each the mean over
+        its samples.
+
+        Raises:
+            MotionError: if some system has no sample that can be read.
+        """
+        unread: list[str] = []
+        readings = {name: self._readings(name, unread) for name in self.files}
+        heard = self._heard()
+        of_all = [each.motion for found in readings.values() for each in found.values()]
+        shortest = min(motion.num_frames for motion in of_all)
+        reference = None
+        systems: dict[str, Any] = {}
+        motions: dict[str, list[Motion]] = {}
+        for name in sorted(readings, key=lambda name: name != REFERENCE_NAME):  # first
+            told = []
+            for sample, reading in readings[name].items():
+                motion = first_frames(reading.motion, shortest)
+                motions.setdefault(name, []).append(motion)
+                evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
+                faults = without(find_faults(evidence), reading.lacks)
+                told.append({
+                    "numbers": without_what_lacks(numbers_of(evidence.raw), reading.lacks),
+                    "findings": [fault.kind for fault in faults],
+                    "sha256": file_sha256(self.files[name][sample]),
+                })  # fmt: skip
+                if name == REFERENCE_NAME:
+                    reference = evidence
+            assumed = [assumed_in(each) for each in readings[name].values()]
+            systems[name] = {**mean_of_samples(told), "assumed": assumed}
+        self.record.parent.mkdir(parents=True, exist_ok=True)
+        keep_codes(self.record, motions, self.ask.emage_weights)
+        told = {"frames": shortest, "systems": systems, "unread": unread}
+        with written_atomically(self.record) as part:
+            part.write_text(json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n")
+
+    def _heard(self) -> dict[str, Any]:
+        """What `raw_evidence` is told of the sound."""
+        if self.sound is None:
+            return {}
+        speech, speeds = load_speech(self.sound, SpeechLimits(channel=self.ask.channel)), None
+        if self.ask.mean_speeds is not None:
+            speeds = read_mean_speeds(self.ask.mean_speeds)
+        heard = heard_of(speech.waveform)
+        return {"onsets_s": onsets_of(speech), "heard": heard, "mean_speeds": speeds}
+
+    def _readings(self, name: str, unread: list[str]) -> dict[str, Reading]:
+        """Of those samples that can be read; why others cannot goes to ``unread``.
+
+        Raises:
+            MotionError: if none can.
+        """
+        kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
+        found: dict[str, Reading] = {}
+        why: MotionError | None = None
+        for sample, path in self.files[name].items():
+            try:
+                found[sample] = read_any_motion(path, self.ask.told, self.ask.body, kind, name)
+            except MotionError as error:
+                why = error
+                unread.append(f"Of the samples of one clip this is left out: {error}")
+        if why is not None and not found:
+            raise why
+        return found
 
 
 def _origin_of(
-    systems: list[str],
-    clips: list[str],
-    numbers: list[dict[str, Any]],
-    mean_speeds: Path | None,
+    systems: list[str], numbers: Mapping[str, dict[str, Any]], mean_speeds: Path | None
 ) -> dict[str, Any]:
     """What stands in ``many.json`` as ``provenance``.
 
@@ -399,14 +334,8 @@ def _origin_of(
         numbers: of each clip, in ``systems`` by name the ``sha256`` of its file.
         mean_speeds: published ones that BeatAlign was measured with.
     """
-    from model.systems.helpers.config import FGD_ENCODER
-    from model.training.loop import revision
-
     digests = {
-        name: _digest(
-            [clip, each["systems"][name]["sha256"]]
-            for clip, each in zip(clips, numbers, strict=True)
-        )
+        name: _digest([clip, each["systems"][name]["sha256"]] for clip, each in numbers.items())
         for name in systems
     }
     return {

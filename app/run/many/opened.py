@@ -30,7 +30,6 @@ from app.run.output.run_folder import (
     row_files,
     runs_in,
 )
-from app.run.pipeline import do
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
@@ -51,6 +50,8 @@ def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
     Raises:
         Exception: also where no clip could be done.
     """
+    from app.run.pipeline import do
+
     asks = {"": ask}
     if is_one_run(ask.motions):
         asks = opened(ask, ask.out.parent / "opened")
@@ -122,7 +123,7 @@ def run_folder(
     folders = [path]
     if is_packed(path):
         into.mkdir(parents=True)
-        unpacked(path, into, endings, limits)
+        unpacked(path, into, endings, replace(limits))
         folders = [into, *into.iterdir()]
     found = next(filter(None, map(runs_in, folders)), {})
     if not found:

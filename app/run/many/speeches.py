@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,8 +16,8 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
-from app.run.ask import Ask, Done
-from app.run.many.table import Above, write_tables
+from app.run.ask import Ask, Done, absolute
+from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from conventions.names import REFERENCE_NAME, printable
@@ -77,14 +77,12 @@ def asks_of(ask: Ask) -> dict[str, Ask]:
             "over many, and compare with recordings by `python -m app diagnose`."
         )
     speeches = find_speeches(ask.speech or Path())
-    plans = _plans(ask.plan, speeches)
-    style = ask.style and ask.style.absolute()
-    ask = replace(ask, weights=ask.weights.absolute(), style=style)
+    plans, ask = _plans(ask.plan, speeches), absolute(ask)
     return {
         clip: replace(
             ask,
             speech=speech,
-            out=(ask.out / clip).absolute(),
+            out=ask.out / clip,
             seed=clip_seed(ask.seed, clip),
             plan=plans.get(clip),
         )
@@ -115,16 +113,8 @@ def do_clips(
         stamp = _stamp(ask)
         done = partial(_is_done, ask.out, stamp)
         jobs.append(Job(clip, done, partial(_do_clip, clip, ask, stamp, do)))
-    kept = sum(job.is_done() for job in jobs)
-    num_done = kept
-
-    def tell(clip: str) -> None:
-        nonlocal num_done
-        num_done += 1
-        on_done(asks[clip].out, num_done / len(jobs))
-
     with held_folder(out):
-        failed = {clip: _sentence(error) for clip, error in pool.do_all(jobs, tell).items()}
+        kept, failed = do_jobs(jobs, pool, lambda clip, share: on_done(asks[clip].out, share))
         clips = [clip for clip in asks if clip not in failed]
         files: tuple[Path, ...] = ()
         notes: list[str] = []
@@ -133,9 +123,27 @@ def do_clips(
             verdict = verdict_of(runs[0].point, [run.numbers for run in runs])
             notes += [] if verdict is None else [verdict.text]
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
-            above = Above(notes, failed)
-            files = write_tables(out, names, clips, list(map(_kept, runs)), above=above)
+            numbers = dict(zip(clips, map(_kept, runs), strict=True))
+            files, _ = write_tables(out, names, numbers, notes, failed)
     return ManyRuns(tuple(clips), kept, failed, files, tuple(notes))
+
+
+def do_jobs(
+    jobs: Sequence[Job], pool: JobPool, on_done: Callable[[str, float], None]
+) -> tuple[int, dict[str, str]]:
+    """How many of them had been done before, and why others cannot be.
+
+    Args:
+        on_done: told the name of each as it is done, and the share of all.
+    """
+    kept = done = sum(job.is_done() for job in jobs)
+
+    def tell(name: str) -> None:
+        nonlocal done
+        done += 1
+        on_done(name, done / len(jobs))
+
+    return kept, {name: _sentence(error) for name, error in pool.do_all(jobs, tell).items()}
 
 
 def find_speeches(source: Path) -> dict[str, Path]:

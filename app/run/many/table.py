@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,11 @@ import numpy as np
 from app.findings.comparison import kinds_told
 from app.findings.measure_rows import JERK, MEASURES, Measure, written
 from app.findings.verdict import ENOUGH_CLIPS
-from app.run.many.distances import distance_rows
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
+DISTANCE = "Distribution: FGD to the recorded set, our encoder"
 NUM_WORST = 10
 """Clips of a system that are named."""
 Cells = dict[str, list[str]]
@@ -38,8 +38,7 @@ HEADER = (
 
 def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """What is kept of a clip: of each measure the mean over samples, and in ``spread`` their
-    standard deviation; of findings those that half of the samples have; what they share, put
-    together."""
+    standard deviation; of findings those that half of the samples have."""
     if len(told) == 1:
         return dict(told[0])
     known = {
@@ -47,7 +46,6 @@ def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for row in MEASURES
     }
     counts = Counter(kind for each in told for kind in set(each["findings"]))
-    codes = [each["codes"] for each in told]
     return {
         "numbers": {key: float(np.mean(values)) for key, values in known.items() if values},
         "spread": {
@@ -55,13 +53,6 @@ def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
         },
         "samples": len(told),
         "findings": [kind for kind, count in counts.items() if 2 * count >= len(told)],
-        "codes": {
-            "count": sum(each["count"] for each in codes),
-            **{
-                key: np.sum([each[key] for each in codes], axis=0).tolist()
-                for key in ("total", "products")
-            },
-        },
         "sha256": [each["sha256"] for each in told],
     }
 
@@ -74,64 +65,60 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
     return found.mean, found.low, found.high
 
 
-@dataclass(frozen=True)
-class Above:
-    """What stands above the numbers, and which clips are not in them."""
-
-    notes: Sequence[str] = ()
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    """By clip, why."""
-
-
 def write_tables(
     out: Path,
     systems: list[str],
-    clips: list[str],
-    numbers: list[dict[str, Any]],
+    numbers: Mapping[str, dict[str, Any]],
+    notes: Sequence[str] = (),
+    left_out: Mapping[str, str] | None = None,
+    *,
     origin: Mapping[str, Any] | None = None,
     more: Iterable[Row] = (),
-    above: Above | None = None,
-) -> tuple[Path, ...]:
-    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
+) -> tuple[tuple[Path, ...], dict[str, Any]]:
+    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``; what the
+    second holds is given back, too.
 
     Args:
         numbers: of each clip in ``systems`` by name the ``numbers`` of its motion as it is, by the
             keys of `MEASURES`, and its ``findings`` by kind.
+        notes: stand above the numbers.
+        left_out: by clip, why.
         origin: where they come from.
         more: rows of measures that are taken of whole sets.
     """
-    above = above or Above()
-    rows = [*_rows(systems, numbers), *distance_rows(systems, numbers), *more]
-    table, content, by_clip, sheet, paper = (out / name for name in TABLES)
-    table.write_text(csv_text([HEADER, *rows]), "utf-8", newline="")
-    kinds = {
-        name: Counter(kind for each in numbers for kind in set(each["systems"][name]["findings"]))
-        for name in systems
-    }
-    named = [dict(zip(HEADER, row, strict=True)) for row in rows]
-    findings = {name: dict(found.most_common()) for name, found in kinds.items()}
+    left_out = left_out or {}
     of_systems = {
-        name: [(clip, each["systems"][name]) for clip, each in zip(clips, numbers, strict=True)]
-        for name in systems
+        name: [(clip, each["systems"][name]) for clip, each in numbers.items()] for name in systems
     }
-    worst = worst_clips(of_systems)
-    told = {
-        "clips": clips,
-        "measures": named,
+    rows = [*_rows(of_systems), *more]
+    findings = {
+        name: dict(Counter(kind for _, each in of for kind in set(each["findings"])).most_common())
+        for name, of in of_systems.items()
+    }
+    told: dict[str, Any] = {
+        "clips": list(numbers),
+        "measures": [dict(zip(HEADER, row, strict=True)) for row in rows],
         "clips_with_finding": findings,
-        "worst": [asdict(each) for each in worst],
-        "notes": list(above.notes),
-        "left_out": dict(above.left_out),
+        "worst": [asdict(each) for each in worst_clips(of_systems)],
+        "notes": list(notes),
+        "left_out": dict(left_out),
+    } | ({} if origin is None else {"provenance": dict(origin)})
+    means = cells_of(systems, told["measures"])
+    sheet = [
+        *_sheet(systems, told, means),
+        *_worst_lines(told["worst"]),
+        *_spread_lines(of_systems),
+    ]
+    contents = {
+        "many.csv": csv_text([HEADER, *rows]),
+        "many.json": json.dumps(told, indent=1, allow_nan=False) + "\n",
+        "clips.csv": csv_text(_clip_rows(of_systems, left_out)),
+        "sheet.md": "\n".join(sheet) + "\n",
+        "table.tex": _latex(systems, len(numbers), means),
     }
-    told |= {"provenance": dict(origin)} if origin is not None else {}
-    content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-    by_clip.write_text(csv_text(_clip_rows(of_systems, above.left_out)), "utf-8", newline="")
-    means = cells_of(systems, named)
-    texts = [*_sheet(systems, len(clips), means, findings, above), *_worst_lines(worst)]
-    texts += _spread_lines(systems, numbers)
-    sheet.write_text("\n".join(texts) + "\n", "utf-8")
-    paper.write_text(_latex(systems, len(clips), means), "utf-8")
-    return table, content, by_clip, sheet, paper
+    for name, content in contents.items():
+        (out / name).write_text(content, "utf-8", newline="")
+    return tuple(out / name for name in TABLES), told
 
 
 def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
@@ -177,12 +164,12 @@ def worst_clips(of_systems: OfSystems) -> list[WorstClip]:
     return sorted(found, key=badness, reverse=True)
 
 
-def _worst_lines(worst: list[WorstClip]) -> list[str]:
+def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     if not worst:
         return []
     rows = (
-        map(markdown, (each.system, each.clip, kinds_told(each.kinds), written(each.jerk)))
-        for each in worst
+        map(markdown, (of["system"], of["clip"], kinds_told(of["kinds"]), written(of["jerk"])))
+        for of in worst
     )
     title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
     (unit,) = (row.unit for row in MEASURES if row.key == JERK)
@@ -197,23 +184,21 @@ def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return [lines[0], "|" + "---|" * len(titles), *lines[1:]]
 
 
-def _spread_lines(systems: list[str], numbers: list[dict[str, Any]]) -> list[str]:
+def _spread_lines(of_systems: OfSystems) -> list[str]:
     """How far samples of one clip lie apart, where there are some."""
-    told = {name: [each["systems"][name] for each in numbers] for name in systems}
-    several = [name for name in systems if any("spread" in each for each in told[name])]
-    if not several:
-        return []
+    spreads = {
+        name: [told["spread"] for _, told in clips if "spread" in told]
+        for name, clips in of_systems.items()
+    }
+    spreads = {name: of for name, of in spreads.items() if of}
     rows = []
     for row in MEASURES:
-        spreads = [
-            [each["spread"][row.key] for each in told[name] if row.key in each.get("spread", ())]
-            for name in several
-        ]
-        if any(spreads):
-            cells = (written(float(np.mean(each)) if each else None) for each in spreads)
+        known = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
+        if any(known):
+            cells = (written(float(np.mean(each)) if each else None) for each in known)
             rows.append((titled(row), *cells))
     title = "How far samples of one clip lie apart: their standard deviation, mean over clips."
-    return ["", title, "", *_grid(("measure", *several), rows)]
+    return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
 
 
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
@@ -231,27 +216,24 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
+def _rows(of_systems: OfSystems) -> Iterator[Row]:
+    """Of each measure the mean of each system, and the difference of each two."""
     for measure in MEASURES:
-        title = measure.key
         values = {
-            name: [each["systems"][name]["numbers"].get(title) for each in numbers]
-            for name in systems
+            name: np.array([told["numbers"].get(measure.key, np.nan) for _, told in clips])
+            for name, clips in of_systems.items()
         }
-        for name in systems:
-            known = [value for value in values[name] if value is not None]
-            if not known:
+        for place, (name, own) in enumerate(values.items()):
+            known = own[~np.isnan(own)]
+            if not len(known):
                 continue
-            yield (title, measure.unit, name, len(known), *interval(known), *[""] * 4)
-            for other in systems[systems.index(name) + 1 :]:
-                pairs = [
-                    a - b
-                    for a, b in zip(values[name], values[other], strict=True)
-                    if a is not None and b is not None
-                ]
-                if pairs:
-                    difference = (other, *interval(pairs))
-                    yield (title, measure.unit, name, len(pairs), "", "", "", *difference)
+            head = measure.key, measure.unit, name
+            yield (*head, len(known), *interval(known.tolist()), *[""] * 4)
+            for other in list(values)[place + 1 :]:
+                pairs = own - values[other]
+                pairs = pairs[~np.isnan(pairs)]
+                if len(pairs):
+                    yield (*head, len(pairs), "", "", "", other, *interval(pairs.tolist()))
 
 
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
@@ -282,22 +264,18 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
     return f"{told} [{low}, {high}]{'*' if star else ''}"
 
 
-def _sheet(
-    systems: list[str],
-    clips: int,
-    means: Cells,
-    findings: dict[str, dict[str, int]],
-    above: Above,
-) -> list[str]:
-    out = [f"Left out: {clip}: {why}" for clip, why in above.left_out.items()]
-    noted = [f"- {markdown(note)}" for note in (*above.notes, *out)]
+def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[str]:
+    findings = told["clips_with_finding"]
+    out = [f"Left out: {clip}: {why}" for clip, why in told["left_out"].items()]
+    noted = [f"- {markdown(note)}" for note in (*told["notes"], *out)]
     lines = [
-        f"# {clips} clips",
+        f"# {len(told['clips'])} clips",
         "",
         *noted,
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
-        f" {markdown(star_told(systems, clips))} Differences of all pairs are in `many.csv`.",
+        f" {markdown(star_told(systems, len(told['clips'])))} Differences of all pairs are in"
+        " `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]

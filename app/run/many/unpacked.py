@@ -17,11 +17,13 @@ import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, cast
+from typing import IO, cast
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
@@ -45,9 +47,9 @@ _DAMAGED = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass
 class UnpackLimits:
-    """What of a zip is unpacked at most."""
+    """What of archives is unpacked at most; what was unpacked is taken off."""
 
     files: int = 10_000
     """Also of such as are left out."""
@@ -85,12 +87,12 @@ def unpack_sets(
     Args:
         together: limits of all of them; by default each has its own.
     """
-    left, folders = None if together is None else _Left(together), {}
+    folders: dict[Path, Path] = {}
     for path, endings in sets:
         if is_packed(path) and path not in folders:
             folder = top / str(len(folders)) / (printable(stem_of(path)) or "set")
             folder.mkdir(parents=True)
-            _unpack_wanted(path, folder, endings, left or _Left(UnpackLimits()))
+            unpacked(path, folder, endings, together)
             folders[path] = folder
     return folders
 
@@ -128,107 +130,174 @@ def unpacked(
             twice, nothing that is wanted, or more than the limits; files that were unpacked before
             it was seen may be left.
     """
-    return _unpack_wanted(archive, folder, endings, _Left(limits or UnpackLimits()))
-
-
-def _unpack_wanted(archive: Path, folder: Path, endings: Sequence[str], left: _Left) -> int:
-    before = left.wanted
-    _unpack(archive, folder, endings, left, 0)
-    if left.wanted == before:
+    count = _Archive(archive, endings, limits or UnpackLimits()).unpack(folder)
+    if not count:
         raise RunError(
             f"{printable(archive.name)} holds none of the files that are looked for: "
             f"{', '.join(endings)}."
         )
-    return left.wanted - before
+    return count
 
 
-class _Left:
-    """What of the limits has not been used yet; of archives in archives, too."""
+@dataclass(frozen=True)
+class _Entry:
+    """A file or folder of an archive."""
 
-    def __init__(self, limits: UnpackLimits) -> None:
-        self.limits = limits
-        self.wanted = 0
-
-    def use(self, files: int, count: int, size: int) -> None:
-        self.wanted += count
-        old = self.limits
-        self.limits = UnpackLimits(old.files - files, old.total_bytes - size, old.file_bytes)
+    path: PurePosixPath
+    size: int
+    is_folder: bool
+    opened: Callable[[], IO[bytes] | None]
 
 
-def _unpack(archive: Path, folder: Path, endings: Sequence[str], left: _Left, depth: int) -> None:
-    name = printable(archive.name)
-    is_tar = _ending_of(archive.name) in TARS
-    noun, unpack = ("tar", _unpack_tar) if is_tar else ("zip", _unpack_zip)
-    try:
-        inner = unpack(archive, name, folder, endings, left)
-    except RunError:
-        raise
-    except FileExistsError as error:
-        raise RunError(f"{name} holds two files of one name; it is not unpacked.") from error
-    except OSError as error:
-        if is_disk_full(error):
-            raise RunError(disk_full_sentence(folder)) from error
-        if error.filename is not None and Path(error.filename) != archive:
-            raise write_error(Path(error.filename), error) from error
-        if isinstance(error, gzip.BadGzipFile):
-            raise RunError(f"{name} is no readable {noun}; pack it again.") from error
-        raise RunError(f"{name} cannot be read: {error.strerror or error}.") from error
-    except _DAMAGED as error:
-        raise RunError(
-            f"{name} is no readable {noun}; pack it again, without a password."
-        ) from error
-    for path in inner:
-        if depth + 1 > _MAX_NESTED:
+class _Archive:
+    """One that is being unpacked."""
+
+    def __init__(
+        self, path: Path, endings: Sequence[str], limits: UnpackLimits, depth: int = 0
+    ) -> None:
+        self._path, self._endings, self._limits, self._depth = path, endings, limits, depth
+        self._name = printable(path.name)
+
+    def unpack(self, folder: Path) -> int:
+        """How many files that are wanted were in it, and in those in it."""
+        name, noun = self._name, "tar" if _ending_of(self._path.name) in TARS else "zip"
+        try:
+            with self._tar() if noun == "tar" else self._zip() as entries:
+                wanted = self._wanted(entries)
+                require_free_space(folder, sum(entry.size for entry in wanted))
+                for entry in wanted:
+                    source = entry.opened()
+                    assert source is not None
+                    with source:
+                        check = _write(source, entry.size, folder / entry.path)
+                    os.utime(folder / entry.path, (check, check))
+        except RunError:
+            raise
+        except FileExistsError as error:
+            raise RunError(f"{name} holds two files of one name; it is not unpacked.") from error
+        except OSError as error:
+            if is_disk_full(error):
+                raise RunError(disk_full_sentence(folder)) from error
+            if error.filename is not None and Path(error.filename) != self._path:
+                raise write_error(Path(error.filename), error) from error
+            if isinstance(error, gzip.BadGzipFile):
+                raise RunError(f"{name} is no readable {noun}; pack it again.") from error
+            raise RunError(f"{name} cannot be read: {error.strerror or error}.") from error
+        except _DAMAGED as error:
             raise RunError(
-                f"{name} holds {path.name!r}, an archive {depth + 1} deep; at most {_MAX_NESTED} "
+                f"{name} is no readable {noun}; pack it again, without a password."
+            ) from error
+        within = [folder / entry.path for entry in wanted if _ending_of(entry.path.name)]
+        return len(wanted) - len(within) + sum(map(self._unpack_within, within))
+
+    def _unpack_within(self, path: Path) -> int:
+        depth = self._depth + 1
+        if depth > _MAX_NESTED:
+            raise RunError(
+                f"{self._name} holds {path.name!r}, an archive {depth} deep; at most {_MAX_NESTED} "
                 "are unpacked. Pack the files themselves."
             )
         into = path.with_name(stem_of(path) or "set")
         if into.is_file():
-            raise RunError(f"{name} holds two files of one name; it is not unpacked.")
+            raise RunError(f"{self._name} holds two files of one name; it is not unpacked.")
         into.mkdir(exist_ok=True)
-        _unpack(path, into, endings, left, depth + 1)
+        count = _Archive(path, self._endings, self._limits, depth).unpack(into)
         path.unlink()
+        return count
 
+    @contextmanager
+    def _zip(self) -> Iterator[list[_Entry]]:
+        """Names that Windows wrote have its backslashes."""
+        most = self._limits.files
+        with self._path.open("rb") as file:
+            if list_bytes(file) > _BYTES_AN_ENTRY * most:  # which is read whole
+                raise RunError(
+                    f"{self._name} holds more files than the {most} that are read; split it."
+                )
+            with zipfile.ZipFile(file) as opened:
+                yield [
+                    _Entry(
+                        self._checked(
+                            entry.filename.replace("\\", "/"),
+                            stat.S_IFMT(entry.external_attr >> 16) in _FILE_KINDS,
+                        ),
+                        entry.file_size,
+                        entry.filename.endswith(("/", "\\")),
+                        partial(opened.open, entry),
+                    )
+                    for entry in opened.infolist()
+                ]
 
-def _unpack_zip(
-    archive: Path, name: str, folder: Path, endings: Sequence[str], left: _Left
-) -> list[Path]:
-    """Archives that were in it."""
-    with archive.open("rb") as file:
-        _check_list(file, name, left.limits)
-        with zipfile.ZipFile(file) as opened:
-            entries = [_zip_entry(entry, name) for entry in opened.infolist()]
-            wanted = _wanted(entries, name, endings, left)
-            require_free_space(folder, sum(entry.size for entry in wanted.values()))
-            for path, entry in wanted.items():
-                with opened.open(entry.source) as source:
-                    _write(source, entry.size, folder / path)
-                os.utime(folder / path, (entry.source.CRC, entry.source.CRC))
-    return [folder / path for path in wanted if _ending_of(path.name)]
+    @contextmanager
+    def _tar(self) -> Iterator[list[_Entry]]:
+        is_plain = self._path.name.lower().endswith(".tar")
+        with self._path.open("rb") if is_plain else gzip.open(self._path) as file:
+            capped = _Capped(cast(IO[bytes], file), self._name, self._limits)
+            with tarfile.open(fileobj=cast(IO[bytes], capped), mode="r:") as opened:
+                entries: list[_Entry] = []
+                for member in islice(opened, self._limits.files + 1):
+                    if member.size < 0:
+                        raise tarfile.ReadError("a file of less than nothing")
+                    is_usual = member.isdir() or (member.isreg() and not member.issparse())
+                    path = self._checked(member.name.removeprefix("./") or ".", is_usual)
+                    opening = partial(opened.extractfile, member)
+                    entries.append(_Entry(path, member.size, member.isdir(), opening))
+                yield entries
 
+    def _wanted(self, entries: list[_Entry]) -> list[_Entry]:
+        """Of files; what they take is taken off the limits."""
+        name, left = self._name, self._limits
+        if len(entries) > left.files:
+            raise RunError(
+                f"{name} holds {len(entries)} files; at most {left.files} are read. Split it."
+            )
+        wanted: dict[PurePosixPath, _Entry] = {}
+        for entry in entries:
+            path, is_archive = entry.path, _ending_of(entry.path.name) is not None
+            is_wanted = path.suffix.lower() in self._endings or is_archive
+            if entry.is_folder or not is_wanted or is_hidden(path):
+                continue
+            if path in wanted:
+                raise RunError(f"{name} holds {str(path)!r} twice; it is not unpacked.")
+            if entry.size > left.file_bytes and not is_archive:
+                raise RunError(
+                    f"{name} holds {str(path)!r} of {_mib(entry.size)}; at most "
+                    f"{_mib(left.file_bytes)} a file are read."
+                )
+            wanted[path] = entry
+        total = sum(entry.size for entry in wanted.values())
+        if total > left.total_bytes:
+            raise RunError(
+                f"{name} would unpack to {_mib(total)}; at most {_mib(left.total_bytes)} are read."
+            )
+        left.files -= len(entries)
+        left.total_bytes -= total
+        return list(wanted.values())
 
-def _unpack_tar(
-    archive: Path, name: str, folder: Path, endings: Sequence[str], left: _Left
-) -> list[Path]:
-    """Archives that were in it."""
-    is_plain = archive.name.lower().endswith(".tar")
-    with archive.open("rb") if is_plain else gzip.open(archive) as file:
-        capped = _Capped(cast(IO[bytes], file), name, left.limits)
-        with tarfile.open(fileobj=cast(IO[bytes], capped), mode="r:") as opened:
-            entries = []
-            for member in opened:
-                entries.append(_tar_entry(member, name))
-                if len(entries) > left.limits.files:
-                    break  # `_wanted` refuses it
-            wanted = _wanted(entries, name, endings, left)
-            require_free_space(folder, sum(entry.size for entry in wanted.values()))
-            for path, entry in wanted.items():
-                source = opened.extractfile(entry.source)
-                assert source is not None
-                check = _write(source, entry.size, folder / path)
-                os.utime(folder / path, (check, check))
-    return [folder / path for path in wanted if _ending_of(path.name)]
+    def _checked(self, path: str, is_usual: bool) -> PurePosixPath:
+        """Where an entry would lie.
+
+        Raises:
+            RunError: if that is outside, or it is neither a file nor a folder.
+        """
+        shown = printable(path[:80])
+        if not is_usual:
+            raise RunError(
+                f"{self._name} holds {shown!r}, which is a link or device; it is not unpacked. "
+                "Pack the files themselves."
+            )
+        parts = path.removesuffix("/").split("/")
+        is_plain = (
+            len(path) <= _MAX_PATH_CHARS
+            and len(parts) <= _MAX_DEPTH
+            and all(_is_plain(part) for part in parts)
+        )
+        if not is_plain and path != ".":
+            raise RunError(
+                f"{self._name} holds {shown!r}, a name that leads out of its folder or is no plain "
+                "one; it is not unpacked. Rename it and pack again."
+            )
+        return PurePosixPath(*parts)
 
 
 class _Capped:
@@ -258,98 +327,7 @@ class _Capped:
             )
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A file or folder of an archive."""
-
-    path: PurePosixPath
-    size: int
-    is_folder: bool
-    source: Any
-    """What the archive calls it."""
-
-
-def _check_list(file: IO[bytes], name: str, limits: UnpackLimits) -> None:
-    """See that the list of files is no longer than so many files need, before it is read whole."""
-    if list_bytes(file) > _BYTES_AN_ENTRY * limits.files:
-        raise RunError(f"{name} holds more files than the {limits.files} that are read; split it.")
-
-
-def _wanted(
-    entries: list[_Entry], name: str, endings: Sequence[str], left: _Left
-) -> dict[PurePosixPath, _Entry]:
-    """By their path below the folder."""
-    limits = left.limits
-    if len(entries) > limits.files:
-        raise RunError(
-            f"{name} holds {len(entries)} files; at most {limits.files} are read. Split it."
-        )
-    wanted: dict[PurePosixPath, _Entry] = {}
-    for entry in entries:
-        path = entry.path
-        is_wanted = path.suffix.lower() in endings or _ending_of(path.name) is not None
-        if entry.is_folder or not is_wanted or is_hidden(path):
-            continue
-        if path in wanted:
-            raise RunError(f"{name} holds {str(path)!r} twice; it is not unpacked.")
-        if entry.size > limits.file_bytes and _ending_of(path.name) is None:
-            raise RunError(
-                f"{name} holds {str(path)!r} of {_mib(entry.size)}; at most "
-                f"{_mib(limits.file_bytes)} a file are read."
-            )
-        wanted[path] = entry
-    total = sum(entry.size for entry in wanted.values())
-    if total > limits.total_bytes:
-        raise RunError(
-            f"{name} would unpack to {_mib(total)}; at most {_mib(limits.total_bytes)} are read."
-        )
-    left.use(len(entries), sum(_ending_of(path.name) is None for path in wanted), total)
-    return wanted
-
-
-def _zip_entry(entry: zipfile.ZipInfo, name: str) -> _Entry:
-    """Names that Windows wrote have its backslashes."""
-    kind = stat.S_IFMT(entry.external_attr >> 16)
-    path = _checked_path(entry.filename.replace("\\", "/"), name, kind in _FILE_KINDS)
-    is_folder = entry.filename.endswith(("/", "\\"))
-    return _Entry(path, entry.file_size, is_folder, entry)
-
-
-def _tar_entry(member: tarfile.TarInfo, name: str) -> _Entry:
-    if member.size < 0:
-        raise tarfile.ReadError("a file of less than nothing")
-    is_file = member.isreg() and not member.issparse()
-    path = _checked_path(member.name.removeprefix("./") or ".", name, is_file or member.isdir())
-    return _Entry(path, member.size, member.isdir(), member)
-
-
 _FILE_KINDS = (0, stat.S_IFREG, stat.S_IFDIR)
-
-
-def _checked_path(path: str, name: str, is_usual: bool) -> PurePosixPath:
-    """Where an entry would lie.
-
-    Raises:
-        RunError: if that is outside, or it is neither a file nor a folder.
-    """
-    shown = printable(path[:80])
-    if not is_usual:
-        raise RunError(
-            f"{name} holds {shown!r}, which is a link or device; it is not unpacked. Pack the "
-            "files themselves."
-        )
-    parts = path.removesuffix("/").split("/")
-    is_plain = (
-        len(path) <= _MAX_PATH_CHARS
-        and len(parts) <= _MAX_DEPTH
-        and all(_is_plain(part) for part in parts)
-    )
-    if not is_plain and path != ".":
-        raise RunError(
-            f"{name} holds {shown!r}, a name that leads out of its folder or is no plain one; it "
-            "is not unpacked. Rename it and pack again."
-        )
-    return PurePosixPath(*parts)
 
 
 def _is_plain(part: str) -> bool:

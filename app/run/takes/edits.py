@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_confi
 from typing_extensions import TypedDict
 
 from app.errors import RunError
+from app.run.ask import Ask
 from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
@@ -59,6 +60,28 @@ class Kind:
 
     reader: TypeAdapter
     does: Does
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakeAsk(Ask):
+    """Which motion of the run in ``out`` is to be changed, and how; the take comes into it, made by
+    ``weights`` as the run was asked for."""
+
+    start: str
+    """The row whose plan is changed."""
+    edits: tuple[Edit, ...] = ()
+    """None only gets the row ready to be edited."""
+
+
+@dataclass(frozen=True)
+class MadeTake:
+    """What has become of it."""
+
+    number: int
+    """0 where the row is only ready."""
+    notes: tuple[str, ...] = ()
+    """What was mended, in sentences; or why nothing is done, where something else is offered."""
+    offers: tuple[Offer, ...] = ()
 
 
 def edits_of(told: object) -> tuple[Edit, ...]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app import text
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.run.ask import SAMPLING, Ask, Grown, OnEvent, ShouldCancel
 from app.run.made import options_of
+from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
     Row,
@@ -24,45 +25,34 @@ from app.run.output.run_folder import (
     shown_file,
 )
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import Edit, Offer, edited, offers_for
+from app.run.takes.edits import MadeTake, TakeAsk, edited, offers_for
 from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
+from conventions.rates import FPS
+from model.generation.again import (
+    ENDING,
+    KeptError,
+    KeptPerformance,
+    load_performance,
+    perform,
+    save_performance,
+)
+from model.generation.base import System
+from model.motion.altered import filtered
+from model.motion.motion import Motion, load_motion
+from model.plan.editing import Gesture as Which
+from model.plan.editing import partner_of
+from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
+from model.plan.plan import GesturePlan, PlanError, read_plan
+from model.plan.style import style_of
+from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
-
-if TYPE_CHECKING:
-    from model.generation.again import KeptPerformance
-    from model.generation.base import System
-    from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan
-    from model.speech.audio import Speech
 
 MAX_TAKES = 60
 """Of one run."""
 MAX_EDITED_S = 180.0
 """Speech of which takes are made: each keeps a megabyte for eight seconds."""
 _BYTES_A_SECOND = 500_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class TakeAsk(Ask):
-    """Which motion of the run in ``out`` is to be changed, and how; the take comes into it, made by
-    ``weights`` as the run was asked for."""
-
-    start: str
-    """The row whose plan is changed."""
-    edits: tuple[Edit, ...] = ()
-    """None only gets the row ready to be edited."""
-
-
-@dataclass(frozen=True)
-class MadeTake:
-    """What has become of it."""
-
-    number: int
-    """0 where the row is only ready."""
-    notes: tuple[str, ...] = ()
-    """What was mended, in sentences; or why nothing is done, where something else is offered."""
-    offers: tuple[Offer, ...] = ()
 
 
 class _TakeWriter(RunWriter):
@@ -83,15 +73,6 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
         CancelledRun: when ``should_cancel`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
-    from app.run.models import get_system
-    from conventions.rates import FPS
-    from model.generation.again import ENDING, KeptError, perform, save_performance
-    from model.motion.altered import filtered
-    from model.motion.motion import load_motion
-    from model.plan.plan import PlanError, read_plan
-    from model.speech.audio import SpeechLimits, load_speech
-    from processes.job import Cancelled
-
     record = read_run(ask.out)
     asked, start = _as_the_run(ask, record), record.row(ask.start)
     performed = start and file_of(ask.out, start.files.get("performed"))
@@ -150,8 +131,6 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
             _tell(ask.out, row, written, words)
             run.file(ask.out / row.files["told"])
             run.finish("")
-        except Cancelled as error:
-            raise CancelledRun from error
         except KeptError as error:
             raise RunError(str(error)) from error
     return MadeTake(number, done.notes)
@@ -168,9 +147,6 @@ def _ready(
     should_cancel: ShouldCancel,
 ) -> KeptPerformance:
     """The motion that a take begins with, performed once more where its windows are not there."""
-    from model.generation.again import ENDING, load_performance, perform, save_performance
-    from model.motion.motion import load_motion
-
     windows = file_of(ask.out, row.files.get("windows"))
     if windows is not None:
         motion = load_motion(_there(ask.out, read_run(ask.out), row.name))
@@ -202,11 +178,6 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """What an editor shows of a plan: its gestures with what each is like, the style of the whole,
     and what can be added."""
-    from model.plan.editing import Gesture as Which
-    from model.plan.editing import partner_of
-    from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
-    from model.plan.style import style_of
-
     gestures = []
     for stroke in strokes_of(plan):
         phases = plan.hand(stroke.side)[stroke.first : stroke.last + 1]

@@ -5,178 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError
 
-from app import text
 from app.errors import RunError
 from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.body_motion import MAX_FRAMES, body_motion, in_register
-from app.run.display import FromBrowser, Look, check_display
+from app.run.display import Seen, SeenPanel
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
-from app.run.videos.videos import draw_videos, jobs_of
-from conventions.names import printable
-from conventions.views import BUILDS, LOOKS, TONES
+from app.run.tasks import SeenAsk, SeenVideo
+from app.run.videos.videos import jobs_of
+from conventions.rates import FPS
+from conventions.views import LOOKS
+from model.motion.altered import smooth_motion
+from model.motion.motion import Motion, load_motion
+from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera import Orbit
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from renderer.body.body import Body, BodyMotion
-    from renderer.scene.stage import Panel
-    from renderer.video.workers import RenderJob
-
-Mode = Literal["grid", "ghost", "wipe", "flicker"]
-MAX_SHOWN = 12
-"""Bodies in one video."""
-MAX_BODIES = 64
-"""On a stage, whether they are shown or not: all of them say where the cameras stand."""
-SIDES_PX = (64.0, 8192.0)
-"""Of a picture on a screen."""
-MAX_ASKED = 60_000
-"""Characters that a browser tells."""
-MAX_LABEL = 60
-
-
-Four = tuple[float, float, float, float]
-Color = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
-Label = Annotated[str, AfterValidator(lambda label: printable(label)[:MAX_LABEL] or "motion")]
-
-
-class SeenPanel(FromBrowser):
-    """A rectangle of a picture on a screen, in its pixels, and what is seen in it."""
-
-    rect: Four
-    """Left, top, width, height."""
-    view: str | None = None
-    """Of a close-up; None is the body."""
-
-
-class SeenBody(FromBrowser):
-    """One of a stage's bodies."""
-
-    label: Label
-    motion: str
-    """Its address."""
-    color: Color
-    """Of its row."""
-
-
-class Seen(FromBrowser):
-    """Which bodies a stage shows, how, and from where."""
-
-    bodies: Annotated[tuple[SeenBody, ...], Field(max_length=MAX_BODIES)]
-    """All that are on it."""
-    shown: Annotated[tuple[int, ...], Field(max_length=MAX_BODIES)]
-    """Numbers of the bodies from 0 on, in their order; the two of a pair."""
-    size: tuple[float, float]
-    """Width and height of one body's picture; of a pair, of the whole."""
-    panels: Annotated[
-        tuple[Annotated[tuple[SeenPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
-    ]
-    """Of all pictures alike; of a pair those of each. The body's comes first."""
-    columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
-    """Pictures in a row."""
-    mode: Mode = "grid"
-    """How two lie over each other; ``grid`` is beside."""
-    wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Share of the body's picture that shows the first."""
-    look: Look = Look()
-    is_smoothed: bool = False
-    """Behind the post-filter."""
-    camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
-    """As `Orbit` has it."""
-    sound: str | None = None
-    """Its address."""
-
-    @classmethod
-    def read(cls, told: object) -> Seen:
-        """
-        Args:
-            told: JSON, as app/page/web/player/player.js writes it.
-
-        Raises:
-            RunError: if it is anything else, or what no stage shows.
-        """
-        try:
-            if not isinstance(told, str) or len(told) > MAX_ASKED:
-                raise ValueError("it is too long, or no text.")
-            seen = cls.model_validate_json(told)
-        except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            why = f"{'.'.join(map(str, first['loc'])) or 'all'}: {first['msg'].lower()}."
-            raise RunError(text.SEEN_DAMAGED.format(why=printable(why)[:200])) from None
-        except ValueError as error:
-            raise RunError(text.SEEN_DAMAGED.format(why=error)) from None
-        seen.check()
-        return seen
-
-    def check(self) -> None:
-        """Refuse what no stage shows.
-
-        Raises:
-            RunError: with one sentence.
-        """
-        num_bodies, is_pair = len(self.bodies), self.mode != "grid"
-        if not num_bodies:
-            raise RunError("There is no body on the stage yet; wait until one moves.")
-        if is_pair and len(self.shown) != 2:
-            raise RunError(f"A {self.mode} shows two bodies; {len(self.shown)} were told of.")
-        if not 1 <= len(self.shown) <= MAX_SHOWN:
-            raise RunError(
-                f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.shown)}: "
-                "enlarge one, or compare two."
-            )
-        if not all(0 <= number < num_bodies for number in self.shown):
-            raise RunError(f"The stage has bodies 0 to {num_bodies - 1}; got {list(self.shown)}.")
-        look = self.look
-        for kind, name, known in (("tone", look.tone, TONES), ("build", look.build, BUILDS)):
-            if name not in known:
-                raise RunError(f"There is no {kind} {name!r}; choose one of {', '.join(known)}.")
-        self._check_room(is_pair)
-        check_display(look.display)
-        try:
-            Orbit(*self.camera).check()
-        except ValueError as error:
-            raise RunError(str(error)) from error
-
-    def _check_room(self, is_pair: bool) -> None:
-        from renderer.scene.stage import CLOSE_UP_VIEWS  # only now: it brings scipy
-
-        known = {None, *(view for views in CLOSE_UP_VIEWS.values() for view in views)}
-        least, most = SIDES_PX
-        if not all(least <= side <= most for side in self.size):
-            raise RunError(
-                f"A picture has {least:g} to {most:g} pixels on each side; the stage has "
-                f"{self.size[0]:g} x {self.size[1]:g}: make its window larger."
-            )
-        if len(self.panels) != (2 if is_pair else 1):
-            raise RunError("The stage told of another number of pictures than it shows.")
-        for picture in self.panels:
-            views = [panel.view for panel in picture]
-            if views[:1] != [None] or len(set(views)) != len(views) or not set(views) <= known:
-                raise RunError(
-                    "A picture holds a body, and face and hands at most once each beside it; "
-                    f"got {', '.join(view or 'body' for view in views) or 'nothing'}."
-                )
-            for panel in picture:
-                left, top, width, height = panel.rect
-                inside = (
-                    min(left, top) >= -1
-                    and left + width <= self.size[0] + 1
-                    and top + height <= self.size[1] + 1
-                    and min(width, height) >= 8
-                )
-                if not inside:
-                    raise RunError(
-                        f"The {(panel.view or 'body').replace('_', ' ')} has no room on the stage; "
-                        "make its window larger, or leave out close-ups."
-                    )
-
+from renderer.scene.stage import Panel
+from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_height, compose_videos
+from renderer.video.workers import RenderJob, draw_jobs
 
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
@@ -191,23 +41,6 @@ _FINE_CRF = 14
 """Of the pictures that are encoded once more."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SeenAsk(Ask):
-    """A video of a stage, whose bodies move by the motions, in their order."""
-
-    seen: Seen
-
-
-@dataclass(frozen=True)
-class SeenVideo:
-    """What came of it."""
-
-    path: Path
-    num_frames: int
-    notes: tuple[str, ...] = ()
-    """What the person should know of it."""
-
-
 def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
     """Draw the video.
 
@@ -215,9 +48,6 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
         CancelledRun: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.motion.altered import smooth_motion
-    from model.motion.motion import load_motion
-
     seen = ask.seen
     run = Reporter(on_event, should_cancel)
     run.share("video")(0.0)
@@ -244,7 +74,7 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
                 raise RunError(TOO_SMALL.format(why=error)) from error
             (jobs[i],) = made.values()
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_videos(jobs, run.share("video", _DRAWN))
+        draw_jobs(jobs, run.share("video", _DRAWN))
         _compose(
             ask,
             [parts / f"{i}.mp4" for i in jobs],
@@ -262,8 +92,6 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
 
 def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...]]:
     """Frames that can be drawn in reasonable time, and what is to be said of it."""
-    from conventions.rates import FPS
-
     limit = MAX_FRAMES // len(seen.shown)
     if max(motions[i].num_frames for i in seen.shown) <= limit:
         return max(motion.num_frames for motion in motions), ()
@@ -335,9 +163,6 @@ class _Room:
 
     @classmethod
     def of(cls, seen: Seen) -> _Room:
-        from renderer.scene.stage import Panel
-        from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, band_height
-
         width, height = seen.size
         columns = min(seen.columns, len(seen.shown)) if seen.mode == "grid" else 1
         rows = -(-len(seen.shown) // columns) if seen.mode == "grid" else 1
@@ -373,8 +198,6 @@ def _compose(
     on_progress: Callable[[float], None],
 ) -> None:
     """All of them in one video, under their names."""
-    from renderer.video.compose import Pair, compose_videos
-
     mode, pair = ask.seen.mode, None
     if mode != "grid":
         body, *beside = room.pictures[1]

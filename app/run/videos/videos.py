@@ -2,40 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.run.ask import MAX_COMPARED, Ask, Grown, OnEvent, ShouldCancel
 from app.run.body_motion import body_motion, picture_motions
-from app.run.display import Display, displayed, marks_of
-from app.run.followed_point import choose_tip_source
+from app.run.display import FULL_SPEED_M_S, Display
+from app.run.followed_point import TipSource, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run
 from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
+from model.measures.smoothness import derivative_magnitudes
+from model.motion.altered import exaggerate
+from model.motion.motion import Motion, load_motion
+from renderer.body.body import Body, BodyMotion
+from renderer.figures.figure6 import JointMarks
+from renderer.scene.stage import Panel, Stage, frames_of, lay_out
+from renderer.video.compose import compose_videos
+from renderer.video.marks import Heat, Marks, Trail
+from renderer.video.render import RenderSettings, projected_joints, stage_for
+from renderer.video.workers import RenderJob, draw_jobs
 
-if TYPE_CHECKING:
-    from app.run.followed_point import TipSource
-    from model.motion.motion import Motion
-    from renderer.body.body import Body, BodyMotion
-    from renderer.figures.figure6 import JointMarks
-    from renderer.scene.stage import Panel, Stage
-    from renderer.video.render import RenderSettings
-    from renderer.video.workers import RenderJob
-
-PARALLEL_VIDEOS = 2
 _POLL_S = 0.1
-Key = TypeVar("Key", bound=Hashable)
 OnFile = Callable[..., None]
 """As `app.run.run_writer.RunWriter.file`."""
 
@@ -54,9 +54,6 @@ def picture_of(
     Raises:
         RunError: if the size cannot be drawn or encoded.
     """
-    from renderer.scene.stage import lay_out
-    from renderer.video.render import RenderSettings
-
     width = ask.size if ask.framing == "whole" else 2 * (3 * ask.size // 8)
     size = (layout[0].width, layout[0].height) if layout else (width, ask.size)
     if ask.close_ups and view == ask.views[0]:
@@ -98,9 +95,6 @@ def jobs_of(
         staged: what the camera shows all of, where those are other motions.
         how: as of `picture_of`.
     """
-    from renderer.video.render import stage_for
-    from renderer.video.workers import RenderJob
-
     posed = [body_motion(motion) for motion in staged or motions.values()]
     looks = {
         name: {
@@ -127,23 +121,6 @@ def jobs_of(
     return jobs
 
 
-def draw_videos(
-    jobs: Mapping[Key, RenderJob],
-    on_progress: Callable[[float], None],
-    on_done: Callable[[Key], None] = lambda name: None,
-    should_cancel: ShouldCancel = lambda: False,
-    parallel: int = PARALLEL_VIDEOS,
-) -> dict[Key, np.ndarray]:
-    """As `renderer.video.workers.draw_jobs`, for whom the work ends by `CancelledRun`."""
-    from processes.job import Cancelled
-    from renderer.video.workers import draw_jobs
-
-    try:
-        return draw_jobs(jobs, on_progress, on_done, should_cancel, parallel)
-    except Cancelled as error:
-        raise CancelledRun from error
-
-
 def draw_rows(
     motions: Mapping[str, Motion],
     ask: Ask,
@@ -167,7 +144,7 @@ def draw_rows(
         on_file: told of each file as soon as it is whole.
 
     Raises:
-        BodyError, GLError, VideoError: as `draw_videos`.
+        BodyError, GLError, VideoError: as `draw_jobs`.
     """
     view = ask.views[0]
 
@@ -191,7 +168,7 @@ def draw_rows(
             row = key[0] if key[1] == view else ""  # which shows that of its first view
             on_file(video, row=row, kind="video")
 
-    stills = draw_videos(jobs, on_share, on_done)
+    stills = draw_jobs(jobs, on_share, on_done)
     if not frames:
         return Snapshots()
     pictures = {
@@ -201,6 +178,65 @@ def draw_rows(
     assert seen.stage is not None
     posed = {name: body_motion(motion) for name, motion in motions.items()}
     return Snapshots(frames, pictures, jerk_marks(body, posed, frames, seen.settings, seen.stage))
+
+
+_HEAT_SIGMA_FRAMES = 3.0
+"""Jerk of one frame is chance, and would flicker."""
+
+
+def displayed(motion: Motion, display: Display) -> Motion:
+    """The motion as it is drawn."""
+    return exaggerate(motion, display.exaggeration, display.cutoff_hz)
+
+
+def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Marks | None:
+    """What stands in the pictures of a motion; None where it is shown as it is.
+
+    Jerk and speed are those of the motion itself, also where it is drawn with its tremble
+    multiplied.
+    """
+    if display.is_plain:
+        return None
+    factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
+    is_larger = display.exaggeration != 1
+    return Marks(
+        trail=_trail(motion, display, tip) if display.has_trail else None,
+        heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
+        notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
+        tag=f"x{factor}" if is_larger else "",
+    )
+
+
+def _trail(motion: Motion, display: Display, tip: TipSource) -> Trail:
+    track = tip.track(motion)
+    speed = _by_frame(derivative_magnitudes(track, 1), len(track))
+    jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
+    side = tip.point.split("_")[0]
+    return Trail(
+        points=track if display.exaggeration == 1 else tip.track(displayed(motion, display)),
+        speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
+        is_spike=jerk > display.jerk_m_s3,
+        legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
+        close_up=f"{side}_hand" if side in ("left", "right") else "",
+        num_frames=display.trail_frames,
+    )
+
+
+def _heat(motion: Motion, display: Display, body: Body) -> Heat:
+    jerk = derivative_magnitudes(body.joint_positions(body_motion(motion)), 3)
+    of_frame = _by_frame(jerk, motion.num_frames)
+    smooth = ndimage.gaussian_filter1d(of_frame, _HEAT_SIGMA_FRAMES, axis=0, mode="nearest")
+    shares = np.minimum(smooth / display.jerk_m_s3, 1.0)
+    return Heat(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
+
+
+def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
+    """A value for each frame: of the difference that has it in its middle, at the ends the nearest;
+    0 in a clip too short to have any."""
+    if not len(values):
+        return np.zeros((num_frames, *values.shape[1:]))
+    before = (num_frames - len(values)) // 2
+    return values[np.clip(np.arange(num_frames) - before, 0, len(values) - 1)]
 
 
 AROUND_FRAMES = 8
@@ -222,9 +258,6 @@ def jerk_marks(
 
     The full scale is a round number that nearly all values stay under.
     """
-    from renderer.figures.figure6 import JointMarks
-    from renderer.video.render import projected_joints
-
     values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
     highest = float(np.percentile(np.concatenate(list(values.values())), _PERCENTILE))
     return JointMarks(
@@ -239,9 +272,6 @@ def jerk_marks(
 
 def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.ndarray:
     """Mean jerk of each joint around each frame, (N, J) in m/s³; 0 in a clip under 4 frames."""
-    from model.measures.smoothness import derivative_magnitudes
-    from renderer.scene.stage import frames_of
-
     found = []
     for frame in frames:
         near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
@@ -282,10 +312,8 @@ def joined_side_by_side(
     does something else; whole when it is left.
 
     Raises on leaving:
-        Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
+        CancelledRun, VideoError: see `renderer.video.compose.compose_videos`.
     """
-    from renderer.video.compose import compose_videos
-
     reporter.progress("comparison", 0.0)
     out = folder.path("comparison.mp4")
     done, is_given_up = [0.0], Event()
@@ -323,8 +351,6 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
         CancelledRun: when ``should_cancel`` said so.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.motion.motion import load_motion
-
     (run,) = ask.motions
     record, reporter = read_run(run), Reporter(on_event, should_cancel)
 

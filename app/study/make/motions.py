@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
 from app.study.design.plan import Clip, Condition, Plan
@@ -201,7 +201,6 @@ def _generate(
     from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
     from model.motion.altered import filtered
     from model.sampling.samplers import clip_seed
-    from processes.job import Cancelled
 
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)
@@ -216,10 +215,7 @@ def _generate(
     if system.style is not None:
         plans = options.conditions or draw_conditions(loaded, source.speech, options)
         options = replace(options, conditions=tuple(system.style.done(p).plan for p in plans))
-    try:
-        (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
-    except Cancelled as error:
-        raise CancelledRun from error
+    (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
     return filtered(motion, system.post_filter)
 
 

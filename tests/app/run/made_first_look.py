@@ -7,10 +7,10 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
-from app.run.ask import Ask
+from app.run.ask import TIP, Ask
 from app.run.body_motion import picture_motions
 from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import SPEECH, RunRecord

@@ -245,7 +245,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
         lengths.append(speech.num_frames)
         raise CancelledRun
 
-    monkeypatch.setattr("model.generation.windows.generate_motion", watched)
+    monkeypatch.setattr("app.run.experiments.step_curve.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     ask = StepsAsk(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(CancelledRun):

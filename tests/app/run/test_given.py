@@ -269,8 +269,9 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         reference=tmp_path / "clean.npz",
         speech=tmp_path / "dialogue.wav",
         channel=0,
-        has_poses=False,
+        has_figures=False,
         has_video=True,
+        close_ups=(),
         display=Display(has_trail=True),
         size=256,
     )

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.display import Display, check_display, displayed, marks_of
+from app.run.display import Display, check_display
 from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
 from app.run.upload_check import Given, refusal_of
+from app.run.videos.videos import displayed, marks_of
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
 from model.speech.audio import write_wav

@@ -29,8 +29,8 @@ from app.page.tabs.stage import VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
 from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
-from app.run.many.motions import Sets
 from app.run.output.run_folder import zip_run
+from app.run.tasks import Sets
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech

@@ -13,13 +13,12 @@ from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
 from app.page.visitors.files import Job
 from app.run.ask import Grown, OnEvent, Progress, ShouldCancel
-from app.run.display import Display
+from app.run.display import Display, Seen
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import edits_of
-from app.run.takes.take import MadeTake, TakeAsk
-from app.run.videos.seen_video import Seen, SeenAsk, SeenVideo
+from app.run.takes.edits import MadeTake, TakeAsk, edits_of
+from app.run.tasks import SeenAsk, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import made_services

@@ -11,7 +11,7 @@ from scipy.linalg import sqrtm
 
 from app.errors import RunError
 from app.run.ask import Ask
-from app.run.many.distances import EMAGE_TITLE, LEAST_CODES, emage_distances, keep_codes
+from app.run.many.distances import EMAGE_TITLE, distance_rows, keep_codes, least_codes
 from app.run.many.motions import diagnose_folders
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
@@ -50,12 +50,12 @@ def _motions(frames: int, seed: int) -> dict[str, Motion]:
 def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_path: Path):
     encoder = load_emage_encoder(weights)
     codes: dict[str, list[np.ndarray]] = {"reference": [], **{name: [] for name in SIZES}}
-    frames: dict[Path, int] = {}
+    records: list[Path] = []
     for seed, (clip, length) in enumerate(FRAMES.items()):
         motions = _motions(length, seed)
         record = tmp_path / f"{clip}.json"
-        keep_codes(record, weights, {name: [motion] for name, motion in motions.items()})
-        frames[record] = length
+        keep_codes(record, {name: [motion] for name, motion in motions.items()}, weights)
+        records.append(record)
         for name, motion in motions.items():
             codes[name] += [emage_codes(encoder, motion)] * (length >= 32)
     rng = np.random.default_rng(0)
@@ -64,7 +64,9 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
         name: np.array([_plain_distance(codes["reference"], codes[name], i) for i in indices])
         for name in SIZES
     }
-    lively, apart, calm = emage_distances(["lively", "calm", "reference"], frames).rows
+    rows, notes = distance_rows(["lively", "calm", "reference"], records, weights)
+    assert not notes
+    lively, apart, calm = (row for row in rows if row[0] == EMAGE_TITLE)
     for row, name, other in ((lively, "lively", ""), (calm, "calm", "")):
         wanted = [told[name][0], *np.percentile(told[name][1:], [2.5, 97.5])]
         assert row[:4] == (EMAGE_TITLE, "", name, 3) and row[7] == other
@@ -91,7 +93,7 @@ def _asked(top: Path, weights: Path) -> Ask:
 
 @pytest.mark.usefixtures("few_draws")
 def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.run.many.distances.LEAST_CODES", 8)
+    monkeypatch.setattr("app.run.many.distances.least_codes", lambda numbers: 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)
@@ -103,7 +105,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     assert "EMAGE's encoder" in (request.out / "table.tex").read_text()
     kept = request.out / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
-    (request.out / "clips" / "a.emage.npz").unlink()
+    (request.out / "clips" / "a.codes.npz").unlink()
     again = diagnose_folders(replace(request, motions=request.motions[::-1]))
     assert any("1 clips had been measured before" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
@@ -112,7 +114,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
 
 
 def test_too_few_codes_are_told(weights: Path, tmp_path: Path):
-    assert LEAST_CODES == CODE_DIM + 1
+    assert least_codes(CODE_DIM) == CODE_DIM + 1
     _save_sets(tmp_path)
     result = diagnose_folders(_asked(tmp_path, weights))
     assert any("have 8 codes" in note and "at least 241" in note for note in result.notes)
