@@ -101,7 +101,7 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     catalogue = read_catalogue(weights)
     assert FAMILY.about[MEAN] in ladder(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
-    request = Ask(speech=speech, out=tmp_path / "out", weights=weights, has_figures=True)
+    request = Ask(speech=speech, out=tmp_path / "out", weights=weights, has_poses=False)
     result = do(request, lambda event: None, lambda: False)
     assert result.names == (MEAN, DRAWN) and (tmp_path / "out" / "regression-mean.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())

@@ -313,36 +313,18 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("page")
 
 
-class Real:
-    """Does the runs of a page as they are, but for figures: three quarters of a short run's time,
-    which hardly any journey looks at."""
-
-    has_figures = False
-
-    def generate(self, ask: Ask, *told: Any) -> None:
-        do_in_folder(replace(ask, has_figures=self.has_figures, has_poses=False), *told)
+def _without_figures(ask: Ask, *told: Any) -> None:
+    """They are three quarters of a short run's time, and looked at where `Fake` makes one."""
+    do_in_folder(replace(ask, has_figures=False), *told)
 
 
 @pytest.fixture(scope="session")
-def the_real() -> Real:
-    return Real()
-
-
-@pytest.fixture(scope="session")
-def real_address(the_real: Real, made_once: MadeOnce, page_files: Path) -> Iterator[str]:
+def real_address(made_once: MadeOnce, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
     weights = made_once("systems-of-all-kinds", _systems_of_all_kinds)
     config = AppConfig(port=0, weights=weights, temp=page_files)
-    with served(config, do_in_folder=the_real.generate, export_planned=_of_noise) as url:
+    with served(config, do_in_folder=_without_figures, export_planned=_of_noise) as url:
         yield url
-
-
-@pytest.fixture
-def figures(the_real: Real) -> Iterator[None]:
-    """Also these, of the real page."""
-    the_real.has_figures = True
-    yield
-    the_real.has_figures = False
 
 
 @pytest.fixture(scope="session")

@@ -135,7 +135,7 @@ def away(canvas: np.ndarray, video: np.ndarray, page: Page) -> float:
 
 
 def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
-    page: Page, figures: None, tmp_path: Path
+    page: Page, tmp_path: Path
 ) -> None:
     paths = [tmp_path / f"{name}.npz" for name in ("mine", "theirs")]
     for seed, path in enumerate(paths):
@@ -150,10 +150,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     expect(page.locator("#own-status")).to_contain_text("Measured 2 motions")
     expect(page.locator("#own-message")).to_be_hidden()
     expect(page.locator("#own-numbers thead th[data-name]")).to_have_text(["mine", "theirs"])
-    for figure in page.locator("#own-figures figure img").all():
-        page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
-    expect(page.locator("#own-figures")).to_contain_text("Right middle fingertip jerk")
-    expect(page.locator("#own-downloads")).to_contain_text("figure6")
+    expect(page.locator("#own-downloads")).to_contain_text("diagnostics")
     page.wait_for_function(OWN_STAGED, arg=2)
     lanes = page.locator("#own-player .lane:has(.words)")  # gestures below the words, no rest
     expect(lanes).to_contain_text(["Words", "Gesture left"])

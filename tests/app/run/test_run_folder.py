@@ -194,21 +194,24 @@ def test_rows_look_as_in_the_figures():
     assert noise_of("a/b") == noise_of("a/c") != noise_of("a/b.s2") and noise_of("b") is None
 
 
-@pytest.fixture
-def results(speech: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def results(speech: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of a system that performed a plan, and a reference; as `diagnose` leaves its folder."""
-    out = tmp_path / "made"
+    folder = tmp_path_factory.mktemp("results")
+    out = folder / "made"
     for number, name in enumerate(("a", "recorded")):
-        save_motion(smooth_motion_example(60, number), tmp_path / f"{name}.npz")
+        save_motion(smooth_motion_example(60, number), folder / f"{name}.npz")
     asked = Ask(
-        motions=(tmp_path / "a.npz",), out=out, names=("gan/5",), speech=speech,
-        reference=tmp_path / "recorded.npz", title="made elsewhere", has_poses=False,
+        motions=(folder / "a.npz",), out=out, names=("gan/5",), speech=speech,
+        reference=folder / "recorded.npz", title="made elsewhere", has_figures=False,
     )  # fmt: skip
     do(asked)
     with ResultFolder(out, is_kept=True) as folder:
         run = RunWriter(folder, read_run(out))
         run.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
         run.timeline(json.loads((out / "timeline.json").read_text()), SAID)
+        folder.path("jitter.png").touch()
+        run.file(folder.path("jitter.png"))
         run.finish("Done.")
     return out
 
@@ -218,7 +221,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
 ):
     packed = zip_run(results, tmp_path / "x.zip")
     assert is_run_zip(packed)
-    asked = Ask(motions=(packed,), out=tmp_path / "again", has_poses=False)
+    asked = Ask(motions=(packed,), out=tmp_path / "again", has_figures=False)
     anew = opened(asked, tmp_path / "opened")[""]
     assert anew.names == ("gan/5",) and anew.opened is not None and said_in(anew.opened) == SAID
     assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
