@@ -4,7 +4,9 @@ import subprocess
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import imageio_ffmpeg
@@ -109,18 +111,26 @@ RECOGNISED = Transcript((Word(0.2, 0.6, "hello", 0.75),), origin="recognised")
 
 
 def write_video(path: Path, seconds: float = 1.0, size: int = 80) -> None:
+    path.write_bytes(_video(seconds, size))
+
+
+@cache
+def _video(seconds: float, size: int) -> bytes:
     """A silent grey video, encoded for a browser."""
     pictures = np.full((round(30 * seconds), size, size), 128, np.uint8)
-    subprocess.run(
-        [
-            imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y",
-            "-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{size}x{size}", "-r", "30", "-i", "-",
-            "-pix_fmt", "yuv420p", "-c:v", "libx264", "-preset", "ultrafast",
-            "-movflags", "+faststart", str(path),
-        ],
-        input=pictures.tobytes(),
-        check=True,
-    )  # fmt: skip
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "video.mp4"
+        subprocess.run(
+            [
+                imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y",
+                "-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{size}x{size}", "-r", "30", "-i", "-",
+                "-pix_fmt", "yuv420p", "-c:v", "libx264", "-preset", "ultrafast",
+                "-movflags", "+faststart", str(path),
+            ],
+            input=pictures.tobytes(),
+            check=True,
+        )  # fmt: skip
+        return path.read_bytes()
 
 
 def made_motion(num_frames: int, tremble: float = 0.02) -> Motion:
@@ -162,7 +172,6 @@ def tell_windows(
 def make_generate(
     on_start: Callable[[Ask], None] | None = None,
     error: BaseException | None = None,
-    hold: threading.Event | None = None,
     seconds: float = 1.0,
     before_window: Callable[[int], threading.Event] | None = None,
     before_figures: threading.Event | None = None,
@@ -170,9 +179,8 @@ def make_generate(
     late_error: BaseException | None = None,
 ) -> Callable[[Ask, OnEvent, ShouldCancel], None]:
     """A pipeline without models, which writes a run's folder as the real one does; it can be told
-    to fail, at once or with all motion there, or to wait until ``hold``; with ``before_window``
-    motion comes in windows, held before each; figures wait for ``before_figures``; the first system
-    performs ``plan``."""
+    to fail, at once or with all motion there; with ``before_window`` motion comes in windows, held
+    before each; figures wait for ``before_figures``; the first system performs ``plan``."""
 
     def generate(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
         if on_start is not None:
@@ -187,8 +195,6 @@ def make_generate(
             run.progress("motion", 0.4, names[0])
             if error is not None:
                 raise error
-            while hold is not None and not hold.wait(0.05):
-                run.stop_if_asked()
             speech = load_speech(request.speech or "")
             run.record.speech_sha256 = speech.sha256
             run.rows(names)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import (
     Browser,
     BrowserContext,
@@ -418,3 +419,14 @@ def expect_fit(page: Page, what: Locator | None = None) -> None:
     assert width <= window
     if what is not None:
         page.wait_for_function(IN_SIGHT, arg=what.element_handle())
+
+
+def findings(page: Page, place: str = "html") -> list[str]:
+    """Of axe's grave ones each rule with the elements that break it."""
+    found: dict[str, Any] = Axe().run(page, context=place).response
+    return [
+        f"{each['id']}: {node['html'][:160]} {node['failureSummary'][:200]}"
+        for each in found["violations"]
+        if each["impact"] in ("serious", "critical")
+        for node in each["nodes"]
+    ]

@@ -21,6 +21,7 @@ from app.run.examples import CLEAN, slide
 from conventions.joints import HANDS
 from model.formats.judged import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
+from model.plan.tier_files import NamedTier, TierRow, textgrid_of
 from model.speech.audio import write_wav
 from renderer.video.compose import band_height
 from tests.browser.conftest import (
@@ -30,6 +31,7 @@ from tests.browser.conftest import (
     STAGED,
     bar_of,
     expect_fit,
+    findings,
     give,
     opened,
     press,
@@ -39,8 +41,6 @@ from tests.browser.conftest import (
     turn_to,
     watched,
 )
-from tests.browser.test_real import words_tier
-from tests.browser.test_stage import findings
 from tests.helpers import smooth_motion_example
 from tests.model.formats.made import FROM_Y, Person, joints_of, turned
 from tests.model.made import made_waveform
@@ -55,18 +55,6 @@ SMALL = (96, 72)
 """Pictures are compared so coarsely that edges and an encoder's noise do not count."""
 PLAYER = "document.querySelector('#own-player .lockstep')"
 OWN_STAGED = STAGED.replace("#player", "#own-player")
-GESTURES = """item [2]:
- class = "IntervalTier"
- name = "gesture_left"
- intervals [1]:
- xmin = 0
- xmax = 0.2
- text = "rest"
- intervals [2]:
- xmin = 0.2
- xmax = 0.4
- text = "stroke beat"
-"""
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +129,9 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(FRAMES, seed=seed), path)
     transcript = tmp_path / "words.TextGrid"
-    transcript.write_text(words_tier([(0.1, 0.3, "hello")]) + GESTURES)
+    hand = TierRow(0.0, 0.2, "rest"), TierRow(0.2, 0.4, "stroke beat")
+    tiers = NamedTier("words", (TierRow(0.1, 0.3, "hello"),)), NamedTier("gesture_left", hand)
+    transcript.write_text(textgrid_of(tiers, 0.4))
     page.get_by_role("tab", name=TAB).click()
     press(page, "Measure and compare")
     expect(page.locator("#own-message")).to_contain_text("at least one")

@@ -18,6 +18,7 @@ from app.study.leaks import check_study
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
+from model.plan.tier_files import NamedTier, TierRow, textgrid_of
 from model.speech.audio import write_wav
 from tests.browser.conftest import (
     BUILDS_ARE_THERE,
@@ -40,16 +41,7 @@ from tests.model.plan.made import phase
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
 LONG_S = 8.0
-WORDS = [(0.0, 4.0, ""), (4.0, 4.5, "you"), (4.5, 5.5, ""), (5.5, 6.0, "there"), (6.0, 8.0, "")]
-HEAD = 'File type = "ooTextFile"\nObject class = "TextGrid"\n'
-
-
-def words_tier(words: list[tuple[float, float, str]]) -> str:
-    intervals = "".join(
-        f' intervals [{i}]:\n xmin = {start}\n xmax = {end}\n text = "{word}"\n'
-        for i, (start, end, word) in enumerate(words, start=1)
-    )
-    return f'{HEAD}item [1]:\n class = "IntervalTier"\n name = "words"\n{intervals}'
+WORDS = NamedTier("words", (TierRow(4.0, 4.5, "you"), TierRow(5.5, 6.0, "there")))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +49,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Speech, its words, and a plan of it."""
     folder = tmp_path_factory.mktemp("files")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * LONG_S)))
-    (folder / "said.TextGrid").write_text(words_tier(WORDS))
+    (folder / "said.TextGrid").write_text(textgrid_of([WORDS], LONG_S))
     still = (phase(0.0, LONG_S, "rest"),)
     plan = GesturePlan(LONG_S, left=still, right=still)
     plan = added(added(plan, "offer", 2.0, "right").plan, "beat", 6.5, "right").plan

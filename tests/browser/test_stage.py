@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from app import text
@@ -43,6 +42,7 @@ from tests.browser.conftest import (
     Fake,
     bar_of,
     expect_fit,
+    findings,
     opened,
     press,
     put_clock,
@@ -411,17 +411,6 @@ def test_measures_are_filtered_and_saved_and_a_figure_opens_large(
         page.locator("#figures .zoom").first.click()
     large.value.wait_for_function("() => document.images[0]?.naturalWidth === 160")
     large.value.close()
-
-
-def findings(page: Page, place: str = "html") -> list[str]:
-    """Of axe's grave ones each rule with the elements that break it."""
-    found: dict[str, Any] = Axe().run(page, context=place).response
-    return [
-        f"{each['id']}: {node['html'][:160]} {node['failureSummary'][:200]}"
-        for each in found["violations"]
-        if each["impact"] in ("serious", "critical")
-        for node in each["nodes"]
-    ]
 
 
 TABS = (live.TAB, own_motion.TAB, text.LADDER_TAB, text.STUDY_TAB, text.MOTION_TAB)

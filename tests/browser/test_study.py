@@ -20,8 +20,7 @@ from app.study.leaks import check_study
 from app.study.statistics.answers import Collected, collect
 from model.speech.audio import Speech
 from tests.app.study.made_study import make_study
-from tests.browser.conftest import PATIENCE_MS, expect_fit, saved, watched
-from tests.browser.test_stage import findings
+from tests.browser.conftest import PATIENCE_MS, expect_fit, findings, saved, watched
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
