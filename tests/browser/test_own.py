@@ -47,8 +47,8 @@ from tests.model.made import made_waveform
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
-FRAMES = 15
-SHOWN = 10
+FRAMES = 8
+SHOWN = 5
 TAG_PX = 34
 """Of a body's name, above its picture."""
 SMALL = (96, 72)
@@ -174,7 +174,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     video = made(page, tmp_path)
     found, other = away(seen, video, page), away(plain, video, page)
     assert found < 10 and found < 0.4 * other, (found, other)
-    expect(page.locator("#own-seen")).to_contain_text("2 bodies, 0.5 s")
+    expect(page.locator("#own-seen")).to_contain_text("2 bodies, 0.3 s")
     page.evaluate(
         f"""() => {{
             const told = JSON.parse({PLAYER}.seen());
