@@ -73,7 +73,7 @@ def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> It
     give(page, "#plan", files[".json"])
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press(page, text.GENERATE)
-    page.locator("#downloads .bundle").wait_for()
+    staged(page, 1).locator("#downloads .bundle").wait_for()
     yield page
     context.close()
 
