@@ -101,6 +101,12 @@ def planned_weights(made_once: MadeOnce) -> Path:
 
 
 @pytest.fixture(scope="session")
+def all_weights(made_once: MadeOnce) -> Path:
+    """Systems that perform plans and systems that do not."""
+    return made_once("all-weights", lambda folder: make_planned_weights(make_weights(folder)))
+
+
+@pytest.fixture(scope="session")
 def data_folder(made_once: MadeOnce) -> Path:
     """BEAT2's layout with four clips of four seconds (`make_data_folder`)."""
     return made_once("data", make_data_folder)

@@ -35,8 +35,7 @@ from model.speech.audio import write_wav
 from tests.app import fakes
 from tests.app.study.made_study import draw_noise
 from tests.conftest import MadeOnce
-from tests.model.made import made_waveform, make_weights
-from tests.model.systems.planned.made import make_planned_weights
+from tests.model.made import TINY_NETWORK, TINY_SYSTEMS, made_waveform, make_weights
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -286,23 +285,13 @@ def fake(the_fake: Fake) -> Fake:
     return the_fake
 
 
-def _three_systems(folder: Path) -> None:
-    make_weights(folder)
-    for ending in ("json", "safetensors"):
-        shutil.copy(folder / f"globaldiff-global.{ending}", folder / f"globaldiff-full.{ending}")
-
-
-def _systems_of_all_kinds(folder: Path) -> None:
-    make_weights(folder)
-    make_planned_weights(folder)
-
-
 @pytest.fixture(scope="session")
 def fake_address(
     the_fake: Fake, made_once: MadeOnce, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[str]:
     """Of a page over `Fake`, which offers globaldiff/local, /global and /full."""
-    weights = made_once("three-systems", _three_systems)
+    systems = {**TINY_SYSTEMS, "globaldiff/full": TINY_NETWORK}
+    weights = made_once("three-systems", lambda folder: make_weights(folder, systems))
     config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
     with served(config, **the_fake.does) as url:
         yield url
@@ -320,10 +309,9 @@ def _without_figures(ask: Ask, *told: Any) -> None:
 
 
 @pytest.fixture(scope="session")
-def real_address(made_once: MadeOnce, page_files: Path) -> Iterator[str]:
+def real_address(all_weights: Path, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
-    weights = made_once("systems-of-all-kinds", _systems_of_all_kinds)
-    config = AppConfig(port=0, weights=weights, temp=page_files)
+    config = AppConfig(port=0, weights=all_weights, temp=page_files)
     with served(config, do_in_folder=_without_figures, export_planned=_of_noise) as url:
         yield url
 

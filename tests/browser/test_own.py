@@ -200,7 +200,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     both.close()
 
 
-def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file_and_a_page(
+def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     page: Page, tmp_path: Path
 ) -> None:
     page.get_by_role("tab", name=TAB).click()
@@ -240,18 +240,15 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file_and_a_page(
     expect(other.get_by_role("tab", name=TAB)).to_have_attribute("aria-selected", "true")
     other.wait_for_function(f"at => Math.abs({PLAYER}.lockstep.time - at) < 0.05", arg=worst_s)
 
-    # The run as a file, dropped anywhere, opens again; and as a page of its own.
+    # The run as a file, dropped anywhere, opens again.
     saving = page.locator("#own-downloads")
     kept = saved(page, saving.get_by_role("link", name=text.SAVE_RUN), tmp_path)
-    alone = saved(page, saving.get_by_role("link", name=text.SAVE_PAGE), tmp_path)
-    assert kept.name.endswith(".zip") and alone.name.endswith(".html")
+    assert kept.name.endswith(".zip")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
     expect(other.locator("#own-status")).to_contain_text("Opened from its file")
     other.wait_for_function(OWN_STAGED, arg=1)
     expect(other.locator("#own-runs .link a")).to_be_visible()
-    other.goto(alone.as_uri())
-    other.locator(".stage[data-bodies='1']").wait_for()
     other.close()
 
 

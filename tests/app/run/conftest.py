@@ -8,16 +8,7 @@ from pathlib import Path
 import pytest
 
 from model.motion.motion import save_motion
-from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
-from tests.model.made import make_weights
-from tests.model.systems.planned.made import make_planned_weights
-
-
-@pytest.fixture(scope="session")
-def all_weights(made_once: MadeOnce) -> Path:
-    """Systems that perform plans and systems that do not."""
-    return made_once("all-weights", lambda folder: make_planned_weights(make_weights(folder)))
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import csv
 import json
 import wave
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,18 +153,6 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     with pytest.raises(CancelledRun):
         do(request, (heard := Heard(0.3, stage=stage)).take, heard.should_stop)
     assert not request.out.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.gl
-def test_poses_that_are_being_drawn_can_be_ended(
-    motion: Path, tmp_path: Path, drawing_children: Callable[[], list[str]]
-) -> None:
-    heard = Heard(0.1, count=4, stage="figure")
-    with pytest.raises(CancelledRun):
-        asked = Ask(motions=(motion,), out=tmp_path / "out")
-        do(asked, heard.take, heard.should_stop)
-    assert not (tmp_path / "out").exists() and not drawing_children()
 
 
 def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_chosen(
