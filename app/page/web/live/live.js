@@ -36,7 +36,7 @@ class Live {
   #bar = null;
   #rolling = null; // null until the body has come
   #cameras = null;
-  #socket = null;
+  socket = null;
   #sound = null;
   #playout = new Playout();
   #token = "";
@@ -72,10 +72,6 @@ class Live {
     return this.#playout.place;
   }
 
-  get socket() {
-    return this.#socket;
-  }
-
   // -------------------------------------------------------------- what is seen
 
   #build() {
@@ -92,10 +88,10 @@ class Live {
     const filePart = make("div", { class: "file", hidden: true }, file, make("small", {}, "It stays in your browser; the server hears it as it is played."));
     source.addEventListener("change", () => { filePart.hidden = source.value !== "file"; });
     this.fields = { source, system, speaker, file };
-    this.button = make("button", { class: "start", type: "button", onclick: () => (this.#socket ? this.stop() : this.start()) }, "Start");
+    this.button = make("button", { class: "start", type: "button", onclick: () => (this.socket ? this.stop() : this.start()) }, "Start");
     this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Loudness of what is heard" });
     this.status = make("p", { role: "status", "aria-live": "polite" }, READY);
-    this.planned = new Planned((told) => this.#socket?.readyState === WebSocket.OPEN && this.#socket.send(told));
+    this.planned = new Planned((told) => this.socket?.readyState === WebSocket.OPEN && this.socket.send(told));
     this.picture = make("div", { class: "picture lockstep staged" });
     this.number = make("b", {}, "–");
     this.parts = make("small");
@@ -171,8 +167,8 @@ class Live {
   stop(sentence = "Stopped. Keep the last minute, or start again.", isBad = false) {
     if (this.#run) this.#playout.go(false);
     this.#run = null;
-    const socket = this.#socket;
-    this.#socket = null;
+    const socket = this.socket;
+    this.socket = null;
     socket?.close();
     this.#sound?.close();
     this.#sound = null;
@@ -227,7 +223,7 @@ class Live {
     url.protocol = url.protocol.replace("http", "ws");
     const socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";
-    this.#socket = socket;
+    this.socket = socket;
     return new Promise((resolve, reject) => {
       socket.onopen = () => {
         const { system, speaker } = this.fields;
@@ -238,7 +234,7 @@ class Live {
         const told = JSON.parse(data);
         if ("end" in told) {
           reject(new Error(told.end));
-          if (this.#socket === socket) this.stop(told.end, true);
+          if (this.socket === socket) this.stop(told.end, true);
           return;
         }
         if ("plan" in told) return this.planned.take(told.plan);
@@ -249,15 +245,15 @@ class Live {
       };
       socket.onclose = () => {
         reject(new Error(LOST));
-        if (this.#socket === socket) this.stop(LOST, true);
+        if (this.socket === socket) this.stop(LOST, true);
       };
     });
   }
 
   #onBlock(block, peak) {
-    if (this.#socket?.readyState !== WebSocket.OPEN) return;
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
     this.#playout.captured(block.length);
-    this.#socket.send(block.buffer);
+    this.socket.send(block.buffer);
     this.level.value = Math.max(0, 1 + Math.log10(Math.max(peak, 1e-3)) / 2.5);
   }
 

@@ -16,18 +16,13 @@ export class Rolling {
   #mesh;
   #maxTurn;
   #motion = null;
-  #shown;
+  shown; // what is kept, as the stage displays it; another with each `push`
   #centre = null; // x and z
   #tracks = new Map(); // by view: the middle of a close-up, (T, 3)
 
   constructor(mesh, maxTurn) {
     this.#mesh = mesh;
     this.#maxTurn = maxTurn;
-  }
-
-  /** What is kept, as the stage displays it; another with each `push`. */
-  get shown() {
-    return this.#shown;
   }
 
   /** The nearest frame that is there. */
@@ -44,7 +39,7 @@ export class Rolling {
     const from = Math.max(0, whole.length - KEPT_FRAMES);
     const before = goesOn ? this.#tracks : new Map();
     this.#motion = whole.part(from);
-    this.#shown = new Shown(this.#motion, this.#mesh, this.#maxTurn);
+    this.shown = new Shown(this.#motion, this.#mesh, this.#maxTurn);
     this.#tracks = new Map();
     for (const [view, { joints, places }] of before) this.#follow(view, joints, places.subarray(3 * from));
     this.first += from;
@@ -70,7 +65,7 @@ export class Rolling {
 
   /** Go on with a track from what is known of it. */
   #follow(view, joints, known) {
-    const { places } = this.#shown.version(false);
+    const { places } = this.shown.version(false);
     const found = new Float32Array(places.length / NUM_JOINTS);
     found.set(known);
     for (let frame = known.length / 3; frame < found.length / 3; frame++) {

@@ -54,7 +54,7 @@ export class Editing {
   #asked = null; // what is being done
   #isBusy = false;
   #coming = null; // the take that is being made
-  #isOpen = false;
+  isOpen = false;
 
   /**
    * `send` has the server take up `asked`; `onShown` is called when other rows are to be seen, `onExpected` with where
@@ -82,7 +82,7 @@ export class Editing {
 
   #build() {
     const button = (label, onclick, title = label) => make("button", { type: "button", title, onclick }, label);
-    this.toggle = make("button", { type: "button", class: "toggle", "aria-expanded": "false", onclick: () => this.#open(!this.#isOpen) }, "Edit the gestures");
+    this.toggle = make("button", { type: "button", class: "toggle", "aria-expanded": "false", onclick: () => this.#open(!this.isOpen) }, "Edit the gestures");
     this.#timeline.tiersHead.append(this.toggle);
     this.said = make("p", { class: "said-of-edits", role: "status" });
     this.offers = make("span", { class: "row" });
@@ -156,7 +156,7 @@ export class Editing {
   seen(rows) {
     if (!this.#value.rows.length) return rows;
     const own = rows.filter(({ take }) => !take);
-    if (!this.#isOpen) return own;
+    if (!this.isOpen) return own;
     const wanted = this.#coming ? [this.#start, this.#coming] : [this.#beside, this.#start];
     const found = wanted.map((name) => rows.find((row) => row.name === name)).filter(Boolean);
     return found.length ? found : own;
@@ -211,7 +211,7 @@ export class Editing {
   // ------------------------------------------------------------------ takes
 
   #open(isOpen) {
-    this.#isOpen = isOpen;
+    this.isOpen = isOpen;
     this.element.hidden = !isOpen;
     this.toggle.setAttribute("aria-expanded", String(isOpen));
     this.toggle.textContent = isOpen ? "Close the editor" : "Edit the gestures";
@@ -352,10 +352,6 @@ export class Editing {
     this.#update();
   }
 
-  get isOpen() {
-    return this.#isOpen;
-  }
-
   #moveTo(at) {
     const to = Math.max(0, Math.round(1000 * at) / 1000);
     this.#change("move", { at: to });
@@ -421,7 +417,7 @@ export class Editing {
   /** Where the gesture would be that is to be added, before anything is performed. */
   #foresee() {
     const { kinds = {}, places = {}, around: [before, after] = [0, 0], words = [] } = this.#told ?? {};
-    const isShown = this.#isOpen && this.adding.open && !!this.#told;
+    const isShown = this.isOpen && this.adding.open && !!this.#told;
     const hands = this.hands.value || kinds[this.kinds.value];
     const lands = this.places.value === "" ? this.#player.time : landsOn(words[Number(this.places.value)]);
     const made = SIDES.filter((side) => isShown && [side, "both"].includes(hands));
@@ -451,7 +447,7 @@ export class Editing {
   #isDropping = false; // a click follows that chooses nothing
 
   #choose(body, chosen, event) {
-    if (!this.#isOpen || this.#isDropping || !this.#isKnown(body)) return;
+    if (!this.isOpen || this.#isDropping || !this.#isKnown(body)) return;
     if (body !== this.#start) this.#goOnFrom(body);
     const { list } = chosen;
     const isHand = list === "left" || list === "right";
@@ -471,7 +467,7 @@ export class Editing {
 
   /** What of another plan is chosen: the phase that was, if it is there. */
   #pickAgain(body, plan) {
-    if (!this.#isOpen || !this.#picked || ![this.#start, this.#coming].includes(body)) return null;
+    if (!this.isOpen || !this.#picked || ![this.#start, this.#coming].includes(body)) return null;
     const known = this.#isBusy ? [this.#picked, this.#before[1]] : [this.#picked]; // the plan before may be shown anew
     const found = known.filter(Boolean).map(({ list, event }) => ({ list, index: foundAgain(plan[list], event) }));
     return found.find(({ index }) => index >= 0) ?? null;
@@ -480,7 +476,7 @@ export class Editing {
   #planned() {
     const { chosen, plan } = this.#timeline.tiers;
     this.#isShowing = false;
-    this.end.show(this.#isOpen && this.#picked ? chosen : null, true);
+    this.end.show(this.isOpen && this.#picked ? chosen : null, true);
     if (this.#isBusy) return; // more is to come
     this.#picked = chosen && this.#picked && { list: chosen.list, event: plan[chosen.list][chosen.index] };
     if (!this.#picked && this.#chosen?.side) this.#chosen = null; // there is no such any more
@@ -503,7 +499,7 @@ export class Editing {
   /** A stroke that is dragged goes where it is let go; at the end of a phase a mouse drags that. */
   #beginDrag(event) {
     const button = event.target.closest?.("[data-list]");
-    if (!this.#isOpen || !button || event.button !== 0) return;
+    if (!this.isOpen || !button || event.button !== 0) return;
     const { right, width } = button.getBoundingClientRect();
     const isHand = !!button.closest(".of-hand");
     if (isHand && event.pointerType === "mouse" && right - event.clientX <= Math.min(EDGE_PX, EDGE_SHARE * width)) {
@@ -526,7 +522,7 @@ export class Editing {
   }
 
   #key(event) {
-    if (!this.#isOpen || event.target.closest("input, select, textarea")) return;
+    if (!this.isOpen || event.target.closest("input, select, textarea")) return;
     const isUndo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
     const isRedo = (isUndo && event.shiftKey) || ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y");
     const focused = event.target.closest("[data-list]");
@@ -546,7 +542,7 @@ export class Editing {
   // ------------------------------------------------------------------ showing
 
   #update() {
-    if (!this.#isOpen) return;
+    if (!this.isOpen) return;
     const options = (select, entries, value) => {
       const told = JSON.stringify(entries);
       if (select.dataset.told !== told) select.replaceChildren(...entries.map(([each, words]) => make("option", { value: each }, words)));
@@ -570,7 +566,7 @@ export class Editing {
   }
 
   #showChosen() {
-    if (!this.#isOpen) return;
+    if (!this.isOpen) return;
     const chosen = this.#chosen;
     const { told } = this.end;
     const list = chosen?.side ?? chosen?.list ?? told?.list ?? "right";

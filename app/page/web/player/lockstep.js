@@ -15,27 +15,14 @@ const LOOKED_AT = ["seeked", "canplay", "loadeddata", "progress", "error", "empt
 /** Emits "time" whenever what is shown changes, "state" when it starts, stops or changes speed. */
 export class Lockstep extends EventTarget {
   #sound = null;
-  #isPlaying = false;
-  #rate = 1;
-  #loop = null;
+  isPlaying = false;
+  rate = 1;
+  loop = null; // [start, end] in seconds that is played again and again
   #turn = 0; // counts starts and stops: whoever waited for something sees that it is too late
   #numFrames = 0;
   #limit = null; // frames that there are to be shown, where more of them come
-  #isWaiting = false;
+  isWaiting = false; // it would play, but what it is to show has not come yet
   #listening = new AbortController();
-
-  get isPlaying() {
-    return this.#isPlaying;
-  }
-
-  get rate() {
-    return this.#rate;
-  }
-
-  /** [start, end] in seconds that is played again and again, or null. */
-  get loop() {
-    return this.#loop;
-  }
 
   get duration() {
     return this.#numFrames * FRAME_S;
@@ -51,16 +38,11 @@ export class Lockstep extends EventTarget {
     return Math.max(0, Math.min(Math.floor(this.time * FPS + 1e-4), this.#numFrames - 1));
   }
 
-  /** Whether it would play, but what it is to show has not come yet. */
-  get isWaiting() {
-    return this.#isWaiting;
-  }
-
   /** There are only so many frames so far; null once nothing has to be waited for. */
   setLimit(frames) {
     this.#limit = frames;
     const hasMore = frames === null || frames > this.frame + AHEAD_FRAMES;
-    if (this.#isWaiting && this.#isPlaying && hasMore) this.#restart();
+    if (this.isWaiting && this.isPlaying && hasMore) this.#restart();
   }
 
   get #isAtLimit() {
@@ -70,7 +52,7 @@ export class Lockstep extends EventTarget {
   /** Stand until more has come; where a busy machine has let the sound run on, back at the last frame. */
   #wait() {
     this.#turn += 1;
-    this.#isWaiting = true;
+    this.isWaiting = true;
     this.#sound.pause();
     const last = Math.max(0, this.#limit - AT_HAND_FRAMES);
     if (this.frame > last) this.#stand(last);
@@ -90,26 +72,26 @@ export class Lockstep extends EventTarget {
     this.#turn += 1;
     this.#listening.abort();
     this.#listening = new AbortController();
-    this.#isPlaying = this.#isWaiting = false;
+    this.isPlaying = this.isWaiting = false;
     this.#limit = null;
     this.#sound?.pause();
     this.#sound?.removeAttribute("src");
     this.#sound?.load();
     this.#sound = null;
-    this.#loop = null;
+    this.loop = null;
     this.#numFrames = 0;
   }
 
   toggle() {
-    return this.#isPlaying ? this.pause() : this.play();
+    return this.isPlaying ? this.pause() : this.play();
   }
 
   /** Start, from the start when the end was reached. */
   async play() {
-    if (!this.#sound || this.#isPlaying) return;
-    const [start, end] = this.#loop ?? [0, this.duration];
+    if (!this.#sound || this.isPlaying) return;
+    const [start, end] = this.loop ?? [0, this.duration];
     if (this.frame >= Math.round(end * FPS) - 1 || this.time < start - FRAME_S) this.#stand(Math.round(start * FPS));
-    this.#isPlaying = true;
+    this.isPlaying = true;
     this.#tell("state");
     await this.#restart();
   }
@@ -117,7 +99,7 @@ export class Lockstep extends EventTarget {
   /** Stop on the frame that is shown. */
   pause() {
     this.#turn += 1;
-    this.#isPlaying = this.#isWaiting = false;
+    this.isPlaying = this.isWaiting = false;
     this.#sound?.pause();
     this.#stand(this.frame);
     this.#tell("state");
@@ -130,25 +112,25 @@ export class Lockstep extends EventTarget {
 
   seekFrame(frame) {
     this.#stand(Math.max(0, Math.min(frame, this.#numFrames - 1)));
-    if (this.#isPlaying) this.#restart();
+    if (this.isPlaying) this.#restart();
   }
 
   /** Go some frames on or back, and stand there. */
   step(frames) {
-    if (this.#isPlaying) this.pause();
+    if (this.isPlaying) this.pause();
     this.seekFrame(this.frame + frames);
   }
 
   setRate(rate) {
-    this.#rate = rate;
+    this.rate = rate;
     if (this.#sound) this.#sound.playbackRate = rate;
     this.#tell("state");
   }
 
   /** Play [start, end) in seconds again and again, or with null everything once. */
   setLoop(range) {
-    this.#loop = range;
-    if (range && this.#isPlaying && (this.time < range[0] || this.time >= range[1])) this.seek(range[0]);
+    this.loop = range;
+    if (range && this.isPlaying && (this.time < range[0] || this.time >= range[1])) this.seek(range[0]);
     this.#tell("state");
   }
 
@@ -171,14 +153,14 @@ export class Lockstep extends EventTarget {
     if (this.#isAtLimit) return this.#wait();
     const turn = ++this.#turn;
     const sound = this.#sound;
-    if (this.#isWaiting) {
-      this.#isWaiting = false;
+    if (this.isWaiting) {
+      this.isWaiting = false;
       this.#tell("state");
     }
     sound.pause();
     await isReady(sound);
-    if (turn !== this.#turn || !this.#isPlaying) return;
-    sound.playbackRate = this.#rate;
+    if (turn !== this.#turn || !this.isPlaying) return;
+    sound.playbackRate = this.rate;
     try {
       await sound.play();
     } catch {
@@ -191,8 +173,8 @@ export class Lockstep extends EventTarget {
   /** Tell the time from picture to picture for as long as this start lasts. */
   #run(turn) {
     if (turn !== this.#turn) return;
-    if (this.#loop && this.#sound.currentTime >= this.#loop[1] - FRAME_S / 2) {
-      this.seek(this.#loop[0]);
+    if (this.loop && this.#sound.currentTime >= this.loop[1] - FRAME_S / 2) {
+      this.seek(this.loop[0]);
       return;
     }
     if (this.#isAtLimit) this.#wait();
@@ -201,9 +183,9 @@ export class Lockstep extends EventTarget {
   }
 
   #end() {
-    if (!this.#isPlaying) return;
+    if (!this.isPlaying) return;
     if (this.#isAtLimit) this.#wait();
-    else if (this.#loop) this.seek(this.#loop[0]);
+    else if (this.loop) this.seek(this.loop[0]);
     else {
       this.pause();
       this.seekFrame(this.#numFrames - 1);

@@ -100,17 +100,10 @@ export function foundAgain(phases, { phase, start_s, end_s }) {
 
 /** What stands in an event's box; nothing in a rest's. */
 export function labelOf(list, event) {
-  switch (list) {
-    case "left":
-    case "right":
-      return { rest: "", preparation: "prep.", stroke: kindName(event.kind) || "stroke", hold: "hold", beat: "beat", retraction: "retr." }[event.phase];
-    case "looks":
-      return wayOf(event, "");
-    case "stands":
-      return event.leg;
-    default:
-      return "";
-  }
+  if (list === "looks") return wayOf(event, "");
+  if (list === "stands") return event.leg;
+  const ofHand = { preparation: "prep.", stroke: kindName(event.kind ?? "") || "stroke", hold: "hold", beat: "beat", retraction: "retr." };
+  return ofHand[event.phase] ?? "";
 }
 
 /** How an event is drawn: the name of its class. */
@@ -172,18 +165,13 @@ function handTold(plan, side, index, said) {
   const landing = phase === "stroke" ? index : landingOf(phases, index);
   const stroke = phases[landing];
   const what = stroke && strokeTold(plan, side, stroke, said);
-  switch (phase) {
-    case "stroke":
-      return what;
-    case "preparation":
-      return `the ${side} hand gets ready${what ? ` for: ${what}` : ""}`;
-    case "hold":
-      return `the ${side} hand stays${what ? ` after: ${what}` : ""}`;
-    case "beat":
-      return `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], said)}`;
-    default:
-      return `the ${side} hand goes back to rest`;
-  }
+  return {
+    stroke: what,
+    preparation: `the ${side} hand gets ready${what ? ` for: ${what}` : ""}`,
+    hold: `the ${side} hand stays${what ? ` after: ${what}` : ""}`,
+    beat: `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], said)}`,
+    retraction: `the ${side} hand goes back to rest`,
+  }[phase];
 }
 
 /** The stroke that a phase belongs to: the next one of a preparation, else the last one before. */
@@ -214,20 +202,15 @@ function onWord(plan, phase, said) {
 function otherTold(plan, list, event, said) {
   const word = event.time_s === undefined ? null : wordAt(said, event.time_s);
   const on = word ? ` on the ${word.isStressed ? "stressed " : ""}word “${word.text}”` : "";
-  switch (list) {
-    case "nods":
-      return `nod of ${Math.round(event.depth_deg)}°${on}`;
-    case "looks":
-      return `looks ${wayOf(event, plan.origin === "planned" ? "at the listener" : "ahead")}`;
-    case "brows":
-      return `${event.height < 0 ? "frown" : "raised brows"}${on}`;
-    case "smiles":
-      return `smile of ${Math.round(100 * event.size)} %`;
-    case "blinks":
-      return "blink";
-    default:
-      return event.leg === "both" ? "stands on both legs" : `weight on the ${event.leg} leg`;
-  }
+  const told = {
+    nods: () => `nod of ${Math.round(event.depth_deg)}°${on}`,
+    looks: () => `looks ${wayOf(event, plan.origin === "planned" ? "at the listener" : "ahead")}`,
+    brows: () => `${event.height < 0 ? "frown" : "raised brows"}${on}`,
+    smiles: () => `smile of ${Math.round(100 * event.size)} %`,
+    blinks: () => "blink",
+    stands: () => (event.leg === "both" ? "stands on both legs" : `weight on the ${event.leg} leg`),
+  };
+  return told[list]();
 }
 
 export function capital(words) {

@@ -12,13 +12,13 @@ const MARK = { nods: "nod", brows: "brow", blinks: "blink" }; // moments, drawn 
 export class Tiers {
   #onChoose;
   /** @type {import("../told").Plan | null} */
-  #plan = null;
+  plan = null;
   #said = { words: [], accents: [] };
   #tiers; // of TIERS, each with its lane, its box, and its events, { list, index, button }
   #share = (_seconds) => 0;
   #time = 0;
   /** @type {import("../told").Chosen | null} */
-  #chosen = null;
+  chosen = null;
   #hung = new Map(); // what hangs in tiers beside their events: element -> how it is placed
 
   /**
@@ -42,14 +42,6 @@ export class Tiers {
     return this.#tiers.map(({ lane }) => lane);
   }
 
-  get plan() {
-    return this.#plan;
-  }
-
-  get chosen() {
-    return this.#chosen;
-  }
-
   #elementOf(chosen) {
     return chosen && this.#of(chosen.list).events.find(({ list, index }) => list === chosen.list && index === chosen.index)?.button;
   }
@@ -63,9 +55,9 @@ export class Tiers {
    * @param {import("../told").Chosen | null} chosen
    */
   show(plan, said = { words: [], accents: [] }, chosen = null) {
-    this.#plan = plan;
+    this.plan = plan;
     this.#said = said;
-    this.#chosen = chosen && plan?.[chosen.list][chosen.index] ? chosen : null;
+    this.chosen = chosen && plan?.[chosen.list][chosen.index] ? chosen : null;
     const focused = this.#focused;
     for (const tier of this.#tiers) {
       for (const { button } of tier.events) button.remove();
@@ -77,7 +69,7 @@ export class Tiers {
     this.#draw();
     if (!focused) return;
     const near = eventsIn(focused.box);
-    (this.#elementOf(this.#chosen) ?? (near.length ? nearest(near, focused.left) : null))?.focus({ preventScroll: true });
+    (this.#elementOf(this.chosen) ?? (near.length ? nearest(near, focused.left) : null))?.focus({ preventScroll: true });
   }
 
   /** The tier in which an event has the focus, and where that stands; null if none has. */
@@ -113,7 +105,7 @@ export class Tiers {
 
   /** Lay the events of a list as if they were at other times; null as they are. */
   preview(list, events) {
-    for (const each of this.#of(list).events) if (each.list === list) this.lay(each.button, (events ?? this.#plan[list])[each.index]);
+    for (const each of this.#of(list).events) if (each.list === list) this.lay(each.button, (events ?? this.plan[list])[each.index]);
   }
 
   /** Lay everything out: `share` says where a moment stands, 0 to 1 within what is shown. */
@@ -130,21 +122,21 @@ export class Tiers {
 
   /** As if somebody had chosen it, but that nobody is told; null chooses nothing. */
   choose(chosen) {
-    this.#elementOf(this.#chosen)?.setAttribute("aria-pressed", "false");
-    this.#chosen = chosen;
+    this.#elementOf(this.chosen)?.setAttribute("aria-pressed", "false");
+    this.chosen = chosen;
     this.#elementOf(chosen)?.setAttribute("aria-pressed", "true");
     this.#letTab();
   }
 
   /** Why an event is there, in a sentence. */
   sentence(chosen) {
-    return this.#plan ? sentenceOf(this.#plan, chosen, this.#said) : "";
+    return this.plan ? sentenceOf(this.plan, chosen, this.#said) : "";
   }
 
   // ------------------------------------------------------------------ drawing
 
   #draw() {
-    if (!this.#plan) return;
+    if (!this.plan) return;
     for (const { lists } of this.#tiers) for (const list of lists) this.preview(list, null);
     const focused = /** @type {HTMLElement | null} */ (document.activeElement);
     if (focused?.matches("[data-list][hidden]")) eventsIn(focused.parentElement)[0]?.focus({ preventScroll: true });
@@ -155,9 +147,9 @@ export class Tiers {
 
   #button(chosen) {
     const { list, index } = chosen;
-    const event = this.#plan[list][index];
+    const event = this.plan[list][index];
     const sentence = this.sentence(chosen);
-    const isChosen = this.#chosen?.list === list && this.#chosen.index === index;
+    const isChosen = this.chosen?.list === list && this.chosen.index === index;
     return make("button", {
       type: "button", tabindex: "-1", class: `event ${list in MARK ? "mark " : ""}${classOf(list, event)}`,
       "data-list": list, "data-index": index, title: sentence, "aria-label": sentence, "aria-pressed": String(isChosen),
@@ -175,9 +167,9 @@ export class Tiers {
   }
 
   #light() {
-    if (!this.#plan) return;
+    if (!this.plan) return;
     for (const { lists, events } of this.#tiers) {
-      const now = Object.fromEntries(lists.map((list) => [list, within(this.#plan[list], this.#time, this.#time)]));
+      const now = Object.fromEntries(lists.map((list) => [list, within(this.plan[list], this.#time, this.#time)]));
       for (const { list, index, button } of events) {
         const isNow = index >= now[list][0] && index < now[list][1];
         if (button.classList.contains("now") !== isNow) button.classList.toggle("now", isNow);
@@ -202,7 +194,7 @@ export class Tiers {
     const { list, index } = button.dataset;
     const chosen = /** @type {import("../told").Chosen} */ ({ list, index: Number(index) });
     this.choose(chosen);
-    this.#onChoose(chosen, this.#plan[chosen.list][chosen.index], this.sentence(chosen));
+    this.#onChoose(chosen, this.plan[chosen.list][chosen.index], this.sentence(chosen));
   }
 
   /** Arrows go from event to event and from tier to tier; Enter and the space bar choose. */
@@ -224,23 +216,12 @@ export class Tiers {
     const inTime = (box) => eventsIn(box).sort((a, b) => a.offsetLeft - b.offsetLeft);
     const own = inTime(shown[at].box);
     const i = own.indexOf(button);
-    switch (key) {
-      case "ArrowLeft":
-        return own[Math.max(0, i - 1)];
-      case "ArrowRight":
-        return own[Math.min(own.length - 1, i + 1)];
-      case "Home":
-        return own[0];
-      case "End":
-        return own.at(-1);
-      case "ArrowUp":
-      case "ArrowDown": {
-        const other = shown[at + (key === "ArrowUp" ? -1 : 1)];
-        return other ? nearest(inTime(other.box), button.offsetLeft) : button;
-      }
-      default:
-        return null;
+    if (key === "ArrowUp" || key === "ArrowDown") {
+      const other = shown[at + (key === "ArrowUp" ? -1 : 1)];
+      return other ? nearest(inTime(other.box), button.offsetLeft) : button;
     }
+    const to = { ArrowLeft: Math.max(0, i - 1), ArrowRight: Math.min(own.length - 1, i + 1), Home: 0, End: own.length - 1 }[key];
+    return to === undefined ? null : own[to];
   }
 }
 

@@ -27,11 +27,11 @@ export function isSoftware(gl) {
 
 export class Pace {
   #at;
-  #isSlow;
+  isSlow;
   #run = 0; // pictures in a row that were too slow (above 0) or fast enough for more
 
   constructor(isSlow) {
-    this.#isSlow = isSlow;
+    this.isSlow = isSlow;
     this.#at = isSlow ? SLOW_START : 0;
   }
 
@@ -41,16 +41,12 @@ export class Pace {
 
   /** Of a picture that stands. */
   get fullLevel() {
-    return this.#isSlow ? SLOW_FULL : LEVELS[0];
-  }
-
-  get isSlow() {
-    return this.#isSlow;
+    return this.isSlow ? SLOW_FULL : LEVELS[0];
   }
 
   /** Note that a picture took so long. */
   took(milliseconds) {
-    const [fine, coarse] = this.#isSlow ? SLOW_MS : GPU_MS;
+    const [fine, coarse] = this.isSlow ? SLOW_MS : GPU_MS;
     const way = milliseconds > coarse ? 1 : milliseconds < fine ? -1 : 0;
     this.#run = way && Math.sign(this.#run) === way ? this.#run + way : way;
     const isMuch = way > 0 ? PATIENCE : 10 * PATIENCE; // slow to be bold

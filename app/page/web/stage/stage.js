@@ -68,12 +68,12 @@ export class Stage {
   #facts = null;
   #painter = null;
   #framing = null;
-  #pace;
+  pace; // how coarse they are while it plays
   #asked = 0;
   #rest = 0;
   #fence = null;
   #begun = 0;
-  #drawn = 0; // pictures
+  pictures = 0; // drawn so far
   #flicker = null;
   #isSecond = false;
   #wipe = 0.5;
@@ -100,7 +100,7 @@ export class Stage {
     probe.getExtension("WEBGL_lose_context")?.loseContext();
     this.#canvas = make("canvas", { role: "application", tabindex: "0", "aria-label": `The bodies of this run. ${ORBIT_HELP}`, title: ORBIT_HELP });
     this.#gl = this.#canvas.getContext("webgl2", { alpha: false, antialias: !isSlow });
-    this.#pace = new Pace(isSlow);
+    this.pace = new Pace(isSlow);
     this.#gl.clearColor(...BACKGROUND, 1);
     this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
     this.#handle = make("div", {
@@ -141,19 +141,9 @@ export class Stage {
     return this.#rows.get(name)?.row.color ?? "";
   }
 
-  /** Drawn so far. */
-  get pictures() {
-    return this.#drawn;
-  }
-
   /** Whether what stands has been drawn in full, and nothing has changed since. */
   get isAtRest() {
     return this.#begun === null && !this.#asked;
-  }
-
-  /** How coarse pictures are while it plays. */
-  get pace() {
-    return this.#pace;
   }
 
   /**
@@ -305,7 +295,7 @@ export class Stage {
     this.#mesh = mesh;
     this.#facts = told;
     if (this.#painter) return;
-    this.#painter = new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+    this.#painter = new Painter(this.#gl, mesh, told, this.pace.isSlow);
     this.#fetchBuilds(this.#look.get("build") === told.builds.names[0] ? BUILDS_LATER_MS : 0);
   }
 
@@ -584,7 +574,7 @@ export class Stage {
       this.#asked = 0;
       if (!this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
       if (this.#isDrawing(now)) return void this.#ask();
-      this.#draw(now, this.#pace.level);
+      this.#draw(now, this.pace.level);
       clearTimeout(this.#rest);
       this.#rest = setTimeout(() => this.#drawFully(), REST_MS);
     });
@@ -593,7 +583,7 @@ export class Stage {
   #drawFully() {
     const isMoving = this.#player.isPlaying && !this.#player.isWaiting;
     if (isMoving || !this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
-    this.#draw(null, this.#pace.fullLevel);
+    this.#draw(null, this.pace.fullLevel);
   }
 
   /** Whether the last picture is still being drawn; notes how long it took. */
@@ -604,7 +594,7 @@ export class Stage {
     gl.deleteSync(this.#fence);
     this.#fence = null;
     if (this.#begun === null || !this.#player.isPlaying) return false;
-    this.#pace.took(now - this.#begun);
+    this.pace.took(now - this.#begun);
     this.element.dispatchEvent(new CustomEvent("drawn", { detail: now - this.#begun })); // ms that it took
     return false;
   }
@@ -613,7 +603,7 @@ export class Stage {
   #draw(begun, level) {
     const gl = this.#gl;
     this.#begun = begun;
-    this.#drawn += 1;
+    this.pictures += 1;
     const density = level.pixels * (level.isDense ? devicePixelRatio : 1);
     const [width, height] = this.#size.map((size) => Math.max(1, Math.round(size * density)));
     if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
@@ -667,7 +657,7 @@ export class Stage {
       entry.pelvis = [world[3], world[7], world[11]];
       const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
       const jerk = this.#look.get("hasHeat") ? entry.shown.jerk(look.isSmoothed).subarray(NUM_JOINTS * frame, NUM_JOINTS * (frame + 1)) : null;
-      const isFaceDue = !this.#player.isPlaying || !this.#pace.isSlow || (this.#drawn + number) % 2 === 0;
+      const isFaceDue = !this.#player.isPlaying || !this.pace.isSlow || (this.pictures + number) % 2 === 0;
       const faces = isFaceDue ? entry.shown.faces(moment) : null;
       this.#painter.pose(number, world, jerk, faces, levels);
     }
