@@ -65,6 +65,25 @@ def ffmpeg_path() -> str:
     return path
 
 
+def run_ffmpeg(*arguments: str, log: str = "error") -> str:
+    """What ffmpeg writes on standard output, or with ``log`` info what it says.
+
+    Raises:
+        VideoError: if it fails, with the last that it said.
+    """
+    run = subprocess.run(
+        [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log, "-y", *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
+    said = run.stderr.decode(errors="replace").strip()
+    if run.returncode:
+        last = " ".join(said.split())[-300:] or "nothing"
+        raise VideoError(f"ffmpeg ended {Ended(run.returncode).how} and said: {last}")
+    return said if log == "info" else run.stdout.decode(errors="replace")
+
+
 @dataclass(frozen=True)
 class VideoFacts:
     """What has to agree between videos that are shown together."""
@@ -80,14 +99,14 @@ def read_facts(video: Path) -> VideoFacts:
     Raises:
         VideoError: if the file is missing or holds no video.
     """
-    command = [ffmpeg_path(), "-hide_banner", "-i", str(video), "-map", "0:v:0", "-c", "copy"]
-    run = subprocess.run(
-        [*command, "-f", "null", "-"], stdin=subprocess.DEVNULL, capture_output=True, check=False
-    )
-    said = run.stderr.decode(errors="replace")
+    copied = ("-map", "0:v:0", "-c", "copy", "-f", "null", "-")
+    try:
+        said = run_ffmpeg("-stats", "-i", str(video), *copied, log="info")
+    except VideoError as error:
+        raise VideoError(f"{video} cannot be read as a video.") from error
     size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", said)
     counts = re.findall(r"frame=\s*(\d+)", said)
-    if run.returncode or size is None or not counts:
+    if size is None or not counts:
         raise VideoError(f"{video} cannot be read as a video.")
     return VideoFacts(int(size[1]), int(size[2]), int(counts[-1]))
 

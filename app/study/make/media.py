@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,8 +23,7 @@ from app.study.make.mp4 import blank_user_data, frames_of, joined
 from conventions.rates import FPS
 from model.speech.audio import write_wav
 from model.storage.files import written_atomically
-from processes.ended import Ended
-from renderer.video.encoder import ffmpeg_path
+from renderer.video.encoder import VideoError, run_ffmpeg
 
 TARGET_LUFS = -23.0
 """Programme loudness of EBU R128."""
@@ -70,7 +68,7 @@ def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
         limit = 10 ** (PEAK_DBFS / 20)
         level = f"volume={gain_db:.3f}dB,alimiter=limit={limit:.4f}:level=false,aresample=48000"
         with written_atomically(out) as part:
-            _ffmpeg(
+            run_ffmpeg(
                 *("-i", str(wav), "-af", level, "-ac", "1", "-c:a", "aac", "-b:a", "128k"),
                 *(*_BITEXACT, str(part)),
             )
@@ -78,13 +76,13 @@ def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
 
 def measure_loudness(path: Path) -> float:
     """Integrated loudness of the sound in a file by EBU R128, in LUFS; -70 is silence."""
-    said = _ffmpeg(
+    said = run_ffmpeg(
         *("-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-"),
         log="info",
     )
     found = re.findall(r"I:\s+(-?[\d.]+) LUFS", said)
     if not found:
-        raise MediaError(f"The loudness of {path.name} could not be measured.")
+        raise VideoError(f"The loudness of {path.name} could not be measured.")
     return float(found[-1])
 
 
@@ -117,7 +115,7 @@ def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> Non
 
 def _encode(drawn: Path, out: Path, rate: int) -> int:
     """Number of frames."""
-    _ffmpeg(
+    run_ffmpeg(
         *("-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
         *("-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1"),
         *("-pix_fmt", "yuv420p", "-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate)),
@@ -136,7 +134,7 @@ def join(stream: Path, track: Path | None, out: Path) -> None:
     """Picture, and sound if there is any, copied as they are into one mp4."""
     sound = () if track is None else ("-i", str(track), "-map", "0:v:0", "-map", "1:a:0")
     with written_atomically(out) as part:
-        _ffmpeg(
+        run_ffmpeg(
             *("-framerate", str(FPS), "-f", "h264", "-i", str(stream), *sound, "-c", "copy"),
             *("-bsf:v", f"setts=ts=N*{_TICKS}:duration={_TICKS}"),
             *(*_BITEXACT, "-write_btrt", "0", "-movflags", "+faststart", str(part)),
@@ -165,8 +163,8 @@ def set_time(path: Path) -> None:
 def sound_digest(path: Path) -> str | None:
     """Digest of a video's sound as it is stored; None when it has none."""
     try:
-        return _ffmpeg("-i", str(path), "-map", "0:a", "-c", "copy", "-f", "hash", "-").strip()
-    except MediaError as error:
+        return run_ffmpeg("-i", str(path), "-map", "0:a", "-c", "copy", "-f", "hash", "-").strip()
+    except VideoError as error:
         if "matches no streams" in str(error):
             return None
         raise
@@ -177,26 +175,5 @@ def picture_stream(path: Path) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "picture.h264"
         copy = ("-map", "0:v:0", "-c", "copy", "-bsf:v", "h264_mp4toannexb", "-f", "h264")
-        _ffmpeg("-i", str(path), *copy, str(out))
+        run_ffmpeg("-i", str(path), *copy, str(out))
         return out.read_bytes()
-
-
-class MediaError(RunError):
-    """ffmpeg refused; the message holds what it said."""
-
-
-def _ffmpeg(*arguments: str, log: str = "error") -> str:
-    """Run ffmpeg; what it writes on standard output, or with ``log`` info what it says."""
-    run = subprocess.run(
-        [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log, "-y", *arguments],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        check=False,
-    )
-    said = run.stderr.decode(errors="replace").strip()
-    if run.returncode:
-        raise MediaError(
-            f"A video of the study could not be made: ffmpeg ended {Ended(run.returncode).how}; "
-            f"ffmpeg said: {said[-300:] or 'nothing'}"
-        )
-    return said if log == "info" else run.stdout.decode(errors="replace")
