@@ -117,8 +117,8 @@ def analyse(
         key: researcher_only/key.json; without it the answers are one table of battles (CSV) in the
             form of the GENEA leaderboard's analysis.
         out: folder of results.
-        diagnostics: folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is
-            held against the reasons people gave.
+        diagnostics: folder with CLIP/diagnostics.json for each clip, whose jitter is held against
+            the reasons people gave.
     """
     from app.study.analyse import AnalysisRequest
     from app.study.analyse import analyse as analysed

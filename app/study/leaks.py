@@ -53,8 +53,6 @@ _SIZE_SPREAD = {"size": 0.02, "bit rate": 0.02, "filling": 0.1, "compressed size
 up, compressed size shows filling of another kind."""
 _EQUAL = ("duration", "frames", "streams", "encoding", "file structure", "packet sizes")
 """What is the same in all videos of a scene."""
-MAX_LOUDNESS_ERROR = 1.0
-"""LU around -23 LUFS, after AAC."""
 _MAX_FIRST_SHARE_ERROR = 0.1
 _QUIET_HANDLERS = {b"VideoHandler", b"SoundHandler"}
 _TELLING_BOXES = {"udta", "meta", "uuid", "ilst", "mdta"}
@@ -220,8 +218,8 @@ def _videos(study: Study) -> Iterator[str]:
 
 
 def _sounds(study: Study) -> Iterator[str]:
-    """One stream for each speech, of the right loudness; none where the study is silent."""
-    digests: dict[str, dict[str, str]] = {}
+    """One stream for each speech, and none where the study is silent."""
+    streams: dict[str, set[str]] = {}
     for stimulus, blind in study.stimuli.items():
         digest = media.sound_digest(study.workspace.video(blind))
         if (digest is None) != (stimulus.speech is None):
@@ -230,17 +228,10 @@ def _sounds(study: Study) -> Iterator[str]:
         elif digest is not None and stimulus.speech is not None:
             track = study.files[stimulus].track("soun")
             stream = f"{digest} {track.description.hex() if track else ''}"
-            digests.setdefault(stimulus.speech, {})[stream] = blind
-    for speech, found in digests.items():
+            streams.setdefault(stimulus.speech, set()).add(stream)
+    for speech, found in streams.items():
         if len(found) > 1:
             yield f"sound: the speech of clip {speech!r} is not the same stream in every video."
-        for blind in found.values():
-            loudness = media.measure_loudness(study.workspace.video(blind))
-            if abs(loudness - media.TARGET_LUFS) > MAX_LOUDNESS_ERROR:
-                yield (
-                    f"sound: the speech of clip {speech!r} has {loudness:.1f} LUFS in place of "
-                    f"{media.TARGET_LUFS:g}."
-                )
 
 
 def _lists(study: Study) -> Iterator[str]:

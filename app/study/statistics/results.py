@@ -3,6 +3,7 @@ and how balanced it came out."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +13,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic.dataclasses import dataclass as checked_dataclass
 
 from app.errors import RunError
-from app.study.design.checked import STRICT, FieldError, read_checked
 from app.study.design.key import Key, Question
-from app.study.statistics.answers import Participant, is_number
+from app.study.statistics.answers import Participant
 from app.study.statistics.models import (
     Level,
     krippendorff_alpha,
@@ -42,7 +41,6 @@ from app.study.statistics.votes import (
 )
 from conventions.names import REFERENCE_NAME
 
-MAX_DIAGNOSTICS_BYTES = 64 * 2**20
 JERK = "tip_jerk_m_s3"
 """Mean jerk of the fingertip in m/s³, of the motion as it stands in the file ("raw")."""
 Jitter = Mapping[tuple[str, str], float]
@@ -170,48 +168,30 @@ def _result(
     )
 
 
-@checked_dataclass(frozen=True, config=STRICT)
-class _Measured:
-    raw: Mapping[str, Any]
-
-
-@checked_dataclass(frozen=True, config=STRICT)
-class _Diagnostics:
-    systems: Mapping[str, _Measured]
-    reference: _Measured | None = None
-
-
 def read_jitter(folder: Path, key: Key) -> Jitter:
-    """`JERK` from ``folder``/CLIP/diagnostics.json or ``folder``/CLIP.json.
-
-    A system is looked up by its name; the measured recording by the name `REFERENCE_NAME`.
+    """`JERK` from ``folder``/CLIP/diagnostics.json, by the names of systems; that of the measured
+    recording by `REFERENCE_NAME`.
 
     Raises:
         RunError: if there is no file for any clip, or one is damaged.
     """
     jitter: dict[tuple[str, str], float] = {}
     for clip in key.clips:
-        if Path(clip).name != clip or clip == "..":  # no name must lead out of the folder
+        path = folder / clip / "diagnostics.json"
+        if not path.is_file():
             continue
-        for path in (folder / clip / "diagnostics.json", folder / f"{clip}.json"):
-            if not path.is_file():
-                continue
-            try:
-                found = read_checked(path, _Diagnostics, MAX_DIAGNOSTICS_BYTES)
-            except FieldError as error:
-                raise RunError(
-                    f"{path} holds no diagnostics: {error}; measure that clip again."
-                ) from error
-            for name in key.systems:
-                other = found.reference if name == REFERENCE_NAME else None
-                measured = found.systems.get(name, other)
-                value = measured.raw.get(JERK) if measured else None
-                if value is not None and is_number(value) and 0 < value < np.inf:
+        try:
+            found = json.loads(path.read_bytes())
+            measured = {REFERENCE_NAME: found.get("reference"), **found["systems"]}
+            for name in (name for name in key.systems if measured.get(name)):
+                if value := measured[name]["raw"][JERK]:
                     jitter[clip, name] = float(value)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            raise RunError(f"{path} holds no diagnostics; measure that clip again.") from error
     if not jitter:
         raise RunError(
             f"No diagnostics of this study's clips are in {folder}; expected "
-            f"{key.clips[0]}/diagnostics.json or {key.clips[0]}.json there, and so on."
+            f"{key.clips[0]}/diagnostics.json there, and so on."
         )
     return jitter
 

@@ -60,7 +60,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for clip in range(4):
         systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
         content = {"systems": systems, "reference": None}
-        (folder / f"clip{clip}.json").write_text(json.dumps(content))
+        (folder / f"clip{clip}").mkdir()
+        (folder / f"clip{clip}" / "diagnostics.json").write_text(json.dumps(content))
     return folder
 
 

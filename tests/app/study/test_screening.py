@@ -47,14 +47,6 @@ def edited(
     return [len(one.answers) for one in collected.participants], collected.left_out
 
 
-def test_whole_files_are_read_and_the_truth_of_a_simulation_is_passed_over(tmp_path: Path) -> None:
-    _, folder = written_study(tmp_path, KEY, made_files(KEY, 3))
-    (folder / "truth.json").write_text("{}")
-    collected = collect([folder, *folder.glob("simulated*")], KEY)
-    assert [len(one.answers) for one in collected.participants] == [14, 14, 14]
-    assert collected.left_out == ()
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [
