@@ -14,10 +14,11 @@ import os
 import re
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, TypeVar
 
 from conventions.rates import FPS
 from model.plan.kinds import REST_PLACE, Place, usual_goal
@@ -85,37 +86,32 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
         ):
             rows = tuple(_row(p, label) for p, label in zip(phases, labels, strict=True) if label)
             tiers.append(NamedTier(f"{what}_{side}", rows, parent=name))
-    for name, events in (
-        ("nods", [(nod.time_s, _numbered(nod.depth_deg)) for nod in plan.nods]),
-        ("brows", [(brow.time_s, _numbered(brow.height)) for brow in plan.brows]),
-        ("blinks", [(blink.time_s, "shut") for blink in plan.blinks]),
-    ):
-        moments = ((round(at, 4), label) for at, label in sorted(events))
-        tiers.append(NamedTier(name, tuple(TierRow(at, at, label) for at, label in moments), True))
-    spans: tuple[tuple[str, str, list[TierRow]], ...] = (
-        ("gaze", "looks", [_row(e, _numbered(e.yaw_deg, e.pitch_deg)) for e in plan.looks]),
-        ("smile", "smiles", [_row(e, _numbered(e.size)) for e in plan.smiles]),
-        ("weight", "stands", [_row(e, e.leg) for e in plan.stands]),
-        *(
-            (f"foot_{side}", "planted feet", [
-                _row(e, "planted") for e in plan.planted if e.foot == side])
-            for side in SIDES
-        ),
-    )  # fmt: skip
-    for name, what, rows in spans:
-        rows.sort(key=lambda row: row.start_s)
+    of_body: tuple[tuple[str, Sequence[Any], Callable[[Any], str]], ...] = (
+        ("nods", plan.nods, lambda nod: _numbered(nod.depth_deg)),
+        ("brows", plan.brows, lambda brow: _numbered(brow.height)),
+        ("blinks", plan.blinks, lambda _: "shut"),
+        ("gaze", plan.looks, lambda look: _numbered(look.yaw_deg, look.pitch_deg)),
+        ("smile", plan.smiles, lambda smile: _numbered(smile.size)),
+        ("weight", plan.stands, lambda stand: stand.leg),
+        ("foot_left", [p for p in plan.planted if p.foot == "left"], lambda _: "planted"),
+        ("foot_right", [p for p in plan.planted if p.foot == "right"], lambda _: "planted"),
+    )
+    for name, events, label in of_body:
+        rows = sorted((_row(each, label(each)) for each in events), key=lambda row: row.start_s)
         for before, after in pairwise(rows):
             if after.start_s < before.end_s:
                 raise PlanError(
-                    f"The plan's {what} overlap at {after.start_s:.2f} s, which a tier cannot "
-                    "hold; part them, or write the plan as JSON."
+                    f"The plan's rows of {name} overlap at {after.start_s:.2f} s, which a tier "
+                    "cannot hold; part them, or write the plan as JSON."
                 )
-        tiers.append(NamedTier(name, tuple(rows)))
+        tiers.append(NamedTier(name, tuple(rows), name in ("nods", "brows", "blinks")))
     return tuple(tiers)
 
 
-def _row(event: HandPhase | Gaze | Smile | Stand | Planted, label: str) -> TierRow:
-    return TierRow(round(event.start_s, 4), round(event.end_s, 4), label)
+def _row(event: Any, label: str) -> TierRow:
+    """Of a span, or of a moment."""
+    start_s = getattr(event, "start_s", getattr(event, "time_s", 0.0))
+    return TierRow(round(start_s, 4), round(getattr(event, "end_s", start_s), 4), label)
 
 
 def _numbered(*numbers: float) -> str:
@@ -149,34 +145,29 @@ def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
 _LEFT, _RIGHT, _BOTH = {"left", "lh", "l"}, {"right", "rh", "r"}, {"both", "bh", "bimanual"}
 _SPEECH = {"words", "phones", "accents", "listening", "apex", "transcript", "utterance", "speech"}
 _GESTURES = {PHASE_TIER, "gestures", "phrase", "phrases", "hand"}
-_PHASE_WORDS: Mapping[str, Phase] = {
-    "rest": "rest", "rests": "rest", "resting": "rest",
-    "preparation": "preparation", "preparations": "preparation", "prep": "preparation",
-    "preps": "preparation",
-    "stroke": "stroke", "strokes": "stroke",
-    "hold": "hold", "holds": "hold", "psh": "hold",
-    "beat": "beat", "beats": "beat", "baton": "beat",
-    "retraction": "retraction", "retractions": "retraction", "retract": "retraction",
-    "retr": "retraction", "ret": "retraction", "recovery": "retraction",
+_PHASES: Mapping[str, Phase] = {
+    "rest": "rest", "prep": "preparation", "stroke": "stroke", "hold": "hold", "psh": "hold",
+    "beat": "beat", "baton": "beat", "ret": "retraction", "recover": "retraction",
 }  # fmt: skip
+"""By how words begin; so also of the head, face and legs, and of what tells more of hands."""
 _LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip
-_BODY: Mapping[str, set[str]] = {
-    "nods": {"nod", "nods"},
-    "gaze": {"gaze", "look", "looks"},
-    "brows": {"brow", "brows", "eyebrow", "eyebrows"},
-    "smile": {"smile", "smiles"},
-    "blinks": {"blink", "blinks"},
-    "weight": {"weight", "stand", "stands"},
-    "foot": {"foot", "feet"},
-}
-_MORE: Mapping[str, set[str]] = {
-    GOAL_TIER: {GOAL_TIER, "goals"},
-    WORD_TIER: {WORD_TIER, "lexical", "affiliate"},
-    KIND_TIER: {KIND_TIER, "type", "shape"},
-}
-"""What tells more of a hand's phases."""
+_BODY: Mapping[str, str] = {
+    "nod": "nods", "gaze": "gaze", "look": "gaze", "brow": "brows", "eyebrow": "brows",
+    "smile": "smile", "blink": "blinks", "weight": "weight", "stand": "weight", "foot": "foot",
+    "feet": "foot",
+}  # fmt: skip
+_MORE: Mapping[str, str] = {
+    "goal": GOAL_TIER, "word": WORD_TIER, "lexical": WORD_TIER, "affiliate": WORD_TIER,
+    "kind": KIND_TIER, "type": KIND_TIER, "shape": KIND_TIER,
+}  # fmt: skip
+_T = TypeVar("_T", bound=str)
+
+
+def _meant(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
+    """What words mean that begin as some of these do, in their order."""
+    return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
 
 
 def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
@@ -194,9 +185,8 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
             raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
         words = _words(tier.name)
         sides = _sides(words)
-        body = next((what for what, signs in _BODY.items() if signs & words), None)
-        more = next((what for what, signs in _MORE.items() if signs & words), None)
-        phase: Phase | None = next((p for word, p in _PHASE_WORDS.items() if word in words), None)
+        (body, *_), (more, *_) = (_meant(words, stems) or [""] for stems in (_BODY, _MORE))
+        phase: Phase | None = next(iter(_meant(words, _PHASES)), None)
         if tier.name == "apex":
             told.apexes += tier.rows
         if _SPEECH & words:
@@ -369,7 +359,7 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
     words = re.findall(r"[a-z]+", label.lower())
     if len(words) == 1 and words[0] in _LETTERS:
         return _LETTERS[words[0]], ""
-    known: list[Phase] = [_PHASE_WORDS[word] for word in words if word in _PHASE_WORDS]
+    known = _meant(words, _PHASES)
     return known[-1] if known else None, ""  # the last: "post-stroke hold"
 
 

@@ -144,7 +144,7 @@ def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
     write_plan_file(plan, tmp_path / "plan.json")
     assert read_plan_file(tmp_path / "plan.json").plan == plan
     for ending in (".TextGrid", ".eaf"):
-        with pytest.raises(PlanError, match=r"smiles overlap at 2.00 s.*JSON"):
+        with pytest.raises(PlanError, match=r"rows of smile overlap at 2.00 s.*JSON"):
             write_plan_file(plan, tmp_path / f"plan{ending}")
         assert not (tmp_path / f"plan{ending}").exists()
     with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
