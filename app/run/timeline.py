@@ -23,7 +23,6 @@ from model.speech.audio import Speech
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
-    GestureTier,
     Interval,
     Origin,
     Transcript,
@@ -134,7 +133,7 @@ def tiers_of(said: Transcript) -> dict[str, Any]:
         "words_origin": said.origin,
         "phones": [_times(phone) for phone in said.phones],
         "accents": [(accent.time_s, accent.strength) for accent in said.accents],
-        "gestures": {tier.name: [_times(phase) for phase in tier.phases] for tier in said.gestures},
+        "gestures": {name: [_times(each) for each in of] for name, of in said.gestures.items()},
     }
 
 
@@ -158,10 +157,9 @@ class _Line(BaseModel):
 
     @property
     def said(self) -> Transcript:
-        tiers = self.gestures.items()
         return Transcript(
             tuple(Word(*part) for part in self.words),
-            tuple(GestureTier(name, tuple(Interval(*each) for each in of)) for name, of in tiers),
+            {name: tuple(Interval(*each) for each in of) for name, of in self.gestures.items()},
             self.words_origin,
             tuple(Interval(*part) for part in self.phones),
             tuple(Accent(*accent) for accent in self.accents),

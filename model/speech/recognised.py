@@ -142,4 +142,5 @@ def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) ->
         notes = (note.format(unsure=unsure, count=count),)
     origin: Origin = "aligned" if is_aligned else "recognised"
     phones = tuple(phone for _, phones in sure for phone in phones)
-    return Heard(Transcript(tuple(word for word, _ in sure), (), origin, phones), notes)
+    words_sure = tuple(word for word, _ in sure)
+    return Heard(Transcript(words_sure, origin=origin, phones=phones), notes)

@@ -2,7 +2,8 @@
 our corpus write them; and plain texts, whose times are still to be found."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from typing import Literal
@@ -61,19 +62,12 @@ class Accent:
 
 
 @dataclass(frozen=True)
-class GestureTier:
-    """What somebody has called the parts of gestures, by one name for each hand or scheme."""
-
-    name: str
-    phases: tuple[Interval, ...]
-
-
-@dataclass(frozen=True)
 class Transcript:
     """What was said, and what hands did meanwhile where that was written down, too."""
 
     words: tuple[Word, ...] = ()
-    gestures: tuple[GestureTier, ...] = ()
+    gestures: Mapping[str, tuple[Interval, ...]] = field(default_factory=dict)
+    """What somebody has called the parts of gestures, by one name for each hand or scheme."""
     origin: Origin = "given"
     phones: tuple[Interval, ...] = ()
     """Sounds of the words, where they are known."""
@@ -134,13 +128,12 @@ def _of_grid(text: str, name: str) -> Transcript:
     if not words:
         raise TranscriptError(f"{name} holds no words.")
     of_gestures = [each for each in tiers if each != of_words and GESTURE_TIER.search(each)]
-    gestures = [
-        GestureTier(each, _intervals(tiers[each], "gesture", name))
-        for each in of_gestures[:MAX_GESTURE_TIERS]
-    ]
+    gestures = {
+        each: _intervals(tiers[each], "gesture", name) for each in of_gestures[:MAX_GESTURE_TIERS]
+    }
     return Transcript(
         tuple(Word(word.start_s, word.end_s, word.text) for word in words),
-        tuple(tier for tier in gestures if tier.phases),
+        {each: phases for each, phases in gestures.items() if phases},
         phones=_phones(tiers, name),
         accents=_accents(found),
     )

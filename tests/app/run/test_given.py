@@ -181,7 +181,7 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
         both(foot_slide_m_s=0.5), **{"a/b": both(tip_jerk_m_s3=1.5, tip_spectrum=spectrum)}
     )
     said = Transcript(
-        (Word(0.2, 0.5, "hello", 0.75),), (), "recognised", (Interval(0.2, 0.3, "HH"),)
+        (Word(0.2, 0.5, "hello", 0.75),), {}, "recognised", (Interval(0.2, 0.3, "HH"),)
     )
     with ResultFolder(tmp_path) as folder:
         write_diagnostics(found, folder, said)

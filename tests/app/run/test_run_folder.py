@@ -33,7 +33,7 @@ from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
 from model.speech.audio import load_speech
-from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
+from model.speech.transcript import Accent, Interval, Transcript, Word
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example
@@ -44,7 +44,7 @@ ROW = {"name": "a", "label": "a", "color": "#000000"}
 REST = HandPhase(0.0, 2.0, "rest", (0.2, -0.2, 0.2))
 SAID = Transcript(
     (Word(0.2, 0.5, "<b>hello"),),
-    (GestureTier("gesture_left", (Interval(0.3, 0.6, "stroke beat"),)),),
+    {"gesture_left": (Interval(0.3, 0.6, "stroke beat"),)},
     "aligned",
     (Interval(0.2, 0.3, "HH"),),
     (Accent(0.4, 1.5),),

@@ -13,7 +13,6 @@ from model.speech.pronouncing import number_words, words_to_say
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
     MAX_TEXT,
-    GestureTier,
     Interval,
     TranscriptError,
     Word,
@@ -51,7 +50,7 @@ def test_words_come_with_their_times_and_without_pauses(tmp_path):
             assert said.words == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
             assert said.origin == "given" and {word.confidence for word in said.words} == {1.0}
             assert said.phones == (Interval(0.1, 0.2, "h"), Interval(0.2, 0.4, "o"))
-            assert said.gestures == ()
+            assert said.gestures == {}
     path.write_text(grid(("maus", SPOKEN)))  # the only tier may have any name
     assert read_transcript(path).words[0].text == "hello"
     path.write_text(grid(*tiers).replace("xmin = 0.2000", "xmin = 9"))
@@ -66,10 +65,10 @@ def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_p
     for name in ("gesture_left", "G-Phase", "Strokes RH"):
         tiers = (("words", SPOKEN), ("phones", PHONES), (name, phases), ("gesture", []))
         path.write_text(grid(*tiers))
-        assert read_transcript(path).gestures == (GestureTier(name, found),)
+        assert read_transcript(path).gestures == {name: found}
     names = [f"gesture {number}" for number in range(MAX_GESTURE_TIERS + 1)]
     path.write_text(grid(("words", SPOKEN), *((name, PHONES) for name in names)))
-    assert [tier.name for tier in read_transcript(path).gestures] == names[:-1]
+    assert list(read_transcript(path).gestures) == names[:-1]
 
 
 def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path):
@@ -83,8 +82,8 @@ def test_the_example_s_tiers_belong_to_its_speech_and_motion():
     said = read_transcript(CLEAN.with_suffix(".TextGrid"))
     speech = load_speech(CLEAN.with_suffix(".wav"))
     assert speech.duration_s == load_motion(CLEAN).num_frames / 30
-    assert [tier.name for tier in said.gestures] == ["gesture_left", "gesture_right"]
-    ends = [each[-1].end_s for each in (said.words, *(tier.phases for tier in said.gestures))]
+    assert list(said.gestures) == ["gesture_left", "gesture_right"]
+    ends = [each[-1].end_s for each in (said.words, *said.gestures.values())]
     assert all(13 < end <= speech.duration_s for end in ends)
     # Words are louder than what is between them, so they stand where they are said.
     loud = np.zeros(len(speech.waveform), bool)
