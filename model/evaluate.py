@@ -14,9 +14,7 @@ import hashlib
 import json
 import logging
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
@@ -178,7 +176,7 @@ def evaluate(
     asked: Sampling = USUAL,
     speakers: tuple[str, str] = CALM_AND_LIVELY,
     pool: JobPool = ALONE,
-    kept: Path | None = None,
+    kept: Path,
 ) -> dict:
     """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts,
     ``left_out`` says what there is no judge for. Every clip has noise of its own, which is the same
@@ -189,7 +187,7 @@ def evaluate(
         speakers: a calm one and a lively one, who are compared on a few clips.
         pool: who measures the clips.
         kept: where the numbers of each clip stay; those of the same recordings, weights and
-            options are taken from there. None keeps nothing.
+            options are taken from there.
 
     Raises:
         DataError: if fewer than two clips can be used.
@@ -207,22 +205,21 @@ def evaluate(
     judge = judge_of(folder, whose)
     one = OneClip(folder, cast, seeds, asked, few, judge, np.mean(speeds, axis=0))
     stamp = _stamp(one, names, there)
-    with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
-        files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
-        Path(place).mkdir(parents=True, exist_ok=True)
-        jobs = [
-            Job(name, files[name].is_file, partial(one.measure, name, other, files[name]))
-            for name, other in zip(names, [*names[1:], names[0]], strict=True)
-        ]
-        todo = sum(not job.is_done() for job in jobs)
-        with tqdm(total=todo, desc="clips", unit="clip") as bar:
+    kept.mkdir(parents=True, exist_ok=True)
+    files = {name: (kept / f"{name}-{stamp}.npz").absolute() for name in names}
+    jobs = [
+        Job(name, files[name].is_file, partial(one.measure, name, other, files[name]))
+        for name, other in zip(names, [*names[1:], names[0]], strict=True)
+    ]
+    todo = sum(not job.is_done() for job in jobs)
+    with tqdm(total=todo, desc="clips", unit="clip") as bar:
 
-            def on_done(name: str) -> None:
-                bar.update()
+        def on_done(name: str) -> None:
+            bar.update()
 
-            for error in pool.do_all(jobs, on_done).values():
-                raise error
-        rows = [load_rows(files[name]) for name in names]
+        for error in pool.do_all(jobs, on_done).values():
+            raise error
+    rows = [load_rows(files[name]) for name in names]
     return {
         "clips": names,
         "noise_seeds": seeds,

@@ -23,17 +23,20 @@ def sinusoidal_positions(length: int, width: int) -> Float[Tensor, "length width
     return table
 
 
+FREQUENCIES = 16
+
+
 class TimeEmbedding(nn.Module):
     """Fourier features of the flow time t in [0, 1], then a small MLP."""
 
-    def __init__(self, width: int, num_frequencies: int = 16) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
         self.frequencies: Tensor
         self.register_buffer(
-            "frequencies", math.pi * 2.0 ** torch.linspace(-1, 5, num_frequencies), persistent=False
+            "frequencies", math.pi * 2.0 ** torch.linspace(-1, 5, FREQUENCIES), persistent=False
         )
         self.mlp = nn.Sequential(
-            nn.Linear(2 * num_frequencies, width), nn.SiLU(), nn.Linear(width, width)
+            nn.Linear(2 * FREQUENCIES, width), nn.SiLU(), nn.Linear(width, width)
         )
 
     def forward(self, t: Float[Tensor, " B"]) -> Float[Tensor, "B width"]:

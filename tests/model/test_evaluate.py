@@ -3,8 +3,10 @@
 import csv
 import json
 import shutil
+import tempfile
 from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -51,7 +53,9 @@ CLIPS, NAME = ["1_ann_0_0_0", "2_bob_0_1_1"], "globaldiff/local"
 
 def table_of(data, *systems, clips=CLIPS, seeds=1, judges=MappingProxyType({}), matching=None,
              **options) -> dict:  # fmt: skip
-    return evaluate(partial(Cast, systems, judges, matching), data, clips, seeds, **options)
+    cast = partial(Cast, systems, judges, matching)
+    with tempfile.TemporaryDirectory() as folder:
+        return evaluate(cast, data, clips, seeds, **{"kept": Path(folder), **options})
 
 
 def of_test_split(folder):
