@@ -131,7 +131,13 @@ def input_vectors(
     transl: Float[Tensor, "B T 3"],
     face: Float[Tensor, "B T units"],
 ) -> Float[Tensor, "B T channels"]:
-    """What a network of this shape sees of a motion, not normalised."""
+    """What a network of this shape sees of a motion, not normalised.
+
+    Args:
+        poses: local axis-angle, radians.
+        transl: root position, metres.
+        face: face units, 0 to 1.
+    """
     parts = []
     if config.motion_channels > 0:
         parts.append(to_vectors(config.rotation_space, poses, transl))

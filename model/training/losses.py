@@ -46,8 +46,11 @@ def contact_loss(
 
 
 def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
-    """Kullback-Leibler divergence of each scale's codes, told by mean and log-variance, from a
-    standard normal; mean over its numbers."""
+    """Kullback-Leibler divergence of codes from a standard normal, mean over a scale's numbers.
+
+    Args:
+        codes: mean and log-variance, each (B, tokens, dim), for every scale.
+    """
     by_scale = [
         0.5 * (mean.square() + log_var.exp() - 1 - log_var).mean((1, 2)) for mean, log_var in codes
     ]

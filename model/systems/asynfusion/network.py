@@ -111,7 +111,14 @@ class DualBranchNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Pair:
-        """Clean motion of both branches at once, in normalised components."""
+        """Clean motion of both branches at once.
+
+        Args:
+            x_t: (B, T, 52) and (B, T, 168), normalised components.
+            t: flow times, each (B,).
+            seed: the clean first frames; ignored where ``has_seed`` is false.
+            has_speech: false hides the speech from both branches.
+        """
         found = self.evaluate(
             BRANCHES, x_t, t, {},
             heard=self.hear(speech, has_speech), seed=seed, speaker=speaker, has_seed=has_seed,

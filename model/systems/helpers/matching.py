@@ -56,7 +56,11 @@ LEAST_SIZE = 1e-3
 
 def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
     """`TRACKS` of motions, not normalised: logarithms of angular speeds (rad/s), and how far the
-    jaw is open (rad). But for that, they do not depend on the pose."""
+    jaw is open (rad). But for that, they do not depend on the pose.
+
+    Args:
+        poses: local axis-angle, radians.
+    """
     joints = poses.unflatten(-1, (-1, 3))
     tracks = []
     for names in CHAINS.values():

@@ -58,7 +58,11 @@ _CALLED: dict[Part, tuple[str, str]] = {
 
 
 def official_folder() -> Path | None:
-    """The folder that ``OFFICIAL_DIR`` names; None if none is named."""
+    """The folder that ``OFFICIAL_DIR`` names; None if none is named.
+
+    Raises:
+        CheckpointError: if it is not there.
+    """
     named = os.environ.get(FOLDER_VARIABLE)
     if named and not Path(named).is_dir():
         raise CheckpointError(
@@ -70,7 +74,11 @@ def official_folder() -> Path | None:
 
 def official_file(part: Part) -> Path:
     """The checkpoint of a network in that folder: of several the one called best, else that of the
-    last epoch."""
+    last epoch.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
     folder = official_folder()
     if folder is None:
         raise CheckpointError(
@@ -96,6 +104,9 @@ def require_speech(path: Path | None = None) -> Path:
 
     Args:
         path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
+
+    Raises:
+        EncoderError: if neither names anything that is there.
     """
     named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
     path = path or (Path(named) if named else None)
