@@ -15,10 +15,9 @@ import torch
 
 from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
-from model.evaluation.clips import Cast, ClipContext, ClipRow, as_table, read_recording
+from model.evaluation.clips import Cast, ClipRow, as_table
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.judges import (
-    MEASURES,
     NO_HEARING_JUDGE,
     NO_SPEAKER_JUDGE,
     UNKNOWN_SPEAKERS,
@@ -36,11 +35,9 @@ from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.storage.checkpoint import save_weights
 from model.systems.helpers.config import AUTOENCODERS, HEARING_JUDGE
-from model.systems.helpers.matching import load_judge
 from model.systems.registry import load_system
 from processes.pool import JobPool
 from tests.model.made import make_data_folder
-from tests.model.systems.helpers.made_matching import make_judge
 
 ROW = ClipRow(
     measures={"tip_jerk_m_s3": 1.0},
@@ -251,27 +248,6 @@ def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, 
     assert "spread_at_will_m" not in plain["motion"][NAME], "it needs two of a kind"
     assert plain["motion"][NAME]["arms_in_silence"]["mean"] > 0
     assert plain["left_out"][-2:] == [UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
-
-
-@pytest.mark.slow  # clips of ten seconds; what a judge tells is tested beside it
-def test_matched_speech_has_rows_where_its_judge_is_there(system, made_once, tmp_path):
-    judge = load_judge(made_once("judge", make_judge), HEARING_JUDGE)
-    data = of_test_split(make_data_folder(tmp_path / "data", seconds=10))
-    table = table_of(data, system, matching=judge)
-    assert NO_HEARING_JUDGE not in table["left_out"]
-    text = as_markdown(table)
-    assert "| matched, share right | " in text and "| of the jaw | " in text
-    for row in ("recorded", NAME):
-        for measure in (*MEASURES, "arm_speed_heard"):
-            found = table["motion"][row][measure]
-            assert found["low"] <= found["mean"] <= found["high"]
-    alone = []
-    for own, foreign in (CLIPS, CLIPS[::-1]):
-        (motion, speech), (_, other) = (read_recording(data, clip) for clip in (own, foreign))
-        cast = Cast((system,), matching=judge)
-        context = ClipContext(motion, speech.waveform, other.waveform, np.ones(13), cast)
-        alone.append(context.row([motion]).measures["matched"])
-    assert table["motion"]["recorded"]["matched"]["mean"] == pytest.approx(np.mean(alone))
 
 
 def test_recorded_clips_are_paired_with_those_of_their_speaker():

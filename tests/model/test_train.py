@@ -182,7 +182,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
 
 def test_flow_times_are_a_power_of_uniform_ones(data):
     times = {}
-    for power in (1.0, 2.0, 3.0):
+    for power in (1.0, 3.0):
         task, batch = made_task(quick("globaldiff/local", flow_time_power=power), data)
         seen = []
         task.network.register_forward_pre_hook(lambda module, args, seen=seen: seen.append(args[1]))
