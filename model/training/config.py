@@ -23,6 +23,8 @@ class TrainConfig:
     learning_rate: float = 4e-4
     warmup_steps: int = 200
     weight_decay: float = 0.01
+    betas: tuple[float, float] = (0.9, 0.999)
+    """Of the optimizers."""
     clip_norm: float = 1.0
     ema_decay: float = 0.999
     seed_dropout: float = 0.1

@@ -68,11 +68,11 @@ class Shard:
     @contextmanager
     def first_alone(self) -> Iterator[None]:
         """Let the first process through the block before the others."""
-        if self.count > 1 and not self.is_first:
-            dist.barrier()
+        if not self.is_first:
+            self.wait()
         yield
-        if self.count > 1 and self.is_first:
-            dist.barrier()
+        if self.is_first:
+            self.wait()
 
     def wait(self) -> None:
         """Go on when all processes are here."""

@@ -193,17 +193,10 @@ class DescentTask(ABC):
         """Whose share of each batch is computed."""
         return self.setup.shard
 
-    @property
-    def betas(self) -> tuple[float, float]:
-        """Of the optimizer."""
-        return 0.9, 0.999
-
     def adam(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
         """What changes a network."""
-        decay = self.config.weight_decay
-        return torch.optim.AdamW(
-            network.parameters(), rate, self.betas, weight_decay=decay, fused=True
-        )
+        betas, decay = self.config.betas, self.config.weight_decay
+        return torch.optim.AdamW(network.parameters(), rate, betas, weight_decay=decay, fused=True)
 
     @cached_property
     def parallel(self) -> nn.Module:

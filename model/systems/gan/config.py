@@ -73,7 +73,6 @@ class GanConfig(TrainConfig):
     """Each window is denoised as in a sampling of so many steps; every count is as likely."""
     discriminator_learning_rate: float = 1e-3
     betas: tuple[float, float] = (0.5, 0.999)
-    """Of both optimizers."""
 
 
 def presets(system: str) -> dict[str, GanConfig]:

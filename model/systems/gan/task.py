@@ -97,11 +97,6 @@ class GanTask(DescentTask):
             compiled(self.explicit_terms) if self.compiles else self.explicit_terms
         )
 
-    @property
-    def betas(self) -> tuple[float, float]:
-        """Of both optimizers."""
-        return self.config.betas
-
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         """See `Task`; both networks change at once, each by the other as it was."""
         config = self.config
