@@ -41,16 +41,6 @@ def fade_weights(overlap: int) -> Float[Tensor, " overlap"]:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def cross_fade(
-    older: tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]],
-    newer: tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]],
-) -> tuple[Float[Tensor, "*batch S J 3 3"], Float[Tensor, "*batch S C"]]:
-    """The frames two windows share: rotations along the geodesic, root channels linearly."""
-    weight = fade_weights(older[0].shape[-4]).to(older[1])
-    rotmat = interpolate_rotations(older[0], newer[0], weight[:, None])
-    return rotmat, fade(older[1], newer[1])
-
-
 def fade(
     older: Float[Tensor, "*batch S C"], newer: Float[Tensor, "*batch S C"]
 ) -> Float[Tensor, "*batch S C"]:
@@ -313,15 +303,17 @@ class System(ABC):
         """
 
     def join(self, older: Window, newer: Window) -> Window:
-        """``newer`` with its first frames joined to those of the motion so far, ``older``."""
-        shared = slice(older.root.shape[1])
-        rest = slice(shared.stop, None)
-        first = newer.part(shared)
-        rotmat, root = cross_fade((older.rotmat, older.root), (first.rotmat, first.root))
-        expression = fade(older.expression, first.expression)
+        """``newer`` with its first frames joined to the same of the motion so far (``older``):
+        rotations along the geodesic, all else linearly."""
+        shared = older.root.shape[1]
+        first, rest = newer.part(slice(shared)), newer.part(slice(shared, None))
+        weight = fade_weights(shared).to(older.root)[:, None]
+        joined = {
+            "rotmat": interpolate_rotations(older.rotmat, first.rotmat, weight),
+            "root": fade(older.root, first.root),
+            "expression": fade(older.expression, first.expression),
+        }
         return replace(
             newer,
-            rotmat=torch.cat([rotmat, newer.rotmat[:, rest]], dim=1),
-            root=torch.cat([root, newer.root[:, rest]], dim=1),
-            expression=torch.cat([expression, newer.expression[:, rest]], dim=1),
+            **{n: torch.cat([start, getattr(rest, n)], dim=1) for n, start in joined.items()},
         )

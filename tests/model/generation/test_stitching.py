@@ -1,8 +1,10 @@
 """Windows of any length: how many, how they fade into each other, what speech each hears."""
 
+from typing import Any
+
 import torch
 
-from model.generation.base import SpeechWindow, cross_fade, fade_weights, num_windows
+from model.generation.base import SpeechWindow, System, Window, fade_weights, num_windows
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 from model.sampling.samplers import clip_seed
 
@@ -22,14 +24,17 @@ def test_a_fade_follows_the_geodesic_and_rises_evenly_on_both_sides():
     assert 0 < weight[0] < 0.02  # leaves the older window without a step
     older = matrix_from_axis_angle(torch.zeros(2, 8, 55, 3))
     newer = matrix_from_axis_angle(torch.tensor([0.0, 0.0, 0.8]).expand(2, 8, 55, 3))
-    root = torch.randn(2, 8, 3)
-    rotmat, blended = cross_fade((older, root), (newer, root + 1))
+    root, face = torch.randn(2, 8, 3), torch.rand(2, 8, 52)
+    nobody: Any = None  # a join asks nothing of its system
+    one, other = Window(older, root, face), Window(newer, root + 1, face - 1)
+    joined = System.join(nobody, one, other)
     expected = (0.8 * weight)[None, :, None].expand(2, 8, 55)
-    torch.testing.assert_close(geodesic_angle(older, rotmat), expected, atol=1e-4, rtol=0)
-    torch.testing.assert_close(blended - root, weight[:, None].expand(2, 8, 3))
-    same, same_root = cross_fade((newer, root), (newer, root))
-    torch.testing.assert_close(same, newer, atol=1e-5, rtol=0)
-    torch.testing.assert_close(same_root, root)
+    torch.testing.assert_close(geodesic_angle(older, joined.rotmat), expected, atol=1e-4, rtol=0)
+    torch.testing.assert_close(joined.root - root, weight[:, None].expand(2, 8, 3))
+    torch.testing.assert_close(face - joined.expression, weight[:, None].expand(2, 8, 52))
+    same = System.join(nobody, other, other)
+    torch.testing.assert_close(same.rotmat, newer, atol=1e-5, rtol=0)
+    torch.testing.assert_close(same.root, other.root)
 
 
 def test_windows_of_speech_hold_both_its_ends():
