@@ -37,33 +37,21 @@ class TrainingError(ValueError):
 
 
 class History:
-    """Rows of log.csv, averaged between flushes."""
+    """Rows of log.csv; those of single steps are averaged between flushes."""
 
     def __init__(self, path: Path, keep_below: int) -> None:
         self.path = path
         self.pending: list[dict[str, float]] = []
         self.rows: list[dict[str, Any]] = []
-        self.last_validation: dict[str, float] = {}
-        self.step = keep_below
         if keep_below and path.is_file():
             with path.open(newline="") as file:
                 self.rows = [r for r in csv.DictReader(file) if int(r["step"]) <= keep_below]
 
-    def add(self, step: int, parts: dict[str, float]) -> None:
-        self.step = step + 1
-        self.pending.append(parts)
-
-    def add_validation(self, step: int, parts: dict[str, float]) -> None:
-        self.step = step + 1
-        self.last_validation = parts
-        self.rows.append({"step": self.step, "split": "val", **parts})
-
-    def flush(self) -> None:
-        if self.pending:
-            names = self.pending[0]
-            mean = {n: float(np.mean([p[n] for p in self.pending])) for n in names}
-            self.rows.append({"step": self.step, "split": "train", **mean})
-            self.pending = []
+    def flush(self, step: int) -> None:
+        names = self.pending[0]
+        mean = {n: float(np.mean([p[n] for p in self.pending])) for n in names}
+        self.rows.append({"step": step, "split": "train", **mean})
+        self.pending = []
         columns = list(dict.fromkeys(name for row in self.rows for name in row))
         rows = [columns, *([row.get(name) for name in columns] for row in self.rows)]
         with written_atomically(self.path) as path:
@@ -207,7 +195,7 @@ def train(
         state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
         task.restore(state)
         first = int(state["step"])
-    history = History(out / "log.csv", keep_below=first)
+    history, means = History(out / "log.csv", keep_below=first), {}
 
     def batch_of(clips: tuple[PreparedClip, ...], rng: np.random.Generator) -> Batch:
         size = config.batch_size
@@ -218,7 +206,7 @@ def train(
     for step in progress:
         rng = np.random.default_rng([config.random_seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        history.add(step, task.step(step, batch_of(train_clips, rng), generator))
+        history.pending.append(task.step(step, batch_of(train_clips, rng), generator))
         done = step + 1
         last = done == config.steps
         if last or done % config.validate_every == 0:
@@ -228,11 +216,11 @@ def train(
                 parts = task.validate(batch, torch.Generator().manual_seed(k))
                 sums = {name: sums.get(name, 0.0) + value for name, value in parts.items()}
             means = {name: total / VALIDATION_BATCHES for name, total in shard.mean(sums).items()}
-            history.add_validation(step, means)
+            history.rows.append({"step": done, "split": "val", **means})
             progress.set_postfix(val=f"{means['total']:.4f}")
         if shard.is_first and (last or done % config.save_every == 0):
-            history.flush()
-            card = make_card(config, data, data_folder, done, history.last_validation, origin)
+            history.flush(done)
+            card = make_card(config, data, data_folder, done, means, origin)
             save_weights(out / "weights", config.system, task.export(), card)
             with written_atomically(out / STATE_FILE) as path:  # last: it needs the weights
                 torch.save({"step": done, **task.state()}, path)
