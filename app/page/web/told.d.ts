@@ -3,7 +3,7 @@
 /** Start and end in seconds, and what is said or done. */
 export type Interval = [number, number, string];
 
-/** Of one motion: app/page/player/player.py and app/run/output/run_folder.py. Addresses are relative to the page. */
+/** Of one motion: app/page/results/player.py and app/run/output/run_folder.py. Addresses are relative to the page. */
 export interface Row {
   name: string;
   label?: string;
@@ -39,7 +39,7 @@ export interface Assumption {
   others: string[];
 }
 
-/** app/page/player/player.py */
+/** app/page/results/player.py */
 export interface Editing {
   /** The run's own rows that can be edited. */
   rows: string[];
