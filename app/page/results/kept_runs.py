@@ -30,7 +30,6 @@ from app.page.results.tables import clips_html, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept, is_same
-from app.run.ask import Ask
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
 
@@ -53,8 +52,6 @@ class KeptRun:
     form: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
     ended: float = field(default_factory=time.time)
-    to_draw: Ask | None = None
-    """What is to be drawn of it as soon as the page asks."""
     token: str = ""
     clips: dict[str, KeptRun] = field(default_factory=dict)
     """Of several that are one run all of them, this one too, by name."""

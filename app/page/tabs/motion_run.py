@@ -104,14 +104,11 @@ class RunRunner(TabRunner):
     def asked(self, job: Job, values: Sequence[Any]) -> Ask:
         """Raises `RunError` when the form asks for what cannot be."""
 
-    def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
-        """Of the form, for whoever opens the run by its link."""
-        return {}
-
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         ask = self.asked(job, values)
         self.videos.give_up(job.visitor)
-        form = self.kept_form(job, values)
+        fields = self._form.fields
+        form = kept_values(fields, values, job.folder) if "speech" in fields else {}
         yield self.blank()
         yield from self.perform(job, ask, form)
 
@@ -151,7 +148,7 @@ class RunRunner(TabRunner):
                 raise
         kept = services.kept.keep_run(job, showings(), form)
         if ask.has_video and kept.record.state == "done" and not kept.clips:
-            kept.to_draw = ask
+            self.videos.want(kept, ask)
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
@@ -205,9 +202,6 @@ class GenerateRunner(RunRunner):
         services = self._services
         told = values_of(Ask, self._form.fields, values)
         return ask_from_form(told, job.folder, services.catalogue, services.config)
-
-    def kept_form(self, job: Job, values: Sequence[Any]) -> dict[str, Any]:
-        return kept_values(self._form.fields, values, job.folder)
 
 
 class Opening:

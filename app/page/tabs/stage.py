@@ -196,18 +196,17 @@ class VideosBehind:
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
         self._services = services
         self._parts = parts
-        self._of = tab
         self._tab = f"{tab} videos"
+        self._wanted: dict[str, tuple[KeptRun, Ask]] = {}
 
-    def _wanted(self, visitor: str) -> list[KeptRun]:
-        mine = (visitor, self._of)
-        runs = self._services.kept.all()
-        return [run for run in runs if run.to_draw and (run.job.visitor, run.job.tab) == mine]
+    def want(self, run: KeptRun, ask: Ask) -> None:
+        """Draw them as soon as its visitor's page asks; without a page nobody does."""
+        kept = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
+        self._wanted = kept | {run.job.visitor: (run, ask)}
 
     def give_up(self, visitor: str) -> None:
         """Another run begins: nobody wants the videos of the one before any more."""
-        for run in self._wanted(visitor):
-            run.to_draw = None
+        self._wanted.pop(visitor, None)
         self._services.jobs.cancel(visitor, self._tab)
 
     def left(self, request: gr.Request) -> None:
@@ -229,11 +228,11 @@ class VideosBehind:
     def run(self, request: gr.Request) -> Iterator[Updates]:
         """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
         visitor = visitor_of(request)
-        *_, run = [None, *self._wanted(visitor)]
-        if run is None or run.to_draw is None:
+        wanted = self._wanted.pop(visitor, None)
+        if wanted is None:
             yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
             return
-        ask, run.to_draw = run.to_draw, None
+        run, ask = wanted
         try:
             with self._services.jobs.opened(visitor, self._tab) as job:
                 yield from self._drawn(job, run, ask)

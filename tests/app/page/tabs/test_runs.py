@@ -433,10 +433,7 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
-        self.want()
-
-    def want(self) -> None:
-        self.run.to_draw = Ask(out=Path("out"))
+        self.videos.want(self.run, Ask(out=Path("out")))
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)
