@@ -157,12 +157,13 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 def _step(diagnostics: Diagnostics) -> str:
     """How late each motion is."""
+    found = {name: versions.raw.lag for name, versions in _with_reference(diagnostics).items()}
     told = [
         f"{name} {lag.lag_s:+z.2f} s ({lag.lag_low_s:+z.2f} to {lag.lag_high_s:+z.2f}, by its"
         f" {lag.lag_ground})"
-        if lag.is_known
-        else f"{name} unknown, as neither its face nor its body follows this speech"
-        for name, versions in _with_reference(diagnostics).items()
-        if (lag := versions.raw.lag) is not None
+        for name, lag in found.items()
+        if lag is not None and lag.is_known
     ]
+    if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_known]:
+        told.append(f"{listed(unknown)} unknown, as neither face nor body follows this speech")
     return f"Behind the speech: {'; '.join(told)}." if told else ""

@@ -22,7 +22,7 @@ from model.motion.tracks import point_words
 NOISE_DEG = 0.4
 """Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
 LITTLE_NOISE_DEG = 0.6
-"""Up to here it is told to be hardly seen."""
+"""Up to here it is told to be hardly seen, and last."""
 NAMED = 3
 POP_DEG = 17.0
 """By which one frame stands off both its neighbours, beyond twice their own distance; clean: 6.6.
@@ -73,7 +73,7 @@ def joint_noise(evidence: Evidence) -> Iterator[Finding]:
             f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
             f" the {point_words(evidence.point)} away."
         )
-    yield Finding(sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)
+    yield Finding(sentence, numbers, max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG))
 
 
 def pops(evidence: Evidence) -> Iterator[Finding]:

@@ -6,7 +6,6 @@ reference or the first faint behind. A path of 30 cm hides a tremble of 2 mm; on
 one sees which motion has more. Nothing here knows where the positions or the pictures come from.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -283,10 +282,11 @@ def draw_figure6(contents: Figure6) -> "Figure":
     titles = {
         "a": contents.point,
         "b": "Snapshots by frame",
-        "c": "Path in space (m)",
-        "d": f"Tremble: what is faster than {CUT_OFF_HZ:g} Hz",
+        "c": f"Path, grid {_pitch(_limits(contents, _PATH_ROOM)):g} m",
+        "d": f"Tremble: x above y above z, faster than {CUT_OFF_HZ:g} Hz",
     }
-    letters = dict(zip(contents.panels, PANELS, strict=False))  # those shown count from a
+    shown = dict.fromkeys(panel for row in rows for panel in row.panels)
+    letters = dict(zip(shown, PANELS, strict=False))  # in the order of the page
     parts = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, part in zip(rows, parts, strict=True):
         if len(row.names) == 1 and row.panels != ("d",) and not contents.is_in_one_plot:
@@ -326,10 +326,10 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
             )
 
     if contents.is_in_one_plot:
-        strips = count * (14.0 if is_wide else 17.0)
+        strips = count * (14.0 if is_wide else 12.0)
         room = 0.6 * width if is_wide and "a" in contents.panels else width
         each = min(room / aspect, (110.0 if is_wide else 75.0) / count)
-        pictures = count * (each + _KEY_MM)
+        pictures = count * (each + 1.5 * _KEY_MM)
         if is_wide:
             beside = each * aspect + 3.0
             tall = {"a": 70.0, "b": pictures - _TIME_MM, "c": 52.0, "d": strips}
@@ -338,7 +338,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
             yield from rows("ab", [names], high, max(width - beside, 1.0), beside)
             yield from rows("cd", [names], low, 0.38 * width, 0.62 * width)
         else:
-            for panel, height in zip("abcd", (54.0, pictures, 42.0, strips), strict=True):
+            for panel, height in zip("abcd", (52.0, pictures, 38.0, strips), strict=True):
                 yield from rows(panel, [names], height, width)
         return
     alone = [(name,) for name in names]
@@ -366,7 +366,7 @@ def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, A
         yield name, contents.styles[name].line_properties | {"markevery": contents.marker_frames}
 
 
-def _limits(contents: Figure6, room: float, least: float) -> np.ndarray:
+def _limits(contents: Figure6, room: float, least: float = _MIN_SHARE) -> np.ndarray:
     """Limits of x, y and z in metres (3, 2): all that is drawn, with some room, and the flattest
     with a share of the others."""
     positions = np.concatenate(list(contents.paths.values())).astype(np.float64)
@@ -399,8 +399,7 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
         ticks = MaxNLocator(most, steps=[1, 2, 5, 10], min_n_ticks=2).tick_values(*limits[k])
         ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
         axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
-        upright = {} if contents.is_in_one_plot else {"rotation": 0, "ha": "right", "va": "center"}
-        axes.set_ylabel(f"{letter} (m)", **upright)
+        axes.set_ylabel(f"{letter} (m)", rotation=0, ha="right", va="center")
     _write_times(stack[-1], row)
     part.align_ylabels(stack)
 
@@ -423,9 +422,17 @@ PROJECTION = np.stack([_ACROSS, np.cross(_TO_CAMERA, _ACROSS)], axis=1)
 """(3, 2): x, y and z on paper, without perspective."""
 
 
+_PATH_ROOM = 1.06
+
+
+def _pitch(limits: np.ndarray) -> float:
+    """Metres between the lines of floor and walls."""
+    return style.round_below(0.5 * float(np.ptp(limits, axis=1).min()))
+
+
 def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """The path in space before a floor and two walls, all three axes to one scale."""
-    limits = _limits(contents, 1.06, _MIN_SHARE)
+    limits = _limits(contents, _PATH_ROOM)
     above, below = (0.0, 0.0) if contents.is_in_one_plot else row.extra_mm
     heights = [mm for mm in (above, row.height_mm - above - below, below) if mm]
     grid = part.add_gridspec(len(heights), 1, height_ratios=heights)
@@ -433,9 +440,7 @@ def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     axes.set_label("path")
     axes.set_aspect("equal")
     axes.set_axis_off()
-    spans = np.ptp(limits, axis=1)
-    pitch = style.round_below(0.5 * float(spans.min()))
-    decimals = max(0, -math.floor(math.log10(pitch)))
+    pitch = _pitch(limits)
     corner = np.array([limits[0, 1], limits[1, 0], limits[2, 0]])  # floor and walls meet here
 
     def line(start: np.ndarray, along: int, **looks: Any) -> None:
@@ -449,21 +454,15 @@ def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
             start = corner.copy()
             start[axis] = tick
             line(start, along, color=style.GRID_INK, linewidth=0.4, zorder=0.5)
-    # Numbers stand at the edges that nothing is drawn beyond: below in front, and at the left.
-    edges = {0: (limits[1, 0], limits[2, 1]), 1: (limits[0, 0], limits[2, 0]),
-             2: (limits[0, 0], limits[1, 0])}  # fmt: skip
-    away = {0: [(5.0, -7.0)] * 2, 1: [(-3.0, 3.0), (-3.0, 0.0)], 2: [(-3.0, -3.0), (-3.0, -7.0)]}
-    for axis, fixed in edges.items():
-        start = np.insert(np.array(fixed), axis, 0.0)
+    front, back = limits[[0, 1, 2], [0, 0, 1]], limits[:, 0]  # edges that nothing is beyond
+    away = (4.0, -6.0), (-4.0, 0.0), (-4.0, -5.0)
+    for axis, (start, offset) in enumerate(zip((front, back, front), away, strict=True)):
         line(start, axis, color=style.INK, linewidth=0.5, zorder=0.6)
-        letters = ("", f"{COORDINATES[axis]} ")
-        for place, letter, offset in zip(ticks[axis][[0, -1]], letters, away[axis], strict=True):
-            text = f"{letter}{place:.{decimals}f}".replace("-", "\N{MINUS SIGN}")
-            start[axis] = place
-            axes.annotate(
-                text, tuple(start @ PROJECTION), offset, textcoords="offset points", size=SMALL_PT,
-                ha="right" if axis else "center", va="center", annotation_clip=False,
-            )  # fmt: skip
+        middle = np.where(np.arange(3) == axis, limits.mean(axis=1), start)
+        axes.annotate(
+            COORDINATES[axis], tuple(middle @ PROJECTION), offset, textcoords="offset points",
+            size=SMALL_PT, ha="center", va="center", annotation_clip=False,
+        )  # fmt: skip
     for name, looks in _curves(contents, row):
         axes.plot(*(contents.paths[name] @ PROJECTION).T, label=name, **looks)
 
@@ -574,8 +573,8 @@ def _mark_samples(contents: Figure6) -> list[Any]:
     marks = contents.marks
     assert marks is not None
     texts = {
-        0.5: f"{0.5 * marks.full_scale:g}",
-        1.0: f"{marks.full_scale:g} m/s³ jerk",
+        0.5: f"jerk {0.5 * marks.full_scale:g}",
+        1.0: f"{marks.full_scale:g} m/s³",
     }
     return [
         Line2D(
@@ -601,19 +600,14 @@ def _strips(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     for name, axes in zip(row.names, strips, strict=True):
         axes.set_label(f"tremble of {name}")
         axes.plot(times, lifted[name], color=contents.styles[name].color, linewidth=0.6)
-        axes.set_yticks(lifts, COORDINATES if contents.is_in_one_plot else ("x", "", "z"))
-        axes.tick_params(axis="y", length=0)
+        axes.set_yticks(lifts)
+        axes.tick_params(axis="y", length=0, labelleft=False)
         axes.grid(True, axis="y")
         rms = float(np.sqrt(np.square(contents.tremble[name]).sum(axis=1).mean()))
-        size = f"{rms:.1f} mm rms"
-        if contents.is_in_one_plot:
-            title = f"{style.cut_text(name, SMALL_PT, 0.4 * contents.width_mm)}  {size}"
-            axes.set_title(title, size=SMALL_PT, pad=1.5)
-        else:
-            lines = style.wrap_text(name, SMALL_PT, 0.2 * contents.width_mm)
-            more = "\N{HORIZONTAL ELLIPSIS}" if len(lines) > 2 else ""
-            label = "\n".join(lines[:2]) + f"{more}\n{size}"
-            axes.set_ylabel(label, size=SMALL_PT, rotation=0, ha="right", va="center", labelpad=4.0)
+        lines = style.wrap_text(name, SMALL_PT, 0.2 * contents.width_mm)
+        more = "\N{HORIZONTAL ELLIPSIS}" if len(lines) > 2 else ""
+        label = "\n".join(lines[:2]) + f"{more}\n{rms:.1f} mm rms"
+        axes.set_ylabel(label, size=SMALL_PT, rotation=0, ha="right", va="center", labelpad=4.0)
         end = times[-1] + 4 * margin
         looks = {"color": style.INK, "solid_capstyle": "butt", "clip_on": False}
         axes.plot([end, end], [-bar / 2, bar / 2], linewidth=1.2, **looks)
