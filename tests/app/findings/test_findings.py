@@ -297,7 +297,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
     motions = (FIRST_LOOK / "shown" / "A.npz", FIRST_LOOK / "shown" / "B.npz")
-    do(Ask(motions=motions, out=tmp_path / "out", names=("A", "B"), has_poses=False))
+    do(Ask(motions=motions, out=tmp_path / "out", names=("A", "B"), has_figures=False))
     record = read_run(tmp_path / "out")
     verdict = record.verdict
     assert verdict is not None and verdict.numbers.endswith("A 190, B 1318.")

@@ -287,7 +287,7 @@ def test_every_planted_fault_is_found(tmp_path: Path) -> None:
         reference=Path(reference),
         speech=Path(speech),
         transcript=Path(transcript),
-        has_poses=False,
+        has_figures=False,
     )
     result = do(request)
     assert result.notes == ()

@@ -145,7 +145,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
                 out=tmp_path / f"alone-{clip}",
                 reference=long["gt"] / f"{clip}.npz",
                 speech=tmp_path / "sound" / f"{clip}.wav",
-                has_poses=False,
+                has_figures=False,
             )
         ).diagnostics
         for name, versions in (("lively", alone.systems[clip]), ("reference", alone.reference)):
