@@ -4,10 +4,12 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
+from model.speech import prepared_librosa
 from tests.helpers import ROOT
 
 SMALL = """
@@ -67,11 +69,12 @@ def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is
     assert state(place) == before, "who reads writes nothing"
 
 
-def test_a_folder_that_others_may_write_to_is_not_used(tmp_path):
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     folder = tmp_path / "co-speech-motion" / "librosa"
-    folder.mkdir(parents=True)
+    assert prepared_librosa._own_folder() == folder
     folder.chmod(0o777)
-    heard(start(tmp_path, f"import tempfile; tempfile.tempdir = {str(tmp_path)!r}" + SMALL))
-    assert not list(folder.iterdir())
-    (own,) = tmp_path.glob("co-speech-motion-*/librosa")
-    assert own.stat().st_mode & 0o777 == 0o700 and list(own.glob("*/whole"))
+    own = prepared_librosa._own_folder()
+    assert own == tmp_path / f"co-speech-motion-{os.getuid()}" / "librosa"
+    assert own.stat().st_mode & 0o777 == 0o700

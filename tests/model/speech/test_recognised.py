@@ -38,9 +38,11 @@ def spelt(said: Transcript) -> list[str]:
 
 
 def test_a_text_is_found_where_it_is_said_with_its_phones():
-    exact = read_transcript(CLEAN.with_suffix(".TextGrid")).words
+    words = read_transcript(CLEAN.with_suffix(".TextGrid")).words
+    exact = [word for word in words if word.end_s < 6.0]
     text = " ".join(word.text for word in exact).capitalize()
-    said = heard(load_speech(CLEAN.with_suffix(".wav")).waveform, text)
+    until = round((exact[-1].end_s + words[len(exact)].start_s) / 2 * SAMPLE_RATE)
+    said = heard(load_speech(CLEAN.with_suffix(".wav")).waveform[:until], text)
     assert said.notes == () and said.transcript.origin == "aligned"
     words, phones = said.transcript.words, said.transcript.phones
     assert [word.text for word in words] == text.split()  # as it was written
@@ -132,9 +134,9 @@ def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
 
 def test_of_a_few_seconds_words_are_recognised():
     waveform, _ = example("three_reasons")
-    said = heard(waveform[: 4 * SAMPLE_RATE]).transcript
+    said = heard(waveform[: 2 * SAMPLE_RATE]).transcript
     assert said.origin == "recognised" and min(word.confidence for word in said.words) >= SURE
-    assert {"three", "reasons", "like", "small", "idea"} <= set(spelt(said))
+    assert {"three", "reasons"} <= set(spelt(said))
     (three,) = (word for word in said.words if word.text == "three")
     assert three.start_s == pytest.approx(0.97, abs=0.05)
 
