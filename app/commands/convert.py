@@ -17,7 +17,6 @@ from app.config import default_body
 from app.errors import RunError, sentence_of
 from app.flags import File
 from app.run.ask import Assumed
-from app.run.body_motion import body_motion
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from conventions.names import printable
@@ -148,6 +147,7 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
 
 
 def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
+    from app.run.body_motion import body_motion
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from renderer.body.body import BodyMotion
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.measures.posture import FEET
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, first_frames
+from model.motion.tracks import track_points
+from renderer.body.body import BodyMotion
 
 
 def body_motion(motion) -> BodyMotion:
     """A `model.motion.motion.Motion` for the renderer, which does not know the model's types."""
-    from renderer.body.body import BodyMotion
-
     return BodyMotion(
         poses=motion.poses,
         trans=motion.trans,
@@ -34,11 +38,6 @@ def in_register(motion: Motion) -> Motion:
 
     All bodies are of one size here, whoever moves them.
     """
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from model.motion.kinematics import open_body_skeleton
-
     register = register_of(motion)
     turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
     rest = open_body_skeleton().rest_joints[0].double().numpy()  # the pelvis turns about this
@@ -60,14 +59,6 @@ class Register:
 
 def register_of(motion: Motion) -> Register:
     """What `in_register` does to a motion."""
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from conventions.joints import JOINT_INDEX
-    from model.measures.posture import FEET
-    from model.motion.kinematics import open_body_skeleton
-    from model.motion.tracks import track_points
-
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
@@ -94,9 +85,6 @@ class Pictured:
 
 def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
     """The motions in register, cut to what can be drawn in reasonable time."""
-    from conventions.rates import FPS
-    from model.motion.motion import first_frames
-
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
     notes = ()

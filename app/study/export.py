@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
@@ -16,6 +15,7 @@ from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.output.telling import Reporter
+from app.run.videos.videos import picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -25,27 +25,15 @@ from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike
-from app.study.make.workspace import Workspace
+from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.storage.files import file_sha256
-
-if TYPE_CHECKING:
-    from renderer.body.body import BodyMotion
+from renderer.body.body import BodyMotion
+from renderer.scene.stage import set_stage
+from renderer.video.workers import RenderJob, draw_jobs
 
 Draw = Callable[..., object]
 """As `renderer.video.workers.draw_jobs`."""
-
-
-@dataclass(frozen=True)
-class ExportRequest:
-    """A study that is to be made of the plan in a file."""
-
-    plan: Path
-    out: Path
-    weights: Path
-    body: Path | None
-    zips: tuple[Path, Path]
-    """Where the participants' part goes as a zip, and the researcher's with the plan."""
 
 
 def export_planned(
@@ -77,7 +65,7 @@ def export_study(
     *,
     on_progress: Callable[[float], None] = lambda fraction: None,
     should_cancel: Callable[[], bool] = lambda: False,
-    draw: Draw | None = None,
+    draw: Draw = draw_jobs,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
 
@@ -94,8 +82,6 @@ def export_study(
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
-    from renderer.video.workers import draw_jobs
-
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out)
@@ -103,9 +89,7 @@ def export_study(
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(
-            *(plan, workspace, weights, body), draw or draw_jobs, on_progress, should_cancel
-        )
+        maker = _Maker(*(plan, workspace, weights, body), draw, on_progress, should_cancel)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -219,10 +203,6 @@ class _Maker:
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
-        from app.run.videos.videos import picture_of
-        from renderer.scene.stage import set_stage
-        from renderer.video.workers import RenderJob
-
         asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
         settings = picture_of(asked, view, crf=0)  # encoded once more
         stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)

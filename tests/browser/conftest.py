@@ -29,7 +29,8 @@ from app.page.launch import launch
 from app.run.ask import Ask, OnEvent, ShouldCancel
 from app.run.many.opened import do_in_folder
 from app.study.design.plan import read_plan
-from app.study.export import ExportRequest, export_study, zipped
+from app.study.export import export_study, zipped
+from app.study.make.workspace import ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from tests.app import fakes

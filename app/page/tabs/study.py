@@ -28,7 +28,7 @@ from app.page.visitors.uploads import MAX_FILES
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
-from app.study.export import ExportRequest, export_planned
+from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
@@ -369,7 +369,7 @@ class StudyRunner(TabRunner):
                 *(plan, work / "study", config.weights, config.body), (bundle, key)
             )
             line = "Making the videos: {share:.0%}"
-            study = yield from self.done(job, export_planned, asked, line)
+            study = yield from self.done(job, EXPORT_STUDY, asked, line)
             pages = Path(shutil.move(study.bundle, job.folder / "bundle"))
         except BaseException:
             shutil.rmtree(waiting, ignore_errors=True)

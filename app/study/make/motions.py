@@ -6,22 +6,27 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from app.errors import RunError
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
+from app.run.takes.edits import as_long_as
 from app.study.design.plan import Clip, Condition, Plan
 from conventions.rates import FPS, SAMPLE_RATE
+from model.formats.read import read_any_motion
+from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
+from model.motion.altered import filtered
+from model.motion.motion import Motion
+from model.plan.files import read_plan_file
+from model.plan.plan import GesturePlan, PlanError
+from model.sampling.samplers import clip_seed
+from model.speech.audio import Speech, load_speech
 from model.storage.files import file_sha256
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-    from model.plan.plan import GesturePlan
-    from model.speech.audio import Speech
-    from renderer.body.body import Body, BodyMotion
+from renderer.body.body import Body, BodyMotion
+from renderer.scene.stage import set_stage
 
 FACE_JOINTS = slice(3 * 22, 3 * 25)
 """Columns of jaw and eyes in ``poses``."""
@@ -62,9 +67,6 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
 
 def read_source(plan: Plan, clip: Clip) -> Source:
     """As `read_sources`, of one clip."""
-    from model.formats.read import read_any_motion
-    from model.speech.audio import load_speech
-
     files: dict[str, str] = {}
     speech = None
     lengths: dict[str, int] = {}
@@ -112,10 +114,6 @@ def _existing(path: Path, what: str) -> Path:
 
 
 def _read_plan(system: Condition, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
-    from app.run.takes.edits import as_long_as
-    from model.plan.files import read_plan_file
-    from model.plan.plan import PlanError
-
     what = f"plan of {system.name!r} for clip {clip.name!r}"
     try:
         return as_long_as(read_plan_file(_existing(path, what)).plan, duration_s)
@@ -198,10 +196,6 @@ def _generate(
     """From the excerpt alone: the system hears what the participants hear. No two clips share
     noise, or participants would see the same gestures again and again; conditions of one system and
     seed share it, and the plan that a style changes."""
-    from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
-    from model.motion.altered import filtered
-    from model.sampling.samplers import clip_seed
-
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)
     options = GenerateOptions(
@@ -221,8 +215,6 @@ def _generate(
 
 def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> BodyMotion:
     """The mean body, standing on the floor in the middle of the picture."""
-    from renderer.scene.stage import set_stage
-
     poses, expressions = motion.poses.copy(), motion.expressions
     if face == "still":
         poses[:, FACE_JOINTS] = 0

@@ -4,11 +4,27 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
+from app.run.tasks import Task
 from model.storage.files import written_atomically
+
+EXPORT_STUDY = Task("app.study.export", "export_planned")
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """A study that is to be made of the plan in a file."""
+
+    plan: Path
+    out: Path
+    weights: Path
+    body: Path | None
+    zips: tuple[Path, Path]
+    """Where the participants' part goes as a zip, and the researcher's with the plan."""
 
 
 class Workspace:
