@@ -12,7 +12,7 @@ import pytest
 from app.errors import RunError
 from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders
-from app.run.many.table import interval
+from app.run.many.table import cells_of, interval
 from app.run.pipeline import do
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
@@ -84,7 +84,10 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert order == sorted(order) and all("identical" in line for line in worst[-3:])
     paper = (tmp_path / "table.tex").read_text()
     assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
-    assert r"{*}" in next(line for line in paper.splitlines() if "point: Speed" in line)
+    assert "fewer than 10 clips no difference is starred" in paper and "{*}" not in paper
+    measures = json.loads((tmp_path / "many.json").read_text())["measures"]
+    of_ten = cells_of(["lively", "same", "reference"], [{**row, "clips": 10} for row in measures])
+    assert of_ten["Followed point: Speed (m/s)"][0].endswith("*")
     kept = tmp_path / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
     (tmp_path / "clips" / "c.json").write_text("{")  # half a file of a run that was stopped
