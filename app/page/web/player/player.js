@@ -6,7 +6,6 @@
 
 import { make } from "../dom.js";
 import { FPS } from "../stage/motion.js";
-import { readHash, writeHash } from "../stage/address.js";
 import { Look } from "../stage/look.js";
 import { saidOtherwise } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
@@ -24,6 +23,7 @@ const NO_STAGE = "This browser draws no 3D graphics (WebGL 2): videos are shown 
 
 const CROWD = 4; // bodies that need the width of the form
 const NOTE_MS = 400; // browsers allow few changes of an address in a while
+const MARK = "stage"; // of what is seen, behind the # of an address
 
 class Player {
   #root;
@@ -329,6 +329,20 @@ class Player {
     if (event.key === " " && target.closest(PRESSES)) return;
     if (this.controls.press(event) || this.timeline.press(event)) event.preventDefault();
   }
+}
+
+/** What of the stage the page's address says; null where it says nothing of it. */
+function readHash() {
+  const params = new URLSearchParams(location.hash.slice(1));
+  return params.has(MARK) ? params : null;
+}
+
+/** Have it lead to what is seen; nothing is said where all is as usual. */
+function writeHash(params) {
+  if (!location.protocol.startsWith("http")) return; // a file by itself has no address to be shared
+  const hash = params.size ? `#${MARK}&${params}` : "";
+  if (hash === location.hash || (!hash && !location.hash.startsWith(`#${MARK}`))) return;
+  history.replaceState(history.state, "", location.pathname + location.search + hash);
 }
 
 /** Called by Gradio's component; `watch` tells of new values. */
