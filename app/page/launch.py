@@ -93,7 +93,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.live.sessions import LiveSessions
     from app.page.alone import save_page
     from app.page.page import build_app
-    from app.page.parts.catalogue import find_examples, read_catalogue
+    from app.page.parts.catalogue import read_catalogue
     from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
     from app.page.results.player import first_look
     from app.page.routes.guard import HostNames, guarded, quieten_sockets, tell_wrong_calls
@@ -112,7 +112,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     for family in families():
         if (why := family.why_not_on_page()) is not None:
             raise RunError(why)
-    catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
+    catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     keep_uploads_tidy(config.temp, config.min_free_bytes)
     tell_wrong_calls()
     quieten_sockets()

@@ -17,7 +17,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun
 from app.live.sessions import LiveSessions
-from app.page.parts.catalogue import Catalogue, Example
+from app.page.parts.catalogue import Catalogue
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.runner import Services
 from app.page.visitors.files import Jobs
@@ -57,7 +57,7 @@ CATALOGUE = Catalogue(
 
 def catalogue_of(*speeches: Path) -> Catalogue:
     """With these as its examples."""
-    return replace(CATALOGUE, examples=tuple(Example(path.stem, path) for path in speeches))
+    return replace(CATALOGUE, examples=speeches)
 
 
 def does(task: Callable[..., Any], request: Any) -> Any:

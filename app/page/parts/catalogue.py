@@ -27,14 +27,6 @@ MAX_DEFAULT_SYSTEMS = 3
 
 
 @dataclass(frozen=True)
-class Example:
-    """A piece of speech that comes with the app."""
-
-    label: str
-    path: Path
-
-
-@dataclass(frozen=True)
 class Catalogue:
     """The choices that the page shows."""
 
@@ -42,7 +34,8 @@ class Catalogue:
     speakers: tuple[str, ...]
     trained_on: str
     """How much of what, for a sentence; empty for random weights."""
-    examples: tuple[Example, ...] = ()
+    examples: tuple[Path, ...] = ()
+    """Speech that comes with the app."""
     samplers: tuple[str, ...] = ()
     """Of all its systems."""
     usual_steps: str = ""
@@ -73,7 +66,7 @@ def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
     return groups
 
 
-def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
+def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
     """Systems and speakers from the cards beside the weights in ``weights``.
 
     Raises:
@@ -103,12 +96,9 @@ def _usual_steps(system: str) -> str:
     return f"{whose} {steps[system]}"
 
 
-def find_examples(folder: Path) -> tuple[Example, ...]:
-    """Bundled wav files by name; ``a_long_drive.wav`` is offered as "A long drive"."""
-    return tuple(
-        Example(path.stem.replace("_", " ").capitalize(), path)
-        for path in sorted(folder.glob("*.wav"))
-    )
+def example_title(path: Path) -> str:
+    """``a_long_drive.wav`` is offered as "A long drive"."""
+    return path.stem.replace("_", " ").capitalize()
 
 
 def point_choices() -> list[tuple[str, str]]:
@@ -131,11 +121,8 @@ def _trained_on(cards: list[Card]) -> str:
 
 def default_systems(systems: Sequence[str]) -> list[str]:
     """All systems where they are few, else three of them, the usual ones first."""
-    if len(systems) <= MAX_DEFAULT_SYSTEMS:
-        return list(systems)
     usual = [name for name in usual_systems("run") if name in systems]
-    others = [name for name in systems if name not in usual]
-    chosen = [*usual, *others][:MAX_DEFAULT_SYSTEMS]
+    chosen = [*dict.fromkeys((*usual, *systems))][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.page.parts.catalogue import Catalogue
+from app.page.parts.catalogue import Catalogue, example_title
 from app.page.parts.markup import mount
 from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
@@ -79,7 +79,7 @@ def offered(catalogue: Catalogue) -> dict[str, Any]:
         "systems": systems,
         "speakers": list(catalogue.speakers),
         "examples": [
-            {"label": example.label, "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{example.path.name}"}
-            for example in catalogue.examples
+            {"label": example_title(path), "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{path.name}"}
+            for path in catalogue.examples
         ],
     }

@@ -19,9 +19,9 @@ from app.page.parts import markup
 from app.page.parts.asked import Fields
 from app.page.parts.catalogue import (
     Catalogue,
-    Example,
     about_systems,
     default_systems,
+    example_title,
     groups_of,
     point_choices,
     strength_choices,
@@ -256,19 +256,18 @@ def start_field(elem_id: str | None = None) -> gr.Number:
     )
 
 
-def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:
+def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) -> None:
     """Buttons that fill in the speech. Not `gr.Examples`, whose copies are made once, at the start,
     and are swept like any upload."""
-    labels = [example.label for example in examples]
     offered = gr.Dataset(
         components=[gr.Textbox(visible=False)],
-        samples=[[label] for label in labels],
+        samples=[[example_title(path)] for path in examples],
         label="Or take an example (a synthetic voice)",
         type="index",
         elem_id="examples",
     )
     offered.click(
-        lambda index: str(fresh_copy(examples[index].path, folder)), offered, speech, **AT_ONCE
+        lambda index: str(fresh_copy(examples[index], folder)), offered, speech, **AT_ONCE
     )
 
 

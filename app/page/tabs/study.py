@@ -62,7 +62,7 @@ def build_study_tab(services: Services) -> Fields:
     def examples(given: list[str] | None) -> list[str] | None:
         """Where there is no speech yet."""
         folder = services.config.cache_folder / "examples"
-        return given or [str(fresh_copy(each.path, folder)) for each in catalogue.examples] or None
+        return given or [str(fresh_copy(path, folder)) for path in catalogue.examples] or None
 
     for button in ready:
         asked, changes = QUESTIONS[button.value]

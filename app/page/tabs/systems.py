@@ -114,7 +114,7 @@ class FigureRunner(TabRunner):
 
     def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
         """Lay out the part here and wire it; it begins on other events also."""
-        self.examples = tuple(example.path for example in services.catalogue.examples)
+        self.examples = services.catalogue.examples
         gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
         with gr.Row(elem_classes="columns"):
             with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
