@@ -161,7 +161,7 @@ import json, signal, sys
 from dataclasses import replace
 import app.page.page
 from app.page.launch import main
-from app.page.queue.worker import Worker
+from app.page.worker import Worker
 from app.run.ask import Ask
 
 def tell(*_):
