@@ -34,6 +34,7 @@ from renderer.draw import probe
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
+from tests.renderer.drawn import children_that_draw
 from tests.waiting import wait_for
 
 Asks = Callable[..., Ask]
@@ -325,20 +326,18 @@ def test_a_run_that_is_cancelled_leaves_nothing(
 
 
 @pytest.mark.gl
-def test_cancelling_ends_the_children_that_draw(
-    ask: Asks, drawing_children: Callable[[], list[str]]
-) -> None:
+def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
     request, told, seen = ask(has_video=True, size=256), [], []
 
     def should_cancel() -> bool:
         if any(isinstance(e, Progress) and e.stage in ("numbers", "video") for e in told):
-            seen.extend(drawing_children())
+            seen.extend(children_that_draw())
         return bool(seen)
 
     with pytest.raises(CancelledRun):
         do(request, told.append, should_cancel)
     assert seen and not request.out.exists()
-    wait_for(lambda: not drawing_children())
+    wait_for(lambda: not children_that_draw())
 
 
 def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from renderer.scene.stage import set_stage
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure
-from tests.renderer.drawn import render_stills
+from tests.renderer.drawn import children_that_draw, render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
 from tests.waiting import wait_for
@@ -33,20 +33,6 @@ def settings(**changes) -> RenderSettings:
     return RenderSettings(**{"width": 64, "height": 64, **changes})
 
 
-def children_of(process_id: int) -> list[int]:
-    """Those that draw; other tests draw beside this one."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
-            command = (entry / "cmdline").read_bytes()
-        except OSError:  # it has just ended
-            continue
-        if int(parent) == process_id and b"renderer.video.workers" in command.split(b"\0"):
-            found.append(int(entry.name))
-    return found
-
-
 def has_ended(process_id: int) -> bool:
     """Whether a child waits for nothing but to be counted, and its last thread is gone."""
     process = Path(f"/proc/{process_id}")
@@ -56,7 +42,7 @@ def has_ended(process_id: int) -> bool:
 
 def check_nothing_is_left(folder: Path) -> None:
     assert list(folder.iterdir()) == []
-    assert children_of(os.getpid()) == []
+    assert children_that_draw() == []
     assert processes_that_mention(folder) == []
 
 
@@ -71,7 +57,7 @@ def once_drawing(act: Callable[[int], None]) -> Callable[[float], None]:
     def on_progress(share: float) -> None:
         if share > 0 and not done:
             done.append(share)
-            (child,) = children_of(os.getpid())
+            (child,) = children_that_draw()
             act(child)
 
     return on_progress
@@ -99,7 +85,7 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
 
     def on_done(place: int) -> None:
         whole.append((place, (tmp_path / f"{place}.mp4").exists()))
-        alive.append(len(children_of(os.getpid())))
+        alive.append(len(children_that_draw()))
 
     results = draw_jobs(jobs, shares.append, on_done)
     assert shares == sorted(shares) and shares[-1] == 1.0
@@ -142,7 +128,7 @@ def test_a_crash_is_an_error_here_and_one_while_idle_is_made_good(tmp_path):
     good = RenderJob(waving_motion(2), settings=settings(), still_frames=(1,))
 
     def end_it(name: str) -> None:
-        (child,) = children_of(os.getpid())
+        (child,) = children_that_draw()
         os.kill(child, signal.SIGKILL)
         wait_for(lambda: has_ended(child))
 
