@@ -103,7 +103,7 @@ def read_facts(video: Path) -> VideoFacts:
     try:
         said = run_ffmpeg("-stats", "-i", str(video), *copied, log="info")
     except VideoError as error:
-        raise VideoError(f"{video} cannot be read as a video.") from error
+        raise VideoError(f"{video} cannot be read as a video: {error}") from error
     size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", said)
     counts = re.findall(r"frame=\s*(\d+)", said)
     if size is None or not counts:

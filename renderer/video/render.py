@@ -172,8 +172,6 @@ def _part_of(subject: Subject, part: Cutout | None) -> Subject:
 
 def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:
     """A white line above and left of every panel that has a neighbour there."""
-    if len(panels) == 1:
-        return
     for panel in panels:
         rows, columns = panel.box
         if panel.top:

@@ -18,7 +18,11 @@ from tools.corpus.layout import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig, open_body_rig
 from tools.corpus.report.drawing import draw_gestures
 from tools.corpus.report.page import report_page
-from tools.corpus.report.realism import MeasuredClip, ReportError, measure_clip
+from tools.corpus.report.realism import MeasuredClip, measure_clip
+
+
+class ReportError(ValueError):
+    """A report that cannot be made."""
 
 
 def write_report(
@@ -32,8 +36,6 @@ def write_report(
         out: The page.
         clips: Of each speaker, and real ones.
     """
-    if clips < 1:
-        raise ReportError(f"--clips must be at least 1; found {clips}.")
     rig = open_body_rig()
     by_speaker: dict[str, list[str]] = {}
     found = list_clips(data)

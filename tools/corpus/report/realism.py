@@ -28,11 +28,6 @@ from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matric
 
 LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
 RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
-MIN_FRAMES = 6 * FPS  # four windows
-
-
-class ReportError(ValueError):
-    """A report that cannot be made."""
 
 
 @dataclass(frozen=True)
@@ -233,12 +228,10 @@ def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
     """All figures of one clip.
 
     Raises:
-        MotionError, ReportError: if its files cannot be used.
+        MotionError: if its motion cannot be used.
     """
     posed = read_posed_clip(paths.motion, rig)
     num_frames = len(posed.positions)
-    if num_frames < MIN_FRAMES:
-        raise ReportError(f"{clip_id} has {num_frames} frames; at least {MIN_FRAMES} are needed.")
     annotation = paths.textgrid
     silences = read_listening(annotation) if annotation.is_file() else ()
     return MeasuredClip(
