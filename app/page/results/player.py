@@ -127,7 +127,6 @@ class Showing:
                     "of": take.of,
                     "from": take.start if row.take else "",
                     "told": self.address(told),
-                    "fresh": take.fresh,
                 }
         return {"rows": self.performed(), "known": known, **said}
 
