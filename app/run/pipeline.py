@@ -39,8 +39,8 @@ from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion
 from model.storage.files import file_sha256
-from renderer.figures.figure6 import choose_snapshot_frames, figure6
-from renderer.figures.jitter import jitter_sheet
+from renderer.figures.figure6 import choose_snapshot_frames, draw_figure6
+from renderer.figures.jitter import draw_sheet, sheet_caption
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -194,12 +194,12 @@ def _draw_figures(
     on_share(begun)
     clip = printable(ask.speech.stem) if ask.speech is not None and not ask.motions else ""
     contents = figure6_of(rows.drawn, snapshots, rows.tip, ask, clip, run.stop_if_asked)
-    run.figure("figure6", lambda stem: figure6(contents, stem))
+    run.figure("figure6", lambda: draw_figure6(contents), contents.caption)
     on_share((begun + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
     sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
     told = f"{said['trajectory']} {said['depth']}"
-    run.figure("jitter", lambda stem: jitter_sheet(sheet, stem, clip=clip, sentence=told))
+    run.figure("jitter", lambda: draw_sheet(sheet), sheet_caption(sheet, clip, told))
     run.progress("figure", 1.0)
 
 

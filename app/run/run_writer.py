@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,6 +58,10 @@ from model.speech.audio import Speech, write_wav
 from model.speech.transcript import Transcript
 from model.storage.harmless import csv_text
 from renderer.body.body import Body
+from renderer.figures.style import written
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _GROWN = 1.2
 """So many times as long, a motion may stand elsewhere among the others."""
@@ -195,10 +199,10 @@ class RunWriter(Reporter):
         table.write_text(csv_text(rows), "utf-8", newline="")
         self.file(numbers, table)
 
-    def figure(self, name: str, draw: Callable[[Path], Iterable[Path]]) -> None:
-        """One that is drawn, in all its forms, by what takes the stem of its files."""
+    def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
+        """One that is drawn, in all its forms."""
         stem = self.folder.path(f"{name}.png").with_suffix("")
-        self.file(*(self.folder.path(path.name) for path in draw(stem)))
+        self.file(*(self.folder.path(path.name) for path in written(draw, stem, caption)))
 
     def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
         """Motion that goes on with what there is of a row, which is to have so many frames.

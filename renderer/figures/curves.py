@@ -3,7 +3,6 @@ quality against time, error along the chain, and what speech and chance decide."
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Float
 
 from conventions.rates import FPS
 from renderer.figures import style
-from renderer.figures.style import FigureError, FigureFiles
+from renderer.figures.style import FigureError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,17 +20,17 @@ if TYPE_CHECKING:
 SHOWN_PERCENT = 99.0
 """Of all values of a panel: its axis ends there, so that one clip does not decide what is seen."""
 _COLUMNS = 3
-_SPREAD = (
+SPREAD = (
     "Height is the share of clips at or below a value; a curve further to the right has more of"
     f" it. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does not"
     " reach 1 has clips beyond. Each clip as it is, never filtered."
 )
 
 
-def distributions_figure(
-    values: "DataFrame", systems: Sequence[str], out_stem: Path, reference: str | None = None
-) -> FigureFiles:
-    """Write how measures are spread: of each, the share of clips at or below a value.
+def draw_distributions(
+    values: "DataFrame", systems: Sequence[str], reference: str | None = None
+) -> "Figure":
+    """How measures are spread: of each, the share of clips at or below a value.
 
     Args:
         values: a row for each clip that has one: ``measure`` with its unit, ``system``, ``value``.
@@ -48,13 +47,6 @@ def distributions_figure(
         raise FigureError(f"There are {len(systems)} systems; at most {most} can be told apart.")
     if not np.isfinite(values["value"]).all():
         raise FigureError("A value is no number.")
-    return style.written(lambda: draw_distributions(values, systems, reference), out_stem, _SPREAD)
-
-
-def draw_distributions(
-    values: "DataFrame", systems: Sequence[str], reference: str | None = None
-) -> "Figure":
-    """The figure, without a canvas."""
     styles = style.styles_of(systems, reference)
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)
@@ -89,7 +81,7 @@ STEP_PANELS = {
     "distance_cm": "b  From the result of most steps (cm)",
 }
 REAL_TIME_MS = 1000.0 / FPS
-_STEPS = (
+STEPS = (
     "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
     " the clock of this machine, one motion at a time, features of the speech included."
     " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
@@ -97,8 +89,8 @@ _STEPS = (
 )
 
 
-def step_curve_figure(points: "DataFrame", out_stem: Path) -> FigureFiles:
-    """Write quality against time: a curve for each system, a mark for each number of steps.
+def draw_step_curve(points: "DataFrame") -> "Figure":
+    """Quality against time: a curve for each system, a mark for each number of steps.
 
     Args:
         points: ``system``, ``steps``, ``ms_per_frame`` and the columns of `STEP_PANELS`; those of
@@ -114,11 +106,6 @@ def step_curve_figure(points: "DataFrame", out_stem: Path) -> FigureFiles:
         raise FigureError(
             f"{point['system']} with {point['steps']} steps has a number that cannot be drawn."
         )
-    return style.written(lambda: draw_step_curve(points), out_stem, _STEPS)
-
-
-def draw_step_curve(points: "DataFrame") -> "Figure":
-    """The figure, without a canvas."""
     styles = style.styles_of(points["system"].unique(), None)
     figure = style.new_figure(style.PAGE_MM, 75.0)
     style.draw_keys(figure, styles)
@@ -148,19 +135,13 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
     return figure
 
 
-def error_growth_figure(spreads: "DataFrame", out_stem: Path, sentence: str = "") -> FigureFiles:
-    """Write how far points along the chain move by noise on local and on global rotations.
+def draw_error_growth(spreads: "DataFrame") -> "Figure":
+    """How far points along the chain move by noise on local and on global rotations.
 
     Args:
         spreads: in metres by ``point``: ``local``, ``global``, ``predicted_local`` and
             ``predicted_global``; marks are measured, lines are the closed form.
-        sentence: what the numbers say, as its caption.
     """
-    return style.written(lambda: draw_error_growth(spreads), out_stem, sentence)
-
-
-def draw_error_growth(spreads: "DataFrame") -> "Figure":
-    """The figure, without a canvas."""
     figure = style.new_figure(style.COLUMN_MM, 70.0)
     axes = figure.subplots()
     for form, series in (("local", style.SYSTEM_STYLES[0]), ("global", style.SYSTEM_STYLES[2])):
@@ -184,8 +165,8 @@ SHOWN_S = 20.0
 SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
-_HEARING = (
-    "Arm speed: angular speeds of both shoulders and elbows, summed, over {seconds:.0f} s. Lines "
+HEARING = (
+    f"Arm speed: angular speeds of both shoulders and elbows, summed, over {SHOWN_S:.0f} s. Lines "
     "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. Where the "
     "system hears, lines of one colour rise and fall together; where it is deaf, lines of one "
     "kind. "
@@ -212,21 +193,9 @@ class HearingRow:
         return speeches[: len(SPEECH_COLORS)], seeds[: len(NOISE_LINES)]
 
 
-def hearing_figure(rows: Sequence[HearingRow], out_stem: Path) -> FigureFiles:
-    """Write what speech and what chance decide, a row for each system: on the left the speed of the
-    arms of two speeches with two noise seeds each, on the right the shares by part of the body.
-
-    Raises:
-        FigureError: if there is no row.
-    """
-    if not rows:
-        raise FigureError("There is no system to draw.")
-    caption = _HEARING.format(seconds=_shown_s(rows))
-    return style.written(lambda: draw_hearing(rows), out_stem, caption)
-
-
 def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
-    """The figure, without a canvas."""
+    """What speech and what chance decide, a row for each system: on the left the speed of the arms
+    of two speeches with two noise seeds each, on the right the shares by part of the body."""
     figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
     cut = round(SHOWN_S * FPS)
     highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed.values())

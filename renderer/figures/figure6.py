@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from renderer.figures.style import (
     PAGE_MM,
     SMALL_PT,
     FigureError,
-    FigureFiles,
     SeriesStyle,
 )
 
@@ -246,11 +244,6 @@ class Figure6:
             self.caveat: self.caveat,
         }  # fmt: skip
         return " ".join(sentence for sentence, is_true in told.items() if is_true)
-
-
-def figure6(contents: Figure6, out_stem: Path) -> FigureFiles:
-    """Write ``<out_stem>.png``, ``.svg``, ``.pdf`` and the caption."""
-    return style.written(lambda: draw_figure6(contents), out_stem, contents.caption)
 
 
 @dataclass(frozen=True)

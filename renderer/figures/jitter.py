@@ -8,7 +8,6 @@ or nothing moved, is NaN and a gap; a motion of which nothing was measured has n
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from renderer.figures import style
-from renderer.figures.style import MAX_SYSTEMS, FigureError, FigureFiles, SeriesStyle
+from renderer.figures.style import MAX_SYSTEMS, FigureError, SeriesStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -141,18 +140,6 @@ _MARKERS = 9
 _SHADE = "#ececec"
 
 
-def jitter_sheet(
-    sheet: JitterSheet, out_stem: Path, *, clip: str = "", sentence: str = ""
-) -> FigureFiles:
-    """Write the sheet, with what it lacks and says as its caption.
-
-    Args:
-        clip: its name.
-        sentence: what the numbers say, at the end of the caption.
-    """
-    return style.written(lambda: draw_sheet(sheet), out_stem, _caption(sheet, clip, sentence))
-
-
 def draw_sheet(sheet: JitterSheet) -> "Figure":
     """The figure, without a canvas; its size in inches is its size on paper."""
     figure = style.new_figure(style.PAGE_MM, 8.0 + sum(ROWS.values()))
@@ -252,7 +239,8 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
         style.from_zero(axes, values)
 
 
-def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
+def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
+    """What the sheet lacks, and at its end what the numbers say."""
     parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
     if REFERENCE_NAME in sheet.jitter:
         parts.append("Black: the recorded reference, which has no windows and so no seams.")

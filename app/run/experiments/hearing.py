@@ -27,7 +27,7 @@ from model.generation.windows import generate_motion
 from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
 from model.motion.motion import Motion, save_motion
 from model.speech.audio import Speech, SpeechLimits, load_speech
-from renderer.figures.curves import HearingRow, hearing_figure
+from renderer.figures.curves import HEARING, HearingRow, draw_hearing
 from renderer.figures.style import MAX_SYSTEMS
 
 MAX_S = 60.0
@@ -211,7 +211,7 @@ def _draw(
         )
         for system, numbers in told.items()
     ]
-    run.figure("hearing", lambda stem: hearing_figure(rows, stem))
+    run.figure("hearing", lambda: draw_hearing(rows), HEARING)
 
 
 def _percent(share: float) -> str:

@@ -26,7 +26,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import moving_chain
 from model.speech.transcript import NOTHING_SAID
-from renderer.figures.curves import error_growth_figure
+from renderer.figures.curves import draw_error_growth
 from renderer.video.compose import compose_videos
 from renderer.video.workers import draw_jobs
 
@@ -85,7 +85,7 @@ def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None
         }
     )
     said = growth_sentence(growth, ask.noise_rad)
-    run.figure("error_growth", lambda stem: error_growth_figure(spreads, stem, said))
+    run.figure("error_growth", lambda: draw_error_growth(spreads), said)
 
 
 def _draw(ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter) -> None:

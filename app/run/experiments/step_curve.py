@@ -25,7 +25,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
 from model.speech.audio import Speech, SpeechLimits, load_speech
-from renderer.figures.curves import step_curve_figure
+from renderer.figures.curves import STEPS, draw_step_curve
 
 MAX_S = 10.0
 """Of the speech: time a frame does not depend on its length."""
@@ -76,7 +76,7 @@ def measure_step_curve(
         run.note(*_sentences(points))
         told = list(map(asdict, points))
         run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", lambda stem: step_curve_figure(DataFrame(points), stem))
+        run.figure("steps", lambda: draw_step_curve(DataFrame(points)), STEPS)
         run.finish(MEASURED.format(count=len(points)))
 
 

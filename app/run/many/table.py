@@ -10,6 +10,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -305,8 +306,9 @@ def draw_spread(
         return (), []
     from pandas import DataFrame
 
-    from renderer.figures.curves import distributions_figure
+    from renderer.figures.curves import SPREAD, draw_distributions
     from renderer.figures.style import SYSTEM_STYLES
+    from renderer.figures.style import written as figure_files
 
     generated = [name for name in systems if name != REFERENCE_NAME]
     left_out = generated[len(SYSTEM_STYLES) :]
@@ -324,7 +326,8 @@ def draw_spread(
     )
     if values.empty:
         return (), []
-    files = distributions_figure(values, shown, out / "distributions", REFERENCE_NAME)
+    draw = partial(draw_distributions, values, shown, REFERENCE_NAME)
+    files = figure_files(draw, out / "distributions", SPREAD)
     if not left_out:
         return tuple(files), []
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]

@@ -1,5 +1,6 @@
 """Figure 6: what it shows is what it was given, and nothing is cut or covers anything else."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,9 @@ from renderer.figures.figure6 import (
     JointMarks,
     choose_snapshot_frames,
     draw_figure6,
-    figure6,
     off_the_slow_path,
 )
-from renderer.figures.style import COLUMN_MM, PAGE_MM, FigureError, matplotlib_settings
+from renderer.figures.style import COLUMN_MM, PAGE_MM, FigureError, matplotlib_settings, written
 from renderer.scene.stage import set_stage
 from renderer.video.render import RenderSettings, projected_joints
 from tests.renderer.drawn import render_stills
@@ -91,7 +91,7 @@ def lines_of(axes: Any) -> dict[str, Any]:
 
 def test_the_caption_stands_beside_the_figure_and_not_in_it(tmp_path: Path) -> None:
     contents = check(**make_inputs(1, False, 0, 15))
-    files = figure6(contents, tmp_path / "figure6")
+    files = written(partial(draw_figure6, contents), tmp_path / "figure6", contents.caption)
     with Image.open(files.png) as picture:
         assert picture.width == 2055  # 174 mm at 300 dpi
         assert picture.info["Description"] == contents.caption
