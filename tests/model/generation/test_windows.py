@@ -8,8 +8,10 @@ import torch
 
 from conventions.joints import JOINT_INDEX
 from model.generation import windows
+from model.generation.base import Window, fade_weights
 from model.generation.windows import (
     GenerateOptions,
+    WindowChain,
     generate_motion,
     motion_pieces,
     one_thread,
@@ -44,6 +46,24 @@ def of_frames(num_frames: int):
 
 def arrays(motion: Motion) -> np.ndarray:
     return np.concatenate([motion.poses, motion.trans, motion.expressions], axis=1)
+
+
+@pytest.mark.parametrize("advance", [None, 20])
+def test_each_window_fades_from_what_the_one_before_has_of_the_same_frames(small, advance):
+    cut, chain = small.windowing, WindowChain(small, OPTIONS)
+
+    def made(first: float) -> Window:
+        """Its places count."""
+        count = first + torch.arange(float(cut.frames))
+        turns = torch.eye(3).expand(1, cut.frames, 55, 3, 3)
+        return Window(turns, count[None, :, None].repeat(1, 1, 3), torch.zeros(1, cut.frames, 52))
+
+    chain.joined(made(0.0), advance)
+    joined, shared = chain.joined(made(1000.0), advance).root[0, :, 0], cut.overlap
+    older = (advance or cut.advance) + torch.arange(float(shared))
+    wanted = torch.lerp(older, made(1000.0).root[0, :shared, 0], fade_weights(shared))
+    torch.testing.assert_close(joined[:shared], wanted)
+    torch.testing.assert_close(joined[shared:], made(1000.0).root[0, shared:, 0])
 
 
 @pytest.mark.parametrize(("name", "num_frames"), LENGTHS)
