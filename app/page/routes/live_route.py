@@ -74,21 +74,14 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
         place = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
         if not await _sent(socket, await unsent.get()):  # what a browser must know before it sends
             return
-        hearing = asyncio.create_task(_hear(socket, sessions, place))
-        sending = asyncio.create_task(_send(socket, unsent))
-        try:
-            await asyncio.wait({hearing, sending}, return_when="FIRST_COMPLETED")
-        finally:
+        async with asyncio.TaskGroup() as ways:
+            hearing = ways.create_task(_hear(socket, sessions, place))
+            await _send(socket, unsent)
             hearing.cancel()
-            sending.cancel()
-        await asyncio.wait({hearing, sending})  # not gather: it forgets who cancelled this task
-        for way in (hearing, sending):
-            if not way.cancelled() and (error := way.exception()):
-                raise error
-    except WebSocketDisconnect:
-        raise
     except Exception as error:
-        await _end(socket, visitor_sentence(error))
+        why = error.exceptions[0] if isinstance(error, ExceptionGroup) else error
+        if not isinstance(why, WebSocketDisconnect):
+            await _end(socket, visitor_sentence(why))
     finally:
         if place is not None:
             sessions.close(place)
