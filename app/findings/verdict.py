@@ -131,7 +131,7 @@ def _worse(table: Table, system: str, other: str) -> list[str]:
         ratio = ratio_of(values[system], values[other])
         if ratio is not None and ratio.low is not None and ratio.low > 1.0 and not ratio.is_alike:
             numbers = " against ".join(plain(mean(values[name])) for name in (system, other))
-            found.append(f"{row.title.lower()} ({numbers} {row.unit})")
+            found.append(f"{row.title.lower()} ({numbers} {row.unit})".replace(" °", "°"))
     return found
 
 
