@@ -68,9 +68,9 @@ def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
 
 def _depth(diagnostics: Diagnostics) -> str:
     """How jerk grows along the chain."""
-    told = []
-    for system, samples in samples_by_system(diagnostics.systems).items():
-        found = [diagnostics.systems[name].raw.positions for name in samples.values()]
+    told, of_all = [], _with_reference(diagnostics)
+    for system, samples in samples_by_system(of_all).items():
+        found = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
         if isfinite(root + tips):
             told.append(f"{system} {plain(root)} to {plain(tips)}")
