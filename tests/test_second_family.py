@@ -91,7 +91,8 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
     split.write_text(rows.replace("2_bob_0_1_1,train", "2_bob_0_1_1,test"))
     system = load_system(DRAWN, weights)
     clips = measuring.test_clips(data, [system])
-    table = measuring.evaluate(partial(Cast, (system,)), data, clips, seeds=2)
+    cast = partial(Cast, (system,))
+    table = measuring.evaluate(cast, data, clips, seeds=2, kept=tmp_path)
     assert table["motion"][DRAWN]["tip_jerk_m_s3"]["mean"] > 0
     assert table["by_depth"][DRAWN]["jerk_m_s3"][-1] > 0
 

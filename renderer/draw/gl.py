@@ -244,12 +244,14 @@ class BodyScene:
         ]
         if is_open.any():
             self._body[-1].show_insides()
-        self._ground = TexturedQuad(subject.ground_corners, first.ground)
+        self._ground = (
+            None if subject.is_transparent else TexturedQuad(subject.ground_corners, first.ground)
+        )
         background = (0.0,) * 4 if subject.is_transparent else (*STUDIO.background, 1.0)
         self.scene = _Scene(bg_color=list(background), ambient_light=[STUDIO.ambient] * 3)
         for part in self._body:
             self.scene.add(part.mesh)
-        if not subject.is_transparent:
+        if self._ground:
             self.scene.add(self._ground.mesh)
         self._camera = self.scene.add(
             pyrender.PerspectiveCamera(yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M),
@@ -269,7 +271,8 @@ class BodyScene:
         self.scene.set_pose(self._camera, camera.pose())
         for part in self._body:
             part.move(frame)
-        self._ground.show(frame.ground)
+        if self._ground:
+            self._ground.show(frame.ground)
 
 
 class _Scene(pyrender.Scene):

@@ -1,7 +1,7 @@
 """AsynFusion's systems, samplers and settings."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from model.generation.family import Family
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
@@ -61,6 +61,10 @@ class AsynFusionConfig(TrainConfig):
     teacher_guidance: float = 2.5
     """How many times what speech changes in the teacher's gesture is taken (as in Luo et
     al. 2023): so the student hears at the strength at which its teacher is asked."""
+
+    def __post_init__(self) -> None:
+        if self.aim not in get_args(Aim):
+            raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(Aim))}.")
 
 
 def presets(system: str) -> dict[str, AsynFusionConfig]:
