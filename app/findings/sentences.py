@@ -112,9 +112,9 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     limit = SEAM_STANDS_OUT * max(1.0, mean(values.get(REFERENCE_NAME, {1: 1.0})))
     out = [name for name, each in values.items() if name in systems and mean(each) > limit]
     return (
-        f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, over that"
-        f" elsewhere: {told_of(values)}. {f'Joins of {listed(out)}' if out else 'No joins'} stand"
-        " out."
+        f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, as a multiple"
+        f" of that elsewhere: {told_of(values)}. {f'Joins of {listed(out)}' if out else 'No joins'}"
+        " stand out."
     )
 
 
@@ -126,7 +126,7 @@ def _periods(diagnostics: Diagnostics) -> str:
         if (period := versions.raw.seams.period) is not None
     ]
     if not told:
-        return "No jerk that repeats every 2 to 240 frames, as it does where windows are joined."
+        return "No jerk repeats every 2 to 240 frames, so nothing tells of joined windows."
     return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
 
 
@@ -149,7 +149,8 @@ def _beats(diagnostics: Diagnostics) -> str:
         if each.beat_align > each.beat_align_chance_highest
     ]
     if not told:
-        at_chance = "BeatAlign is at chance: the same speech shifted in time gives as much."
+        whose = " in all" if len(beats) > 1 else ""
+        at_chance = f"BeatAlign is at chance{whose}: the same speech shifted in time gives as much."
         return at_chance if beats else ""
     rest = "; the others are at chance" if len(told) < len(beats) else ""
     return f"BeatAlign above chance: {', '.join(told)}{rest}."
@@ -165,5 +166,7 @@ def _step(diagnostics: Diagnostics) -> str:
         if lag is not None and lag.is_known
     ]
     if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_known]:
-        told.append(f"{listed(unknown)} unknown, as neither face nor body follows this speech")
+        told.append(
+            f"{listed(unknown)} unknown, as neither face nor body follows it closely enough"
+        )
     return f"Behind the speech: {'; '.join(told)}." if told else ""

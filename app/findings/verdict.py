@@ -111,14 +111,7 @@ def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> 
     told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
-    sentences.append(f"Compared with {names[base]}: {told}; {which} calmer here.")
-    full = added.get(claim.full)
-    if full is not None and full.value >= ALIKE and not full.is_open:
-        sentences.append(
-            f"{names[claim.full].capitalize()} jerks more than {names[base]}: {claim.added} did not"
-            " help."
-        )
-    return sentences
+    return [*sentences, f"Compared with {names[base]}: {told}; {which} calmer here."]
 
 
 def _worse(table: Table, system: str, other: str) -> list[str]:

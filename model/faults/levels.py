@@ -78,8 +78,8 @@ class Level:
             is_low, span = ratio < 1.0, people.differ
             excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
             beside = (
-                f", {_times(ratio)} the reference's {self._told(recorded, False)}; clips of people"
-                f" are {people.differ:g} times apart at most"
+                f", {_times(ratio)} the reference's {self._told(recorded, False)}; recordings"
+                f" of people differ by {people.differ:g} times at most"
             )
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:

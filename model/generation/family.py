@@ -70,10 +70,7 @@ class Claim:
     more: str
     less: tuple[str, ...]
     plain: str
-    full: str
-    """As ``plain`` with all that the paper adds: it should jerk no more."""
-    added: str
-    """What that is, as the subject of a sentence within one that has named ``full``."""
+    """Of ``less``, the one that the others add to."""
 
 
 @dataclass(frozen=True)

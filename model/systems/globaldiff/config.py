@@ -253,7 +253,5 @@ FAMILY = Family(
         more=_LOCAL,
         less=tuple(name for name in LADDER if name != _LOCAL),
         plain=_GLOBAL,
-        full=_FULL,
-        added="its constraints",
     ),
 )
