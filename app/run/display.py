@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic.alias_generators import to_camel
 from tyro.conf import Suppress, arg
 
@@ -20,7 +20,7 @@ from app.errors import RunError
 from app.flags import one_of
 from conventions.names import printable
 from conventions.views import Build, Tone
-from model.plan.plan import sentence_of
+from model.storage.checked import FieldError, checked
 from renderer.scene.camera import Orbit
 
 Coloring = Literal["natural", "jerk"]
@@ -193,10 +193,9 @@ class Seen(FromBrowser):
             RunError: if it is anything else, or what no stage shows.
         """
         try:
-            seen = cls.model_validate_json(told if isinstance(told, str) else "")
-        except ValidationError as error:
-            why = printable(sentence_of(error))[:200]
-            raise RunError(text.SEEN_DAMAGED.format(why=why)) from None
+            seen = checked(told if isinstance(told, str) else "", cls)
+        except FieldError as error:
+            raise RunError(text.SEEN_DAMAGED.format(why=f"{error}.")) from None
         seen.check()
         return seen
 

@@ -12,13 +12,13 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
+from model.storage.checked import FieldError, checked
 from model.storage.files import bytes_within, written_atomically
 
 Side = Literal["left", "right"]
@@ -252,24 +252,9 @@ def plan_of_json(data: bytes, file: str) -> GesturePlan:
     # No file of text holds half a character, which JSON can spell.
     text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
     try:
-        return _reader().validate_json(text)
-    except ValidationError as error:
-        raise PlanError(f"{file}: {sentence_of(error)}") from None
-
-
-@cache
-def _reader() -> TypeAdapter:
-    return TypeAdapter(GesturePlan)
-
-
-def sentence_of(error: ValidationError) -> str:
-    """What is wrong first, for a person."""
-    first = error.errors(include_url=False, include_input=False)[0]
-    own = first.get("ctx", {}).get("error")
-    if isinstance(own, PlanError):
-        return str(own)
-    where = " ".join(str(part)[:40] for part in first["loc"])
-    return f"{where!r}: {first['msg'][0].lower()}{first['msg'][1:]}."
+        return checked(text, GesturePlan)
+    except FieldError as error:
+        raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
 def _check(name: str, event: Any) -> None:

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, ValidationError, create_model
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
+from model.storage.checked import why
 
 LONGEST_TEXT = 5000
 _KINDS = {
@@ -42,10 +43,7 @@ def values_of(asked: type[Any], form: Fields, values: Sequence[Any]) -> dict[str
     try:
         create_model("Form", __config__=config, **kinds)(**sent)
     except ValidationError as error:
-        found = error.errors(include_url=False, include_input=False)[0]
-        raise RunError(
-            f"The field {found['loc'][0]} cannot be used: {found['msg'].lower()}."
-        ) from error
+        raise RunError(f"The field {why(error)}.") from error
     hints, usual = get_type_hints(asked, include_extras=True), {of.name: of for of in fields(asked)}
     return {
         name: _read(part, sent[name], hints.get(name), usual.get(name))

@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import jinja2
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from app.errors import RunError
 from app.findings.comparison import kinds_told
 from app.findings.measure_rows import MEASURES, written
 from conventions.names import REFERENCE_NAME, printable
-from model.storage.files import written_atomically
+from model.storage.checked import FieldError, read_checked
+from model.storage.files import bytes_within, written_atomically
 
 FORMAT = 1
 MAX_BYTES = 32 * 2**20
@@ -97,7 +98,7 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         RunError: with one sentence.
     """
     path = folder / "many.json"
-    content = _read(path)
+    content = bytes_within(path, MAX_BYTES, RunError)
     try:
         told = json.loads(content)
         where = told["provenance"]
@@ -185,21 +186,9 @@ def read_board(path: Path) -> list[Entry]:
         RunError: if it is no board that `write_board` wrote, with one sentence.
     """
     try:
-        return Board.model_validate_json(_read(path)).entries
-    except ValidationError as error:
-        if len(error.errors()[0]["loc"]) < 2:
-            raise RunError(f"{path.name} is no leaderboard of format {FORMAT}.") from None
-        raise RunError(f"{path.name} is damaged: an entry is not as it should be.") from None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise RunError(f"{path} is larger than {MAX_BYTES // 2**20} MiB.")
-        return path.read_bytes()
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise RunError(f"{path} could not be read: {reason}.") from error
+        return read_checked(path, Board, MAX_BYTES).entries
+    except FieldError as error:
+        raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 
 
 _DISTRIBUTION = "Distribution"

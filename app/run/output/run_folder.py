@@ -13,12 +13,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from app.errors import RunError
 from app.run.ask import MAX_CLIPS, Ask
 from app.run.output.result_folder import list_bytes, zip_files
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
+from model.storage.checked import FieldError, read_checked
 from model.storage.files import written_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
@@ -235,21 +236,14 @@ def read_run(folder: Path) -> RunRecord:
     Raises:
         RunError: if it is none that a run of this version has written.
     """
-    path, name = folder / RUN, printable(folder.name)
+    name = printable(folder.name)
+    if not (folder / RUN).is_file():
+        raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
     try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_BYTES + 1)
-        if len(content) > _MAX_BYTES:
-            raise ValueError("it is too long")
-        return RunRecord.model_validate_json(content)
-    except OSError as error:
-        raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing")) from error
-    except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"]))
-        why = f"{RUN} is damaged at {printable(where)[:80] or 'its start'}"
+        return read_checked(folder / RUN, RunRecord, _MAX_BYTES)
+    except (FieldError, OverflowError, RecursionError) as error:
+        why = f"{RUN} is damaged: {error}"
         raise RunError(NO_RUN.format(name=name, why=why)) from None
-    except (ValueError, OverflowError, RecursionError) as error:
-        raise RunError(NO_RUN.format(name=name, why=f"{RUN} is damaged")) from error
 
 
 def runs_in(folder: Path) -> dict[str, Path]:

@@ -16,9 +16,10 @@ from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
 from model.plan.files import ENDINGS, plan_in
-from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Side, sentence_of
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Side
 from model.plan.style import LIMITS, excited, style_of, with_style
 from model.speech.transcript import Word
+from model.storage.checked import why
 
 MAX_EDITS = 60
 """At once."""
@@ -174,14 +175,10 @@ def _edit(told: object) -> Edit:
     try:
         values = kind.reader.validate_python({k: v for k, v in told.items() if k != "do"})
     except ValidationError as error:
-        raise RunError(f"The edit {do!r} cannot be read: {_why(error)}") from error
+        raise RunError(f"The edit {do!r} cannot be read: {why(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
         raise RunError(f"The edit {do!r} goes to a time or a word; tell one of them.")
     return Edit(do, values)
-
-
-def _why(error: ValidationError) -> str:
-    return printable(sentence_of(error))[:120]
 
 
 def _gesture(told: Values) -> Gesture:

@@ -20,7 +20,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.checked import STRICT, FieldError, Text, adapter, read_checked
+from model.storage.checked import STRICT, FieldError, Text, adapter, read_checked
 from model.storage.files import written_atomically
 
 Protocol = Literal["pairwise", "matched", "ranking", "rating"]

@@ -17,10 +17,10 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, model_va
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.checked import FieldError, Text, checked
 from app.study.design.key import MAX_SYSTEMS, Protocol, Question
 from conventions.names import PostFilter
 from conventions.views import VIEWS, View
+from model.storage.checked import FieldError, Text, checked
 from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainValidator
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.checked import STRICT, FieldError, Text, checked, read_checked
 from app.study.design.key import Ids, Key, ListNumber, Question
+from model.storage.checked import STRICT, FieldError, Text, checked, read_checked
 
 TIE = "tie"
 TRUTH_NAME = "truth.json"

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from app.study.design.checked import checked
 from app.study.design.key import (
     KIND_OF_PROTOCOL,
     AttentionRule,
@@ -21,6 +20,7 @@ from app.study.design.key import (
 )
 from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
+from model.storage.checked import checked
 
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}

@@ -9,12 +9,15 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from conventions.names import printable
+
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 """Numbers are no texts, true and false no numbers; fields that are not known are passed over."""
 MAX_TEXT = 2000
 """Longest text, in characters, that any field may hold."""
 Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
 NO_JSON = "it is no whole JSON file (cut off or damaged)"
+_UNKNOWN = "unexpected_keyword_argument", "extra_forbidden"
 T = TypeVar("T")
 
 
@@ -51,23 +54,27 @@ def checked(content: bytes | str, kind: type[T], context: Any = None) -> T:
 
 
 @functools.cache
-def adapter(kind: Any) -> TypeAdapter[Any]:
+def adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
 def why(error: ValidationError) -> str:
     """What is wrong first, as the end of a sentence; unknown names come before all else."""
+    return printable(_why(error))[:300]
+
+
+def _why(error: ValidationError) -> str:
     found = error.errors(include_url=False)
-    first = next((one for one in found if one["type"] == "unexpected_keyword_argument"), found[0])
-    name = "`" + ".".join(map(str, first["loc"])) + "`" if first["loc"] else "it"
+    first = next((one for one in found if one["type"] in _UNKNOWN), found[0])
+    name = "`" + ".".join(map(str, first["loc"]))[:80] + "`" if first["loc"] else "it"
     if first["type"] == "json_invalid":
         is_deep = "recursion" in str(first.get("ctx"))
         return "it is nested too deeply" if is_deep else NO_JSON
     if first["type"] == "value_error":
-        return first["msg"].removeprefix("Value error, ")
+        return first["msg"].removeprefix("Value error, ").rstrip(".")
     if first["type"] == "missing":
         return f"{name} is missing"
-    if first["type"] == "unexpected_keyword_argument":
+    if first["type"] in _UNKNOWN:
         return f"there is no key {name}"
     rule = first["msg"][0].lower() + first["msg"][1:]
     return f"{name} cannot be {reprlib.repr(first['input'])}: {rule}"
