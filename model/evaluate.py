@@ -50,7 +50,7 @@ from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError, two_speakers
 from model.storage.files import written_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import HEARING_JUDGE
@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _motion(args: argparse.Namespace) -> None:
-    calm_and_lively, weights = _two(args.speakers), args.weights.absolute()
+    calm_and_lively, weights = two_speakers(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
     cast = partial(load_cast, tuple(names), weights)
     table = evaluate(
@@ -248,13 +248,6 @@ def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
         judges,
         load_judge(weights, HEARING_JUDGE) if has_judge else None,
     )
-
-
-def _two(speakers: str) -> tuple[str, str]:
-    calm, comma, lively = speakers.partition(",")
-    if not (calm and comma and lively) or calm == lively:
-        raise ValueError(f"--speakers takes a calm and a lively one, CALM,LIVELY; got {speakers}.")
-    return calm, lively
 
 
 def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float]:

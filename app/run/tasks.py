@@ -15,6 +15,7 @@ from app.flags import File, a_count, written
 from app.run.ask import MAX_STEPS, Ask, CloseUps, Height, OnEvent, ShouldCancel
 from app.run.display import Seen
 from conventions.views import Framing
+from model.storage.cards import two_speakers
 from renderer.figures.style import MAX_SYSTEMS
 
 
@@ -151,15 +152,8 @@ class RenderAsk(Ask):
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 
 
-def _two_names(written: str) -> tuple[str, str]:
-    calm, comma, lively = written.partition(",")
-    if not (calm and comma and lively) or calm == lively:
-        raise RunError(f"it takes two names, CALM,LIVELY; got {written!r}.")
-    return calm, lively
-
-
 TwoSpeakers = Annotated[
-    tuple[str, str] | None, written(_two_names, "CALM,LIVELY", "none", ",".join)
+    tuple[str, str] | None, written(two_speakers, "CALM,LIVELY", "none", ",".join)
 ]
 
 

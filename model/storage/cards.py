@@ -17,6 +17,14 @@ CALM_AND_LIVELY = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
 
 
+def two_speakers(written: str) -> tuple[str, str]:
+    """The calm one and the lively one; a `ValueError` with a sentence if it is not two."""
+    calm, comma, lively = written.partition(",")
+    if not (calm and comma and lively) or calm == lively:
+        raise ValueError(f"Speakers are two names, CALM,LIVELY; got {written!r}.")
+    return calm, lively
+
+
 class CheckpointError(ValueError):
     """Weights that are missing, damaged or of another shape than their card says."""
 
