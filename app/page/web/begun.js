@@ -1,6 +1,6 @@
 /** What a click on the page begins. */
 
-import { found } from "./dom.js";
+import { found, wantsStillness } from "./dom.js";
 
 const SETTLED_MS = 2000; // in which what comes and goes above results moves them
 const pressed = new Set();
@@ -16,7 +16,7 @@ export async function pressOnce(id) {
 export async function reveal(id) {
   const element = await found(`#${id}`);
   const results = element?.closest(".results") ?? element;
-  const behavior = matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth";
+  const behavior = wantsStillness() ? "auto" : "smooth";
   const look = () => {
     const { top } = results.getBoundingClientRect();
     if (top < 0 || top > innerHeight / 2) results.scrollIntoView({ behavior, block: "start" });

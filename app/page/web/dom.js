@@ -53,6 +53,11 @@ export function iconButton(name, label, onclick, attributes = {}) {
   return button;
 }
 
+/** Whether this visitor's system asks that nothing moves by itself. */
+export function wantsStillness() {
+  return matchMedia("(prefers-reduced-motion: reduce)").matches;
+}
+
 /** The first such element, as soon as there is one; null after a minute. */
 export async function found(selector) {
   const until = performance.now() + 60_000;

@@ -4,7 +4,7 @@
  * take, that stands beside the one it was made from. Takes are kept, so that undo is the take before.
  */
 
-import { allow, drag, make, popUp } from "../dom.js";
+import { allow, drag, make, popUp, wantsStillness } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
 import { capital, foundAgain, kindName, SIDES } from "./plan.js";
 
@@ -233,7 +233,7 @@ export class Editing {
     const from = moments.length ? Math.max(0, Math.min(...moments) - LEAD_S) : 0;
     this.#player.setLoop(moments.length ? [from, Math.min(this.#player.duration, Math.max(...moments) + AFTER_S)] : null);
     this.#player.seek(from);
-    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.#player.play();
+    if (!wantsStillness()) this.#player.play();
   }
 
   #arrived(name) {

@@ -4,7 +4,7 @@
  * stage; where a browser draws none, videos stand in its place.
  */
 
-import { make } from "../dom.js";
+import { make, wantsStillness } from "../dom.js";
 import { FPS } from "../stage/motion.js";
 import { Look } from "../stage/look.js";
 import { saidOtherwise } from "../stage/reading.js";
@@ -270,7 +270,7 @@ class Player {
         if (this.sounds.selectedIndex > 0) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
         return seek();
       }
-      if (matchMedia("(prefers-reduced-motion: reduce)").matches) return undefined;
+      if (wantsStillness()) return undefined;
       if (plays) this.#lockstep.setLoop([0, this.#lockstep.duration]);
       return plays || (begins && this.#stage) ? this.#lockstep.play() : undefined;
     };

@@ -6,7 +6,7 @@
  */
 
 import { ORBIT_HELP, Orbit } from "../body/orbit.js";
-import { drag, iconButton, make, nameOf } from "../dom.js";
+import { drag, iconButton, make, nameOf, wantsStillness } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
 import { theFacts } from "../fetched.js";
 import { Arrival } from "./arrival.js";
@@ -188,7 +188,8 @@ export class Stage {
   }
 
   /** Cameras for the bodies there are. */
-  #frame(isGliding) {
+  #frame(mayGlide) {
+    const isGliding = mayGlide && !wantsStillness();
     const places = this.#present.map(({ shown }) => shown.version(false).places);
     this.#framing = new Framing(this.#mesh, this.#facts, places, isGliding ? this.#framing : null);
     if (isGliding) this.#glidesUntil = performance.now() + GLIDE_MS;
@@ -259,7 +260,7 @@ export class Stage {
     this.#prepare(mesh, told);
     const isFirst = !entry.shown;
     const isMoved = entry.place && String(entry.place) !== String(there.place);
-    entry.moved = isMoved ? { from: entry.place, to: there.place, at: performance.now() } : null;
+    entry.moved = isMoved && !wantsStillness() ? { from: entry.place, to: there.place, at: performance.now() } : null;
     entry.place = there.place;
     entry.shown = new Shown(placed(motion, there.place, mesh.rest.subarray(0, 3)), mesh, told.exaggeration.max_turn);
     entry.tips.clear();
