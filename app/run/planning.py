@@ -12,10 +12,9 @@ from app.run.words import SpokenWords
 from model.formats.read import ENDINGS, Assumptions, read_any_motion
 from model.generation.windows import draw_conditions
 from model.motion.kinematics import open_body_skeleton
-from model.plan.editing import Edited
 from model.plan.files import check_ending, write_plan_file
 from model.plan.found import found_plan
-from model.plan.plan import GesturePlan
+from model.plan.plan import GesturePlan, Noted
 from model.plan.style import read_wish
 from model.speech.audio import SpeechLimits, load_speech
 from model.systems.registry import usual_planner
@@ -41,7 +40,7 @@ def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[
     return list(read.notes)
 
 
-def make_plan(ask: Ask, *, is_empty: bool = False) -> Edited:
+def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
     """Draw a plan of speech and write it to the file ``ask.out``; with it what its style could not
     do.
 
@@ -61,13 +60,13 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Edited:
     if is_empty:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, ask.out, sound)
-        return Edited(plan)
+        return Noted(plan)
     wish = None if ask.style is None else read_wish(ask.style)
     system = get_system(usual_planner(), ask.weights)
     with SpokenWords(ask.transcript, ask.words) as words:
         words.begin(speech.waveform)
         said, _ = words.found(lambda: None)
     (plan,) = draw_conditions(system, speech, options_of(ask, system, words=said.words))
-    edited = Edited(plan) if wish is None else wish.done(plan, said.words)
+    edited = Noted(plan) if wish is None else wish.done(plan, said.words)
     write_plan_file(edited.plan, ask.out, sound)
     return edited

@@ -19,11 +19,11 @@ from model.measures.smoothness import derivative_magnitudes
 from model.motion.altered import smooth_motion
 from model.motion.motion import Motion
 from model.networks.speech_codes import heard_accents as heard
+from model.plan.tier_files import Interval
 from model.speech.audio import Speech
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
-    Interval,
     Origin,
     Transcript,
     Word,

@@ -33,7 +33,6 @@ from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points, wrist_places
 from model.networks.autoencoder import load_encoder
 from model.plan.editing import (
-    Edited,
     Gesture,
     added,
     deleted,
@@ -46,7 +45,7 @@ from model.plan.editing import (
 )
 from model.plan.files import annotated_plan
 from model.plan.kinds import PLACES, REST_PLACE
-from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
+from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Side
 from model.plan.tracks import hand_tracks, tracks_of
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
@@ -153,7 +152,7 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     return np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
 
 
-def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Edited, Gesture | None]:
+def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Noted, Gesture | None]:
     """One that the plan takes: the plan, and the gesture it is about if there still is.
 
     Raises:
@@ -178,7 +177,7 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Edited, Ge
 
 def _changed(
     plan: GesturePlan, old: Gesture, name: str, rng: np.random.Generator
-) -> tuple[Edited, Gesture | None]:
+) -> tuple[Noted, Gesture | None]:
     by = float(rng.uniform(0.2, 1.5))
     if name == "move":
         to_s = round(old.lands_s + float(rng.uniform(-1.5, 1.5)), 3)
@@ -290,7 +289,7 @@ def _varied(
     plan: GesturePlan,
     gesture: Gesture,
     values: Sequence[float],
-    change: Callable[[GesturePlan, Gesture, float], Edited],
+    change: Callable[[GesturePlan, Gesture, float], Noted],
     again: Callable[[GesturePlan], KeptPerformance],
 ) -> list[Places]:
     """Where wrists are for each wish, in turn; nothing where the plan does not take one."""

@@ -19,9 +19,9 @@ from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
+from model.plan.tier_files import Interval
 from model.sampling.samplers import Sampling
 from model.speech.audio import Speech
-from model.speech.transcript import Interval
 from processes.job import Cancelled
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])

@@ -38,6 +38,7 @@ from model.plan.plan import (
     GesturePlan,
     HandPhase,
     Nod,
+    Noted,
     Phase,
     PlanError,
     Side,
@@ -71,14 +72,6 @@ class Gesture:
     lands_s: float
 
 
-@dataclass(frozen=True)
-class Edited:
-    """A changed plan, and what was mended so that it could be performed."""
-
-    plan: GesturePlan
-    notes: tuple[str, ...] = ()
-
-
 class NoTimeError(PlanError):
     """A gesture has no time where it is to be, as the hand makes another there."""
 
@@ -103,7 +96,7 @@ def on_word(word: Spoken) -> float:
     return word.start_s + LANDS_AT * (word.end_s - word.start_s)
 
 
-def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None) -> Edited:
+def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None) -> Noted:
     """The gesture at another time: its last stroke ends at ``lands_s``.
 
     Args:
@@ -117,15 +110,15 @@ def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None 
     return _laid(plan, gesture.side, phases, block, lands_s)
 
 
-def deleted(plan: GesturePlan, gesture: Gesture) -> Edited:
+def deleted(plan: GesturePlan, gesture: Gesture) -> Noted:
     """The plan without a gesture: the hand stays as it was before it."""
     phases, _ = _taken_out(plan, gesture)
-    return Edited(plan.with_hand(gesture.side, tuple(phases)))
+    return Noted(plan.with_hand(gesture.side, tuple(phases)))
 
 
 def added(
     plan: GesturePlan, kind: str, lands_s: float, hands: Hands | None = None, word: str = ""
-) -> Edited:
+) -> Noted:
     """The plan with a gesture of the palette whose stroke ends at ``lands_s``.
 
     Args:
@@ -144,7 +137,7 @@ def added(
     return _on_hands(plan, _sides(hands), block, lands_s)
 
 
-def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Edited:
+def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Noted:
     """The gesture made by other hands, and no more by those that made it."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
@@ -154,7 +147,7 @@ def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Edited:
     return _on_hands(plan, _sides(hands), block, gesture.lands_s)
 
 
-def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Edited:
+def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Noted:
     """The gesture with a hold of some length at its end; 0 is none."""
     if not 0 <= hold_s < math.inf:
         raise PlanError(f"A hold lasts 0 s or longer; got {hold_s:g} s.")
@@ -173,7 +166,7 @@ def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Edited:
     return edited
 
 
-def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Edited:
+def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Noted:
     """The gesture ``size`` times as large, seen from where hands rest."""
     if not 0.1 <= size <= 4:
         raise PlanError(f"A size is .1 to 4 times as large; got {size:g}.")
@@ -185,14 +178,14 @@ def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Edited:
     return _with_goals(plan, gesture, grown)
 
 
-def raised(plan: GesturePlan, gesture: Gesture, by_m: float) -> Edited:
+def raised(plan: GesturePlan, gesture: Gesture, by_m: float) -> Noted:
     """The gesture so much higher, or lower."""
     if not abs(by_m) <= 1:
         raise PlanError(f"A gesture is at most 1 m higher or lower; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
-def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Edited:
+def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Noted:
     """The gesture's preparation and strokes ``speed`` times as fast; it lands when it did."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
@@ -211,7 +204,7 @@ def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Edited:
     return replace(edited, notes=(*notes, *edited.notes))
 
 
-def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Edited:
+def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Noted:
     """The phase of a hand that ends at ``end_s`` ends at ``at_s``, or as near to that as can be.
 
     A hold for whose way back there is no time any more lasts until the next gesture. Where a hand
@@ -246,7 +239,7 @@ def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Edited:
         changed[k], changed[k + 1] = replace(one, end_s=to_s), replace(then, start_s=to_s)
     if why and abs(changed[k].end_s - one.end_s) < SAME_S:
         raise PlanError(why)
-    return Edited(plan.with_hand(side, tuple(changed)), (why,) if why else ())
+    return Noted(plan.with_hand(side, tuple(changed)), (why,) if why else ())
 
 
 def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
@@ -324,7 +317,7 @@ _LISTS: dict[type, str] = {
 }  # fmt: skip
 
 
-def with_event(plan: GesturePlan, event: Body) -> Edited:
+def with_event(plan: GesturePlan, event: Body) -> Noted:
     """The plan with a nod, look, brow, smile, blink or stand; a span cuts others of its list."""
     name = _LISTS[type(event)]
     end_s = getattr(event, "end_s", getattr(event, "time_s", 0.0))
@@ -338,7 +331,7 @@ def with_event(plan: GesturePlan, event: Body) -> Edited:
         events = [part for one in events for part in _around_span(one, start_s, end_s)]
     events.append(event)
     events.sort(key=lambda one: getattr(one, "start_s", getattr(one, "time_s", 0.0)))
-    return Edited(replace(plan, **{name: tuple(events)}))
+    return Noted(replace(plan, **{name: tuple(events)}))
 
 
 def _around_span(event: Any, start_s: float, end_s: float) -> list[Any]:
@@ -419,13 +412,13 @@ def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
 
 def _on_hands(
     plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase], lands_s: float
-) -> Edited:
+) -> Noted:
     notes: list[str] = []
     for side in sides:
         edited = _laid(plan, side, _phases(plan, side), block, lands_s)
         plan = edited.plan
         notes += edited.notes
-    return Edited(plan, tuple(dict.fromkeys(notes)))
+    return Noted(plan, tuple(dict.fromkeys(notes)))
 
 
 def _laid(
@@ -434,7 +427,7 @@ def _laid(
     phases: Sequence[HandPhase],
     block: Sequence[HandPhase],
     lands_s: float,
-) -> Edited:
+) -> Noted:
     """The plan with a gesture laid over what a hand does: where it is still or goes back it gives
     way, nowhere else."""
     notes: list[str] = []
@@ -474,7 +467,7 @@ def _laid(
     later = [] if until_s is None else [one for one in phases if one.start_s >= until_s - _TINY_S]
     ending = _ending(phases, body, plan.duration_s if until_s is None else until_s)
     new = _merged([*_until(phases, body[0].start_s), *ending, *later])
-    return Edited(plan.with_hand(side, tuple(new)), (*notes, *mended))
+    return Noted(plan.with_hand(side, tuple(new)), (*notes, *mended))
 
 
 def _preparation(
@@ -529,7 +522,7 @@ def _back_to_rest(
     return HandPhase(from_s, back_s, "retraction", goal), rest
 
 
-def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> Edited:
+def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> Noted:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
     return _laid(plan, gesture.side, phases, changed, gesture.lands_s)

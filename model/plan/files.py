@@ -32,6 +32,7 @@ from model.plan.plan import (
     GesturePlan,
     HandPhase,
     Nod,
+    Noted,
     Phase,
     PlanError,
     Planted,
@@ -41,8 +42,8 @@ from model.plan.plan import (
     plan_of_json,
 )
 from model.plan.tier_files import (
+    Interval,
     NamedTier,
-    TierRow,
     elan_of,
     elan_tiers,
     text_of,
@@ -59,14 +60,6 @@ USUAL_NOD_DEG, USUAL_BROW, USUAL_SMILE = 4.0, 0.5, 0.4
 """Of those marked without a number."""
 MAX_ROWS = 100_000
 _FEW = 6
-
-
-@dataclass(frozen=True)
-class PlanRead:
-    """A plan from a file, and what a person should know of how it was taken."""
-
-    plan: GesturePlan
-    notes: tuple[str, ...] = ()
 
 
 def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
@@ -108,10 +101,10 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     return tuple(tiers)
 
 
-def _row(event: Any, label: str) -> TierRow:
+def _row(event: Any, label: str) -> Interval:
     """Of a span, or of a moment."""
     start_s = getattr(event, "start_s", getattr(event, "time_s", 0.0))
-    return TierRow(round(start_s, 4), round(getattr(event, "end_s", start_s), 4), label)
+    return Interval(round(start_s, 4), round(getattr(event, "end_s", start_s), 4), label)
 
 
 def _numbered(*numbers: float) -> str:
@@ -122,7 +115,7 @@ def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
     """The same as Praat's users have it, whose tiers have no parents: phases with their kinds in
     one label, and what tells more of them as points at their ends."""
     kinds = {
-        (tier.parent, row.end_s): f" {row.label}"
+        (tier.parent, row.end_s): f" {row.text}"
         for tier in tiers
         if tier.name.startswith(f"{KIND_TIER}_")
         for row in tier.rows
@@ -133,11 +126,11 @@ def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
             continue
         rows = tier.rows
         if tier.parent:
-            rows = tuple(TierRow(row.end_s, row.end_s, row.label) for row in rows)
+            rows = tuple(Interval(row.end_s, row.end_s, row.text) for row in rows)
         elif tier.name.startswith(PHASE_TIER):
-            labels = (row.label + kinds.get((tier.name, row.end_s), "").rstrip(" ") for row in rows)
+            labels = (row.text + kinds.get((tier.name, row.end_s), "").rstrip(" ") for row in rows)
             told = zip(rows, labels, strict=True)
-            rows = tuple(TierRow(row.start_s, row.end_s, label) for row, label in told)
+            rows = tuple(Interval(row.start_s, row.end_s, label) for row, label in told)
         found.append(NamedTier(tier.name, rows, tier.has_points or bool(tier.parent)))
     return found
 
@@ -170,7 +163,7 @@ def _meant(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
     return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
 
 
-def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
+def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
     """The plan that tiers tell, by their names: ours, or others that speak of hands and phases.
 
     Raises:
@@ -227,27 +220,27 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
         tuple(_stand(r) for r in told.of_body("weight")),
         tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in told.rows["foot", side]),
     )
-    return PlanRead(plan, tuple(told.notes))
+    return Noted(plan, tuple(told.notes))
 
 
 @dataclass
 class _Told:
     """Rows by what they tell."""
 
-    rows: defaultdict[tuple[str, str], list[TierRow]] = field(
+    rows: defaultdict[tuple[str, str], list[Interval]] = field(
         default_factory=lambda: defaultdict(list)
     )
     """By what they tell, and of which hand or foot; "" of all of the body."""
     at_end: dict[tuple[str, str, float], str] = field(default_factory=dict)
     """Labels by when their rows end."""
-    apexes: list[TierRow] = field(default_factory=list)
-    phases: dict[Side, list[tuple[TierRow, Phase, str]]] = field(
+    apexes: list[Interval] = field(default_factory=list)
+    phases: dict[Side, list[tuple[Interval, Phase, str]]] = field(
         default_factory=lambda: {side: [] for side in SIDES}
     )
     """Of each hand, with their kinds."""
     notes: list[str] = field(default_factory=list)
 
-    def of_body(self, what: str) -> list[TierRow]:
+    def of_body(self, what: str) -> list[Interval]:
         """In time."""
         return sorted(self.rows[what, ""], key=lambda row: row.start_s)
 
@@ -255,7 +248,7 @@ class _Told:
         """A tier that tells more of a hand's phases."""
         for side in sides or ("right",):
             self.rows[what, side] += tier.rows
-            self.at_end |= {(what, side, round(row.end_s, 4)): row.label for row in tier.rows}
+            self.at_end |= {(what, side, round(row.end_s, 4)): row.text for row in tier.rows}
 
     def add_phases(self, tiers: Sequence[tuple[NamedTier, tuple[Side, ...], Phase | None]]) -> None:
         """Tiers of phases, each of one phase alone if that is told."""
@@ -266,10 +259,10 @@ class _Told:
                     f"Tier {tier.name[:40]} names no hand; it was taken for the right."
                 )
             for row in tier.rows:
-                name, kind = (phase, row.label) if phase else _phase_of(row.label)
+                name, kind = (phase, row.text) if phase else _phase_of(row.text)
                 if name is None:
-                    strokes.add(row.label)
-                    name, kind = "stroke", row.label.lower()
+                    strokes.add(row.text)
+                    name, kind = "stroke", row.text.lower()
                 for side in sides or ("right",):
                     self.phases[side].append((row, name, kind))
         if strokes:
@@ -304,7 +297,7 @@ class _Told:
             before = goal
         return tuple(found)
 
-    def _goals(self, side: Side, rows: Sequence[TierRow]) -> list[Place | None]:
+    def _goals(self, side: Side, rows: Sequence[Interval]) -> list[Place | None]:
         """That which is told for a row's end, or else the last one reached by then."""
         told = sorted(self.rows[GOAL_TIER, side], key=lambda row: row.end_s)
         goals = {round(row.end_s, 4): _place(row) for row in told}
@@ -317,17 +310,17 @@ class _Told:
             for row in rows
         ]
 
-    def _at_end(self, what: str, side: Side, row: TierRow) -> str:
+    def _at_end(self, what: str, side: Side, row: Interval) -> str:
         return self.at_end.get((what, side, round(row.end_s, 4)), "")
 
-    def _around(self, what: str, side: Side, row: TierRow) -> str:
+    def _around(self, what: str, side: Side, row: Interval) -> str:
         """Of the row of some longer tier in which this one lies."""
         around = (r for r in self.rows[what, side] if r.start_s <= row.middle_s < r.end_s)
-        return next((more.label for more in around), "")
+        return next((more.text for more in around), "")
 
     def _landed_on(self, side: Side, end_s: float) -> str:
         """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
-        marks = ((row.end_s, row.label.split(" ")) for row in self.apexes)
+        marks = ((row.end_s, row.text.split(" ")) for row in self.apexes)
         words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
         at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
         return words[at] if abs(at - end_s) < APEX_S else ""
@@ -341,7 +334,7 @@ def _words(name: str) -> set[str]:
 
 def _has_phases(tier: NamedTier) -> bool:
     """Most of its labels tell phases."""
-    return 2 * sum(_phase_of(row.label)[0] is not None for row in tier.rows) > len(tier.rows)
+    return 2 * sum(_phase_of(row.text)[0] is not None for row in tier.rows) > len(tier.rows)
 
 
 def _sides(words: set[str]) -> tuple[Side, ...]:
@@ -363,29 +356,29 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
     return known[-1] if known else None, ""  # the last: "post-stroke hold"
 
 
-def _numbers(row: TierRow) -> list[float]:
+def _numbers(row: Interval) -> list[float]:
     """The numbers that a label begins with."""
     numbers: list[float] = []
-    for part in row.label.split():
+    for part in row.text.split():
         try:
             number = float(part)
         except ValueError:
             break
         if not math.isfinite(number):
-            raise PlanError(f"The label {row.label[:40]!r} at {row.start_s:g} s is not finite.")
+            raise PlanError(f"The label {row.text[:40]!r} at {row.start_s:g} s is not finite.")
         numbers.append(number)
     return numbers
 
 
-def _first(row: TierRow, usual: float) -> float:
+def _first(row: Interval, usual: float) -> float:
     return (_numbers(row) or [usual])[0]
 
 
-def _place(row: TierRow) -> Place:
+def _place(row: Interval) -> Place:
     numbers = _numbers(row)
     if len(numbers) != 3:
         raise PlanError(
-            f"The goal {row.label[:40]!r} at {row.end_s:g} s is no three numbers: metres out, up "
+            f"The goal {row.text[:40]!r} at {row.end_s:g} s is no three numbers: metres out, up "
             "and forward of the chest."
         )
     return numbers[0], numbers[1], numbers[2]
@@ -397,25 +390,25 @@ _DIRECTIONS: Mapping[str, tuple[float, float]] = {
 }  # fmt: skip
 
 
-def _direction(row: TierRow) -> tuple[float, float]:
+def _direction(row: Interval) -> tuple[float, float]:
     numbers = _numbers(row)
     if len(numbers) >= 2:
         return numbers[0], numbers[1]
-    words = _words(row.label)
+    words = _words(row.text)
     return next((way for name, way in _DIRECTIONS.items() if name in words), (0.0, 0.0))
 
 
-def _height(row: TierRow) -> float:
-    usual = -USUAL_BROW if _words(row.label) & {"frown", "lower", "lowered"} else USUAL_BROW
+def _height(row: Interval) -> float:
+    usual = -USUAL_BROW if _words(row.text) & {"frown", "lower", "lowered"} else USUAL_BROW
     return _first(row, usual)
 
 
-def _stand(row: TierRow) -> Stand:
-    words = _words(row.label)
+def _stand(row: Interval) -> Stand:
+    words = _words(row.text)
     for leg in (*SIDES, "both"):
         if leg in words:
             return Stand(row.start_s, row.end_s, leg)
-    raise PlanError(f"The weight {row.label[:40]!r} at {row.start_s:g} s is not left, right, both.")
+    raise PlanError(f"The weight {row.text[:40]!r} at {row.start_s:g} s is not left, right, both.")
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -426,7 +419,7 @@ def _listed(names: Sequence[str]) -> str:
 ENDINGS = (".json", ".TextGrid", ".eaf")
 
 
-def read_plan_file(path: Path) -> PlanRead:
+def read_plan_file(path: Path) -> Noted:
     """A plan, and what a person should know of how it was taken.
 
     Raises:
@@ -435,11 +428,11 @@ def read_plan_file(path: Path) -> PlanRead:
     return plan_in(bytes_within(path, MAX_BYTES, PlanError), path.name)
 
 
-def plan_in(data: bytes, file: str) -> PlanRead:
+def plan_in(data: bytes, file: str) -> Noted:
     """The plan in a file of that name, see `read_plan_file`."""
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
-        return PlanRead(plan_of_json(data, file))
+        return Noted(plan_of_json(data, file))
     tiers, duration_s = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
     try:
         return plan_of_tiers(tiers, duration_s)
@@ -470,11 +463,11 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float]:
         raise PlanError(f"{file} lasts {duration_s:g} s, which is no length of a plan.")
     found: list[NamedTier] = []
     for tier in tiers:
-        rows = tuple(row for row in tier.rows if row.label or tier.has_points)
+        rows = tuple(row for row in tier.rows if row.text or tier.has_points)
         for row in rows:
             if not (0 <= row.start_s < 1e6 and 0 <= row.end_s < 1e6):
                 raise PlanError(
-                    f"{file} has {row.label[:40]!r} from {row.start_s:g} to {row.end_s:g} s, "
+                    f"{file} has {row.text[:40]!r} from {row.start_s:g} to {row.end_s:g} s, "
                     "which is no time of a plan."
                 )
         found.append(NamedTier(tier.name, rows, tier.has_points))

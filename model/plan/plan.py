@@ -257,6 +257,15 @@ def plan_of_json(data: bytes, file: str) -> GesturePlan:
         raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
+@dataclass(frozen=True)
+class Noted:
+    """A plan that was read or changed, and what a person should know of how, such as what was
+    mended so that it can be performed."""
+
+    plan: GesturePlan
+    notes: tuple[str, ...] = ()
+
+
 def _check(name: str, event: Any) -> None:
     numbers = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
     if not all(math.isfinite(n) for n in numbers.values() if isinstance(n, float)):

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from model.plan.editing import (
-    Edited,
     Gesture,
     added,
     deleted,
@@ -35,7 +34,7 @@ from model.plan.editing import (
     within_reach,
 )
 from model.plan.kinds import REST_PLACE, TOGETHER_S, Spoken, strokes_of
-from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Smile
+from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Smile
 from model.storage.files import bytes_within
 
 _CLOSE = 0.02
@@ -106,7 +105,7 @@ def excited(style: Style, by: float) -> Style:
     }))  # fmt: skip
 
 
-def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) -> Edited:
+def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) -> Noted:
     """The plan with another style, as far as there are gestures, words and time for it.
 
     Args:
@@ -134,7 +133,7 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) ->
         plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m))
     if _differs(style.smile, now.smile):
         plan = replace(plan, smiles=_smiles(plan, style.smile, now.smile))
-    return Edited(plan, tuple(notes))
+    return Noted(plan, tuple(notes))
 
 
 def _differs(wish: float, now: float) -> bool:
@@ -197,7 +196,7 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
     return plan
 
 
-def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], Edited]) -> GesturePlan:
+def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], Noted]) -> GesturePlan:
     """Every gesture changed that can be."""
     for gesture in (each for group in together(plan) for each in group):
         try:
@@ -235,7 +234,7 @@ class StyleWish:
     excite: float = 0.0
     wrong_words: bool = False
 
-    def done(self, plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
+    def done(self, plan: GesturePlan, words: Sequence[Spoken] = ()) -> Noted:
         """The plan as wished, as far as there are gestures, words and time for it."""
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
@@ -244,10 +243,10 @@ class StyleWish:
         if not self.wrong_words:
             return found
         wrong = on_wrong_words(found.plan, words)
-        return Edited(wrong.plan, (*found.notes, *wrong.notes))
+        return Noted(wrong.plan, (*found.notes, *wrong.notes))
 
 
-def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
+def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Noted:
     """Every gesture as it is, but at least `AWAY_S` from where any was called for: on another word
     if words are known, else at another time. One that has no room stays, and that is said."""
     groups = together(plan)
@@ -276,7 +275,7 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
         else:
             stayed += 1
     notes = (f"{stayed} of {len(groups)} gestures stay on their words.",) if stayed else ()
-    return Edited(plan, notes)
+    return Noted(plan, notes)
 
 
 def read_wish(path: Path) -> StyleWish:

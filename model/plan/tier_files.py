@@ -33,12 +33,13 @@ _VALUE = re.compile(r'"([^"]*(?:""[^"]*)*)"|(?<![^\s=])([-+.\d][^\s"]*)')
 
 
 @dataclass(frozen=True)
-class TierRow:
-    """What a tier says of some time; of a moment where both times are the same."""
+class Interval:
+    """What a tier says of some time, such as a word of the speech, in seconds from its start; of a
+    moment where both times are the same."""
 
     start_s: float
     end_s: float
-    label: str
+    text: str
 
     @property
     def middle_s(self) -> float:
@@ -52,7 +53,7 @@ class NamedTier:
     """Rows under one name, in time."""
 
     name: str
-    rows: tuple[TierRow, ...]
+    rows: tuple[Interval, ...]
     has_points: bool = False
     """Its rows are moments."""
     parent: str = ""
@@ -79,7 +80,7 @@ def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[
     if not is_textgrid(text):
         raise error(f"{name} is no TextGrid; save one as text in Praat.")
     tiers: list[NamedTier] = []
-    rows: list[TierRow] = []
+    rows: list[Interval] = []
     numbers: deque[float] = deque(maxlen=6)
     length, kind, called = nan, "", ""
     for found in _VALUE.finditer(text):
@@ -96,7 +97,7 @@ def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[
         elif kind and not (called or numbers):
             called = told
         elif kind and numbers:
-            rows.append(TierRow(numbers[-1 if kind == "TextTier" else -2], numbers[-1], told))
+            rows.append(Interval(numbers[-1 if kind == "TextTier" else -2], numbers[-1], told))
         numbers.clear()
     if kind:
         tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
@@ -122,7 +123,7 @@ def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | No
         ]  # fmt: skip
         for k, row in enumerate(rows, 1):
             lines.append(f"        {what} [{k}]:")
-            label = _quoted(row.label)
+            label = _quoted(row.text)
             if tier.has_points:
                 told = f"number = {row.start_s:.4f}", f"mark = {label}"
             else:
@@ -131,19 +132,19 @@ def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | No
     return "\n".join(lines) + "\n"
 
 
-def _covering(rows: Sequence[TierRow], end_s: float) -> list[TierRow]:
+def _covering(rows: Sequence[Interval], end_s: float) -> list[Interval]:
     """The rows, with empty ones in the gaps; of no length are left out."""
-    filled: list[TierRow] = []
+    filled: list[Interval] = []
     at_s = 0.0
     for row in rows:
         if row.end_s <= max(at_s, row.start_s):
             continue
         if row.start_s > at_s:
-            filled.append(TierRow(at_s, row.start_s, ""))
-        filled.append(TierRow(max(row.start_s, at_s), row.end_s, row.label))
+            filled.append(Interval(at_s, row.start_s, ""))
+        filled.append(Interval(max(row.start_s, at_s), row.end_s, row.text))
         at_s = row.end_s
     if at_s < end_s or not filled:
-        filled.append(TierRow(at_s, end_s, ""))
+        filled.append(Interval(at_s, end_s, ""))
     return filled
 
 
@@ -249,7 +250,7 @@ def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> s
                 slots += start, end
             written.append(
                 f'\n    <ANNOTATION>\n      <{what}_ANNOTATION ANNOTATION_ID="a{count}" {where}>'
-                f"\n        <ANNOTATION_VALUE>{_label(row.label)}</ANNOTATION_VALUE>"
+                f"\n        <ANNOTATION_VALUE>{_label(row.text)}</ANNOTATION_VALUE>"
                 f"\n      </{what}_ANNOTATION>\n    </ANNOTATION>"
             )
         written.append("\n  </TIER>")
@@ -281,11 +282,11 @@ def _label(label: str) -> str:
     return escape(label)
 
 
-def _span(row: TierRow) -> tuple[int, int]:
+def _span(row: Interval) -> tuple[int, int]:
     return max(0, round(1000 * row.start_s)), max(0, round(1000 * row.end_s))
 
 
-def _around(rows: Sequence[TierRow]) -> list[tuple[int, int]]:
+def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
     """A span around each moment, none over another. Moments lie 2 ms apart at least."""
     at: list[int] = []
     for row in rows:
@@ -358,5 +359,5 @@ def _tiers(root: ET.Element, slots: dict[str, float], file: str) -> Iterator[Nam
                 name = refs.get(name, "")
             start_s, end_s = spans.get(name, (0.0, 0.0))
             if start_s < end_s:
-                rows.append(TierRow(start_s, end_s, one.findtext("ANNOTATION_VALUE") or ""))
+                rows.append(Interval(start_s, end_s, one.findtext("ANNOTATION_VALUE") or ""))
         yield NamedTier(tier.get("TIER_ID", ""), tuple(rows), parent=tier.get("PARENT_REF", ""))

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Int16
 
 from conventions.rates import SAMPLE_RATE
+from model.plan.tier_files import Interval
 from model.speech.pronouncing import Sayable, words_to_say
-from model.speech.transcript import Interval, Word
+from model.speech.transcript import Word
 from processes.child import parent_channel
 
 PIECE_S = (8.0, 16.0)

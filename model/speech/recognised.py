@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from conventions.rates import SAMPLE_RATE
-from model.speech.transcript import NOTHING_SAID, Interval, Origin, Transcript, Word
+from model.plan.tier_files import Interval
+from model.speech.transcript import NOTHING_SAID, Origin, Transcript, Word
 from processes.child import Child, Gone
 from processes.ended import Ended
 

@@ -8,7 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Literal
 
-from model.plan.tier_files import NamedTier, is_textgrid, text_of, textgrid_tiers
+from model.plan.tier_files import Interval, NamedTier, is_textgrid, text_of, textgrid_tiers
 from model.storage.files import bytes_within
 
 MAX_BYTES = 8 * 2**20
@@ -33,15 +33,6 @@ _ACCENT = re.compile(r"\d+(?:\.\d+)?")
 
 class TranscriptError(ValueError):
     """A transcript that cannot be used; the message is one sentence for a person."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A word or part of a gesture, and when it comes, in seconds from the start of the speech."""
-
-    start_s: float
-    end_s: float
-    text: str
 
 
 @dataclass(frozen=True)
@@ -153,7 +144,7 @@ def _phones(tiers: dict[str, NamedTier], name: str) -> tuple[Interval, ...]:
 def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     """Of the tier that has them, in time; what is no number is left out."""
     rows = next((t.rows for t in tiers if t.has_points and t.name == ACCENT_TIER), ())
-    found = [Accent(r.start_s, float(r.label)) for r in rows if _ACCENT.fullmatch(r.label)]
+    found = [Accent(r.start_s, float(r.text)) for r in rows if _ACCENT.fullmatch(r.text)]
     told = (accent for accent in found[:MAX_WORDS] if 0 <= accent.time_s < inf)
     return tuple(sorted(told, key=lambda accent: accent.time_s))
 
@@ -162,7 +153,7 @@ def _intervals(tier: NamedTier, what: str, name: str) -> tuple[Interval, ...]:
     """Those with a label, in time."""
     found = []
     for row in tier.rows:
-        label = row.label.strip()
+        label = row.text.strip()
         if label and not 0 <= row.start_s < row.end_s < inf:
             raise TranscriptError(
                 f"{name} has the {what} '{label[:40]}' from {row.start_s:g} to {row.end_s:g} s; a "

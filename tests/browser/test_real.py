@@ -18,7 +18,7 @@ from app.study.leaks import check_study
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
 from tests.browser.conftest import (
     BUILDS_ARE_THERE,
@@ -41,7 +41,7 @@ from tests.model.plan.made import phase
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
 LONG_S = 8.0
-WORDS = NamedTier("words", (TierRow(4.0, 4.5, "you"), TierRow(5.5, 6.0, "there")))
+WORDS = NamedTier("words", (Interval(4.0, 4.5, "you"), Interval(5.5, 6.0, "there")))
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from app.config import AppConfig
 from app.page.tabs import own_motion
 from app.run.experiments.mechanism import NAMES
 from model.motion.motion import save_motion
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes
@@ -322,7 +322,7 @@ def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     """On a phone; then eight seeds, on a large window."""
     reference, words = tmp_path / "reference.npz", tmp_path / "words.TextGrid"
     save_motion(fakes.made_motion(FRAMES), reference)
-    said = NamedTier("words", (TierRow(1.0, 2.0, "<b>hello</b>"),))
+    said = NamedTier("words", (Interval(1.0, 2.0, "<b>hello</b>"),))
     words.write_text(textgrid_of([said], 2.0))
     page = opened(visitor(390, 844), address)
     silence = tmp_path / "silence.wav"

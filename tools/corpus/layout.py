@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from conventions.rates import FPS
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import wav_bytes
 from model.storage.files import write_error, written_atomically
 from tools.corpus.clip import CorpusClip
@@ -86,7 +86,7 @@ def split_table(rows: list[tuple[str, str]]) -> str:
     return "id,type\n" + "".join(f"{clip_id},{split}\n" for clip_id, split in rows)
 
 
-Interval = tuple[float, float, str]
+Span = tuple[float, float, str]
 Point = tuple[float, str]
 NO_SMILE = 0.02  # levels up to this are none
 
@@ -96,16 +96,18 @@ def textgrid(clip: CorpusClip) -> str:
     utterance, events = clip.utterance, clip.events
     duration_s = utterance.duration_s
 
-    def intervals(name: str, rows: list[Interval]) -> NamedTier:
-        found: list[TierRow] = []
+    def intervals(name: str, rows: list[Span]) -> NamedTier:
+        found: list[Interval] = []
         for row in rows:
             clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
             if clipped is not None:
-                found.append(TierRow(*clipped))
+                found.append(Interval(*clipped))
         return NamedTier(name, tuple(found))
 
     def moments(name: str, rows: list[Point]) -> NamedTier:
-        return NamedTier(name, tuple(TierRow(at, at, label) for at, label in rows), has_points=True)
+        return NamedTier(
+            name, tuple(Interval(at, at, label) for at, label in rows), has_points=True
+        )
 
     def points(name: str, rows: list[Point]) -> NamedTier:
         return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))
@@ -136,7 +138,7 @@ def textgrid(clip: CorpusClip) -> str:
     return textgrid_of(tiers, round(duration_s, 4))
 
 
-def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Interval], list[Point]]:
+def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list[Point]]:
     """What a hand does when, and where it is to be at the end of each move.
 
     An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has
@@ -144,13 +146,13 @@ def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Interval], 
     frame; the first, at 0, is the pose that the clip starts in.
     """
     started = [key for key in keys if key.arrive_s <= 0]
-    rows: list[tuple[Interval, HandKey | None]] = []
+    rows: list[tuple[Span, HandKey | None]] = []
     for before, key in pairwise([started[-1], *(key for key in keys if key.arrive_s > 0)]):
         start_s = max(key.arrive_s - key.duration_s, before.arrive_s)
         rows.append(((before.arrive_s, start_s, _stillness(before)), None))
         rows.append(((start_s, key.arrive_s, f"{key.phase} {key.gesture}".strip()), key))
     rows.append(((keys[-1].arrive_s, duration_s, _stillness(keys[-1])), None))
-    intervals: list[Interval] = []
+    intervals: list[Span] = []
     goals = [(0.0, _goal(started[-1]))]
     for row, key in rows:
         clipped = _clipped(row, intervals[-1][1] if intervals else 0.0, duration_s)
@@ -179,7 +181,7 @@ def _apexes(keys: list[HandKey], side: str) -> list[Point]:
     ]
 
 
-def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Interval]:
+def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Span]:
     """The foot is planted wherever it does not step."""
     steps = clip.events.steps[side]
     starts = [0.0, *(step.end_s for step in steps)]
@@ -187,7 +189,7 @@ def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Interval]:
     return [(start, end, "planted") for start, end in zip(starts, ends, strict=True)]
 
 
-def _clipped(row: Interval, from_s: float, duration_s: float) -> Interval | None:
+def _clipped(row: Span, from_s: float, duration_s: float) -> Span | None:
     """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
     start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
     return (start_s, end_s, row[2]) if end_s > start_s else None

@@ -14,9 +14,9 @@ from app.errors import RunError
 from app.run.ask import Ask
 from conventions.names import printable
 from model.plan import editing
-from model.plan.editing import SAME_S, Edited, Gesture, Hands, NoTimeError
+from model.plan.editing import SAME_S, Gesture, Hands, NoTimeError
 from model.plan.files import ENDINGS, plan_in
-from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Side
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, Noted, PlanError, Side
 from model.plan.style import LIMITS, excited, style_of, with_style
 from model.speech.transcript import Word
 from model.storage.checked import why
@@ -32,7 +32,7 @@ STEP_S = 0.1
 """By which the nearest free place is searched."""
 Values = Mapping[str, Any]
 Said = Sequence[Word]
-Does = Callable[[GesturePlan, Values, Said], Edited]
+Does = Callable[[GesturePlan, Values, Said], Noted]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def edits_of(told: object) -> tuple[Edit, ...]:
     return tuple(_edit(one) for one in told)
 
 
-def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Edited:
+def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
     """The plan after all of them, in their order, and what was mended.
 
     Args:
@@ -112,7 +112,7 @@ def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Edited:
         done = KINDS[edit.do].does(plan, edit.values, words)
         plan = done.plan
         notes += done.notes
-    return Edited(plan, tuple(dict.fromkeys(notes)))
+    return Noted(plan, tuple(dict.fromkeys(notes)))
 
 
 def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
@@ -200,22 +200,22 @@ def _said_at(words: Said, at_s: float) -> str:
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
-def _of_both(change: Callable[..., Edited], *names: str) -> Does:
+def _of_both(change: Callable[..., Noted], *names: str) -> Does:
     """A change of a gesture by some of its values, and of the other hand's part in it."""
 
-    def does(plan: GesturePlan, told: Values, words: Said) -> Edited:
+    def does(plan: GesturePlan, told: Values, words: Said) -> Noted:
         gesture, values = _gesture(told), [told[name] for name in names]
         partner = editing.partner_of(plan, gesture)
         done = change(plan, gesture, *values)
         if partner is None:
             return done
         also = change(done.plan, partner, *values)
-        return Edited(also.plan, tuple(dict.fromkeys((*done.notes, *also.notes))))
+        return Noted(also.plan, tuple(dict.fromkeys((*done.notes, *also.notes))))
 
     return does
 
 
-def _move(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _move(plan: GesturePlan, told: Values, words: Said) -> Noted:
     lands_s, word = _place(told, words)
     if word is None:
         word = _said_at(words, lands_s)
@@ -224,12 +224,12 @@ def _move(plan: GesturePlan, told: Values, words: Said) -> Edited:
     return moved(plan, told, words)
 
 
-def _add(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _add(plan: GesturePlan, told: Values, words: Said) -> Noted:
     lands_s, word = _place(told, words)
     return editing.added(plan, told["kind"], lands_s, told.get("hands"), word or "")
 
 
-def _end(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
     """Another end of a phase, of both hands where they make it together; strokes that end at
     another time tell the word of that time."""
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
@@ -248,17 +248,17 @@ def _end(plan: GesturePlan, told: Values, words: Said) -> Edited:
             for one in new.hand(hand)
         )
         new = new.with_hand(hand, phases)
-    return Edited(new, tuple(dict.fromkeys(notes)))
+    return Noted(new, tuple(dict.fromkeys(notes)))
 
 
-def _look(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _look(plan: GesturePlan, told: Values, words: Said) -> Noted:
     end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
     if end_s <= told["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
     return editing.with_event(plan, Gaze(told["at"], end_s, told["yaw"], told["pitch"]))
 
 
-def _remove(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _remove(plan: GesturePlan, told: Values, words: Said) -> Noted:
     def off(event: Any) -> float:
         at = event.start_s if hasattr(event, "start_s") else event.time_s
         return abs(at - told["at"])
@@ -268,10 +268,10 @@ def _remove(plan: GesturePlan, told: Values, words: Said) -> Edited:
     if nearest is None or off(nearest) >= AT_S:
         raise PlanError(f"The plan has none of its {told['list']} at {told['at']:.2f} s.")
     left = tuple(event for event in events if event is not nearest)
-    return Edited(replace(plan, **{told["list"]: left}))
+    return Noted(replace(plan, **{told["list"]: left}))
 
 
-def _style(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _style(plan: GesturePlan, told: Values, words: Said) -> Noted:
     wish = style_of(plan)
     wish = replace(wish, **{name: value for name, value in told.items() if name != "excite"})
     if "excite" in told:
@@ -279,7 +279,7 @@ def _style(plan: GesturePlan, told: Values, words: Said) -> Edited:
     return with_style(plan, wish, words)
 
 
-def _plan(plan: GesturePlan, told: Values, words: Said) -> Edited:
+def _plan(plan: GesturePlan, told: Values, words: Said) -> Noted:
     """Another plan in place of this one, as long as the speech."""
     ending = Path(told["name"]).suffix
     if ending.lower() not in {each.lower() for each in ENDINGS}:
@@ -287,7 +287,7 @@ def _plan(plan: GesturePlan, told: Values, words: Said) -> Edited:
             f"A plan comes as {', '.join(ENDINGS)}; this file ends in {ending[:12] or 'nothing'!r}."
         )
     read = plan_in(told["text"].encode("utf-8", "replace"), f"plan{ending.lower()}")
-    return Edited(as_long_as(read.plan, plan.duration_s), read.notes)
+    return Noted(as_long_as(read.plan, plan.duration_s), read.notes)
 
 
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)

@@ -16,7 +16,7 @@ from app.commands import doctor
 from app.commands.cli import main, parse
 from app.run.display import Display
 from model.motion.motion import save_motion
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from renderer.video.compose import band_height
 from tests.helpers import smooth_motion_example
 
@@ -94,7 +94,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     eight_channels, weights, tmp_path, capsys
 ):
     out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
-    words.write_text(textgrid_of([NamedTier("words", (TierRow(0.1, 0.4, "hello"),))], 2.0))
+    words.write_text(textgrid_of([NamedTier("words", (Interval(0.1, 0.4, "hello"),))], 2.0))
     flags = f"--systems globaldiff/global --joint left_wrist --start 5 --transcript {words}"
     argv = generate(eight_channels, out, weights, *flags.split(), "--max-minutes", "0.04")
     assert main(argv) == 0

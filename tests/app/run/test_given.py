@@ -26,8 +26,9 @@ from model.measures.beats import speech_onsets
 from model.measures.point import Spectrum
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
+from model.plan.tier_files import Interval
 from model.speech.audio import Speech, load_speech, write_wav
-from model.speech.transcript import Interval, Transcript, Word
+from model.speech.transcript import Transcript, Word
 from renderer.body.body import load_body
 from renderer.video.encoder import read_facts
 from tests.app.heard import Heard

@@ -32,8 +32,9 @@ from app.run.timeline import said_in
 from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
+from model.plan.tier_files import Interval
 from model.speech.audio import load_speech
-from model.speech.transcript import Accent, Interval, Transcript, Word
+from model.speech.transcript import Accent, Transcript, Word
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example

@@ -18,8 +18,9 @@ from app.run.timeline import (
     waveform_peaks,
     worst_seconds,
 )
+from model.plan.tier_files import Interval
 from model.speech.audio import Speech, load_speech
-from model.speech.transcript import Accent, Interval, Transcript, Word
+from model.speech.transcript import Accent, Transcript, Word
 from model.storage.cards import BUNDLED_WEIGHTS
 from renderer.body.body import load_body
 from tests.app.fakes import made_motion

@@ -14,7 +14,7 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 
 REST = (0.2, -0.3, 0.1)
 HIGH = (0.2, 0.1, 0.3)
@@ -69,7 +69,7 @@ class Said:
 
 def tier(name: str, *rows: tuple) -> NamedTier:
     """Intervals (start, end, label), or points (time, label)."""
-    of = (TierRow(float(row[0]), float(row[-2]), row[-1]) for row in rows)
+    of = (Interval(float(row[0]), float(row[-2]), row[-1]) for row in rows)
     return NamedTier(name, tuple(of), has_points=any(len(row) == 2 for row in rows))
 
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from model.plan.editing import (
     ARM_M,
     LEAST_S,
-    Edited,
     Gesture,
     added,
     counterpart,
@@ -27,7 +26,7 @@ from model.plan.editing import (
     with_hands,
 )
 from model.plan.kinds import PLACES, REST_PLACE, strokes_of
-from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, Smile
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, Noted, PlanError, Smile
 from tests.model.plan.made import LOW, Said, made_plan, phase, resting
 
 STILL = resting(10.0)
@@ -114,7 +113,7 @@ def test_holds_stretch_until_the_next_gesture_and_say_so():
 
 
 def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
-    def goal(edited: Edited) -> tuple[float, float, float]:
+    def goal(edited: Noted) -> tuple[float, float, float]:
         return next(p.goal for p in edited.plan.right if p.end_s == 4.5)
 
     small, same, large = (
@@ -190,7 +189,7 @@ EDITS = st.tuples(
 )
 
 
-def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> Edited:
+def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> Noted:
     what, at, kind, hands, by = edit
     there = [g for side in SIDES for g in gestures(plan, side)]
     if what == "add" or not there:

@@ -13,7 +13,6 @@ from model.plan.files import (
     ENDINGS,
     USUAL_NOD_DEG,
     Marker,
-    PlanRead,
     annotated_plan,
     markers_csv,
     markers_of,
@@ -29,13 +28,14 @@ from model.plan.plan import (
     Gaze,
     GesturePlan,
     Nod,
+    Noted,
     PlanError,
     Planted,
     Smile,
     Stand,
     read_plan,
 )
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of, textgrid_tiers
+from model.plan.tier_files import Interval, NamedTier, textgrid_of, textgrid_tiers
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 from tests.model.plan.strategies import plans
 
@@ -151,7 +151,7 @@ def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
         write_plan_file(plan, tmp_path / "plan.txt")
 
 
-def told(*tiers: NamedTier) -> PlanRead:
+def told(*tiers: NamedTier) -> Noted:
     return plan_of_tiers(tiers, 5.0)
 
 
@@ -285,7 +285,7 @@ def test_a_textgrid_comes_back_whatever_its_labels_hold() -> None:
     spans = tier("of", *((k, k + 1, label) for k, label in enumerate(LABELS)))
     told = [spans, tier("none"), tier('a "b"', *((k, label) for k, label in enumerate(LABELS)))]
     assert textgrid_tiers(textgrid_of(told, 7.0), "a", PlanError) == (
-        [spans, NamedTier("none", (TierRow(0.0, 7.0, ""),)), told[2]],
+        [spans, NamedTier("none", (Interval(0.0, 7.0, ""),)), told[2]],
         7.0,
     )
 
@@ -319,8 +319,8 @@ SHORT = """File type = "ooTextFile short"
 
 
 def test_praats_short_format_exponents_and_times_before_zero_are_read_as_they_stand() -> None:
-    words = (TierRow(0.0, 0.5, 'so "it" now'), TierRow(0.5, 2.0, "goes"))
-    apex = NamedTier("apex", (TierRow(-1.0, -1.0, "here"),), has_points=True)
+    words = (Interval(0.0, 0.5, 'so "it" now'), Interval(0.5, 2.0, "goes"))
+    apex = NamedTier("apex", (Interval(-1.0, -1.0, "here"),), has_points=True)
     assert textgrid_tiers(SHORT, "a", PlanError) == ([NamedTier("words", words), apex], 2.0)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.plan.editing import Edited, Gesture, added, gestures, on_word
-from model.plan.plan import GesturePlan, PlanError
+from model.plan.editing import Gesture, added, gestures, on_word
+from model.plan.plan import GesturePlan, Noted, PlanError
 from model.plan.style import (
     AWAY_S,
     Style,
@@ -30,7 +30,7 @@ WORDS = [Said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
 def test_sliders_stand_where_the_plan_is_and_leave_it_there():
     style = style_of(BUSY)
     assert style.gestures_per_min == 18 and style.both == pytest.approx(1 / 3)
-    assert with_style(BUSY, style, FEW_WORDS) == Edited(BUSY)
+    assert with_style(BUSY, style, FEW_WORDS) == Noted(BUSY)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_numbers_are_as_told_or_so_many_times_what_each_plan_asks_for(tmp_path):
     bare = style_of(written(tmp_path, "[times]\nsize_m = 1.5").done(plan).plan)
     assert bare.size_m == pytest.approx(1.5 * style_of(plan).size_m, rel=0.02)
     assert bare.gestures_per_min == style_of(plan).gestures_per_min
-    assert written(tmp_path, "").done(plan) == Edited(plan)  # nothing changes nothing
+    assert written(tmp_path, "").done(plan) == Noted(plan)  # nothing changes nothing
     wild = style_of(written(tmp_path, "size_m = 0.2\nexcite = 1").done(plan).plan)
     assert wild.size_m == pytest.approx(0.26, abs=0.02)  # done after the numbers
 

@@ -7,13 +7,12 @@ import pytest
 
 from app.run.examples import CLEAN
 from model.motion.motion import load_motion
-from model.plan.tier_files import NamedTier, TierRow, textgrid_of
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import load_speech
 from model.speech.pronouncing import number_words, words_to_say
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
     MAX_TEXT,
-    Interval,
     TranscriptError,
     Word,
     read_transcript,
@@ -25,7 +24,7 @@ PHONES = [(0.1, 0.2, "h"), (0.2, 0.4, "o")]
 
 
 def grid(*tiers: tuple[str, list]) -> str:
-    named = [NamedTier(name, tuple(TierRow(*row) for row in rows)) for name, rows in tiers]
+    named = [NamedTier(name, tuple(Interval(*row) for row in rows)) for name, rows in tiers]
     return textgrid_of(named, 2.0)
 
 
