@@ -41,7 +41,6 @@ from app.run.tasks import (
     Task,
 )
 from conventions.views import CLOSE_UPS
-from model.formats.read import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
@@ -219,8 +218,6 @@ def diagnose(
     ask: Diagnose,
     pool: Pool,
     check: Annotated[Literal["genea"] | None, written(str, "genea", "nothing")] = None,
-    fps: Annotated[float | None, written(float, "N", "as the file says")] = None,
-    rotations: Annotated[str | None, written(str, "|".join(ROTATIONS), "as seen")] = None,
 ) -> None:
     """Numbers, Figure 6 and jitter of anyone's motion files.
 
@@ -230,17 +227,12 @@ def diagnose(
     Args:
         check: measure nothing: hold sets against the rules of the GENEA leaderboard, beside
             --reference, the recorded test clips (docs/many-clips.md).
-        fps: frame rate of files that do not tell theirs, or lie.
-        rotations: of the joints, where their number says too little.
     """
     from app.run.many.unpacked import is_packed
 
-    if check not in (None, "genea") or rotations not in (None, *ROTATIONS):
-        raise RunError(f"--check takes genea, and --rotations {', '.join(ROTATIONS)}.")
-    told = told_as(fps, rotations, MOTIONS) + ask.told
-    asked = whole(
-        Ask, ask, told=told, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS
-    )
+    if check not in (None, "genea"):
+        raise RunError("--check takes genea.")
+    asked = whole(Ask, ask, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
     if not asked.motions:
         raise RunError("There is no motion to measure; name at least one file.")
     if check is not None:

@@ -42,7 +42,6 @@ Rotations = Literal[
     "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
     "matrix",
 ]  # fmt: skip
-ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
 AXES = ("y", "-y", "z", "-z", "x", "-x")
 USUAL_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -52,7 +51,7 @@ TELLABLE: dict[str, tuple[str, ...]] = {
     "units": tuple(METRES),
     "rate": (),
     "hands": ("flat", "mean"),
-    "rotations": ROTATIONS,
+    "rotations": get_args(Rotations),
     "motion": (),
     "frames": ("refuse", "bridge"),
     "lag": (),
@@ -209,17 +208,6 @@ class Assumptions:
         """
         if wrong := self.unknown(files, *names):
             raise MotionError(wrong)
-
-    def __add__(self, other: Assumptions) -> Assumptions:
-        return Assumptions(self.says + other.says)
-
-
-def told_as(fps: float | None, rotations: str | None, name: str = "") -> Assumptions:
-    """One rate and form of rotations, of files of a name."""
-    said = {"rate": None if fps is None else f"{fps:g}", "rotations": rotations}
-    return Assumptions(
-        tuple((name, kind, value) for kind, value in said.items() if value is not None)
-    )
 
 
 def read_told(written: str) -> Assumptions:

@@ -11,7 +11,7 @@ from app.errors import RunError, sentence_of, visitor_sentence
     [
         ("Say this.", "Say this."),
         (
-            "a.npy tells no frame rate; 30 was taken (say another with --fps).",
+            "a.npy tells no frame rate; 30 was taken (say another with --assume).",
             "a.npy tells no frame rate; 30 was taken.",
         ),
         ("None was given: add it (--speech), or not.", "None was given: add it, or not."),

@@ -37,8 +37,8 @@ def test_assumptions_are_told_counted_apart_and_overruled(
     np.savez(tmp_path / "recorded.npz", poses=motion.poses, trans=motion.trans)
     out = tmp_path / "out"
     argv = ["diagnose", str(tmp_path / "theirs.npz"), "--no-pictures", "--out", str(out)]
-    argv += ["--reference", str(tmp_path / "recorded.npz"), "--fps", "25"]
-    assert main([*argv, "--assume", "reference:units=m"]) == 0
+    argv += ["--reference", str(tmp_path / "recorded.npz")]
+    assert main([*argv, "--assume", "motions:rate=25,reference:units=m"]) == 0
     told = json.loads((out / "diagnostics.json").read_text())
     assumed = {
         name: {each["what"]: (each["value"], each["sure"]) for each in found}
@@ -46,7 +46,7 @@ def test_assumptions_are_told_counted_apart_and_overruled(
     }
     assert assumed["theirs"]["up"] == ("z", "sure")
     assert assumed["theirs"]["rate"] == ("25", "told")
-    assert assumed["reference"]["rate"] == ("30", "unsure")  # --fps is of the motions
+    assert assumed["reference"]["rate"] == ("30", "unsure")  # of the motions alone
     assert assumed["reference"]["units"] == ("m", "told")
     assert told["lacks"] == {"theirs": ["detail", "face", "hands"], "reference": ["face"]}
     kinds = {each["kind"] for each in told["findings"]["theirs"]}

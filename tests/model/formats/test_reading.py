@@ -10,7 +10,6 @@ from model.formats.read import (
     apart,
     lengths_apart,
     read_told,
-    told_as,
 )
 from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example
@@ -54,7 +53,7 @@ def test_a_rate_at_which_the_speech_would_fit_is_told():
 
 def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
     said = "up=z, b, c.npz:up=x,*.npz:up=y,*.npz:hands=mean,reference:rate=25,units=cm"
-    told = read_told(said) + told_as(24.0, None, "motions")
+    told = read_told(f"{said},motions:rate=24")
     assert told.of("a.bvh", "motions") == {"up": "z", "units": "cm", "rate": "24"}
     assert told.of("B.NPZ") == {"up": "y", "units": "cm", "hands": "mean"}
     assert told.of("b, c.npz")["up"] == "x"
