@@ -101,6 +101,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     page.wait_for_function("() => document.querySelector('#player .lockstep')?.stage?.pictures > 5")
     expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
     assert page.evaluate(f"{LOCKSTEP}.isPlaying && {SOUND}.muted")
+    page.evaluate(f"{LOCKSTEP}.pause()")
     page.get_by_text(text.LOOK_SHOW).click()
     expect(page.locator(".first-look details")).to_contain_text("1,318")
     page.get_by_role("tab", name=text.MOTION_TAB, exact=True).focus()
