@@ -179,8 +179,10 @@ EDITS_GONE = (
     "This run is kept no longer, or is another browser's; generate the motion again to edit it."
 )
 TOO_MANY_TAKES = "There are {limit} takes of this run already; generate the motion again for more."
+TAKE_BEGINS = "It is performed again."
 TAKE_COMING = "Take {number} is performed: it moves as far as it has come."
 TAKE_DONE = "Take {number} is there."
+EDITOR_BEGINS = "The editor reads the gestures and the models, once."
 EDITOR_READY = "Choose a gesture on the time line, or add one."
 SEEN_GONE = "A motion of the stage is kept no longer; start the run again, then make the video."
 VIDEOS_LABEL = "Draw videos as well"

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from app import text
 from app.errors import page_sentence
-from app.page.parts.markup import shown
 from app.page.routes.media import Address, Media
 from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
 from app.run.output.run_folder import (
@@ -167,11 +166,11 @@ def _assumed(row: Row) -> dict[str, Any]:
     return {"kind": f"*{row.ending}", "read": read}
 
 
-def first_look(media: Media) -> tuple[dict[str, Any], Any]:
-    """Of the player and of what stands in the place of results, for a page that opens."""
+def first_look(media: Media) -> tuple[dict[str, Any], str]:
+    """Value of the player and HTML that stands in the place of results, for a page that opens."""
     value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
     plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
-    return plays, shown(question(json.loads((FIRST_LOOK / FACTS).read_text())))
+    return plays, question(json.loads((FIRST_LOOK / FACTS).read_text()))
 
 
 def question(facts: dict[str, Any]) -> str:

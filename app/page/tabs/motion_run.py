@@ -230,8 +230,8 @@ class Opening:
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
-        listed = shown(self._kept.html(cookie))
-        updates: Updates = {parts.runs: listed for parts in self._places.values()}
+        listed = self._kept.html(cookie)  # Gradio takes each update apart
+        updates: Updates = {parts.runs: shown(listed) for parts in self._places.values()}
         tokens = request.query_params.getlist(PARAMETER)[:2] or self._services.opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
@@ -240,7 +240,8 @@ class Opening:
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
         if self._services.first_look is not None:
-            updates[parts.player], updates[parts.look] = self._services.first_look
+            updates[parts.player], question = self._services.first_look
+            updates[parts.look] = shown(question)
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._services.config.keep_results_s / 60))
             updates[parts.message] = shown(markup.note(gone))

@@ -69,7 +69,7 @@ class Services:
     media: Media = field(default_factory=Media)
     private: Kept[Path] = field(default_factory=Kept)
     """Folders of researchers' parts that wait to be fetched."""
-    first_look: tuple[dict[str, Any], Any] | None = None
+    first_look: tuple[dict[str, Any], str] | None = None
     """What plays before the first run, and what is said beside it."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""

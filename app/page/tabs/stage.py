@@ -90,7 +90,7 @@ class TakesRunner(TabRunner):
             number = max(row.take.number for row in showing.record.rows if row.take)
             return said(text.TAKE_COMING.format(number=number), state="working")
 
-        yield said("It is performed again.", state="working")
+        yield said(text.TAKE_BEGINS if asked.edits else text.EDITOR_BEGINS, state="working")
         try:
             wanted = TakeAsk(
                 out=showing.folder,

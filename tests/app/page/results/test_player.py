@@ -68,7 +68,6 @@ def test_the_example_is_shown_to_every_visitor_without_a_cookie():
         assert media.at(row["frames"], "of anybody") is not None
         assert not row["is_drawn"]
     assert media.at(value["timeline"], "") is not None
-    told = told["value"]
     before, after = told.split("<summary>")
     assert "Which hand trembles?" in told, "the answer is folded away and has the numbers"
     assert TREMBLING not in before.split("<p>")[0] and "1,318" not in before
