@@ -39,6 +39,7 @@ const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const TAG_PX = 34; // of a body's name, above its picture
 const NAME_PX = 15; // of the same, under close-ups
+const LIST_PX = 400; // less from the left, and a list of files would not be seen whole
 const FINGERTIP_M = 0.008; // its radius
 /** @type {[number, number[]][]} */
 const EXPECTED = [[7, [1, 1, 1]], [5, [0.96, 0.62, 0.04]]]; // half of a mark of where a hand is to be, pixels, and its colour
@@ -498,6 +499,7 @@ export class Stage {
     const put = (element, { row }, left, top, wide) => {
       Object.assign(element.style, { left: `${(100 * left) / width}%`, top: `${(100 * top) / height}%`, width: `${(100 * wide) / width}%` });
       element.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
+      element.classList.toggle("opens-right", left < width / 2 && left + wide < LIST_PX);
       return element;
     };
     const named = ({ row }) => make("small", { class: "stage-name", "aria-hidden": "true" }, row.label ?? row.name);
