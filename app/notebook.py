@@ -319,7 +319,7 @@ def compare(
             others = {name: values[name] for name in diagnostics.systems}
             best[titled(measure)] = nearest(others, target)
     apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}
-    table = DataFrame.from_dict(rows, orient="index", columns=list(of_all), dtype=object)
+    table = DataFrame(list(rows.values()), list(rows), list(of_all), dtype=object)
     return Comparison(table, best, apart)
 
 

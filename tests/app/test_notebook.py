@@ -72,7 +72,8 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
         ("calm", "reference"),
         ("shaken", "reference"),
     }
-    assert f"<b>{calm_jerk:.3g}</b>" in found._repr_html_()
+    shown = found._repr_html_()
+    assert f"<b>{calm_jerk:.3g}</b>" in shown and "n/a" in shown and "nan" not in shown
 
 
 def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights):
