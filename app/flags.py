@@ -118,8 +118,8 @@ Minutes = Annotated[
 """Seconds."""
 
 
-def part_of(asked: type, *names: str, **instead: Any) -> type:
-    """The same dataclass, of which a command has flags of some fields alone.
+def part_of(asked: type, *names: str, **instead: Any) -> Any:
+    """Marks a dataclass of which a command has flags of some fields alone.
 
     Args:
         instead: of some fields another type, or with it another default: ``(type,)`` or ``(type,
@@ -137,7 +137,7 @@ def part_of(asked: type, *names: str, **instead: Any) -> type:
                 init=False, default=of.default, default_factory=of.default_factory
             )
     part = type(asked.__name__, (asked,), {"__annotations__": own, **values})
-    return dataclass(frozen=True, kw_only=True)(part)
+    return arg(constructor=dataclass(frozen=True, kw_only=True)(part))
 
 
 def whole(asked: type[T], part: Any, **others: Any) -> T:
@@ -145,15 +145,15 @@ def whole(asked: type[T], part: Any, **others: Any) -> T:
     return asked(**{of.name: getattr(part, of.name) for of in fields(asked)} | others)
 
 
-def family_files() -> type:
-    """A dataclass with a flag for each file that a family needs."""
+def family_files() -> Any:
+    """Marks what has a flag for each file that a family needs."""
     files = [file for family in families() for file in family.files]
     kind = Annotated[Path | None, written(Path, "FILE", "none")]
     named = [
         (_name_of(file.flag), Annotated[kind, arg(help=file.help)], field(default=None))
         for file in files
     ]
-    return make_dataclass("FamilyFiles", named, frozen=True)
+    return arg(constructor=make_dataclass("FamilyFiles", named, frozen=True))
 
 
 def use_family_files(named: Mapping[str, Any]) -> None:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -57,82 +57,70 @@ def _motion(about: str) -> tuple[Any]:
     return (Annotated[Positional[tuple[Path, ...]], arg(metavar="MOTION", help=about)],)
 
 
-if TYPE_CHECKING:
-    Generate = Ask
-    Diagnose = Ask
-    Steps = StepsAsk
-    Hearing = HearingAsk
-    Mechanism = MechanismAsk
-    Plan = Ask
-    Render = RenderAsk
-    Files = Any
-else:
-    Files = family_files()
-    _BODY = (File, default_body())
-    Generate = part_of(
-        Ask,
-        *("out", "systems", "weights", *SAMPLING),
-        *("post_filter", "plan", "style", "reference", "told", *_WORDS),
-        *("max_speech_s", *_FIGURE, "look", "views", "close_ups", "framing", "size", "display"),
-        "has_figures",
-        speech=_speech(
-            "Any sound file; or many: a folder of them, or a .txt with one path a line."
-        ),
-        body=_BODY,
-        has_video=(Annotated[bool, no("video", "No videos.")], True),
-    )
-    Diagnose = part_of(
-        Ask,
-        *("out", "speech", "reference", "told", *_WORDS, "mean_speeds", "window", "overlap"),
-        "emage_weights",
-        *(*_FIGURE, "shown", "has_poses"),
-        motions=_motion(
-            ".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
-            "folders or zips of them, paired by name, for numbers over many clips."
-        ),
-        body=_BODY,
-        has_video=(
-            Annotated[
-                bool,
-                arg(
-                    name="videos",
-                    help="A video of each motion that figures show, with close-ups and trail, in "
-                    "register.",
-                ),
-            ],
-            False,
-        ),
-    )
-    Steps = part_of(
-        StepsAsk,
-        *("out", *_SYSTEMS, "seed", "counts"),
-        systems=(Annotated[Names, arg(help="At most six.")],),
-        speech=_speech("Of which ten seconds are used."),
-    )
-    Hearing = part_of(
-        HearingAsk,
-        *("out", *_SYSTEMS, "guidance", "seeds", "speakers"),
-        speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
-        systems=(Names, usual_systems("hearing")),
-    )
-    Mechanism = part_of(
-        MechanismAsk,
-        *("out", "seed", "joint", "speech", "told", "size", "noise_rad"),
-        motions=_motion("One."),
-        body=_BODY,
-    )
-    Plan = part_of(
-        Ask,
-        *("out", *_SYSTEMS, "seed", "guidance", *_WORDS, "style", "told"),
-        speech=_speech("Any sound file; or a motion, whose plan is found."),
-    )
-    Render = part_of(
-        RenderAsk,
-        *("out", "speech", "told", "look", "views", "close_ups", "framing", "display", "joint"),
-        *("size", "plan", "num_stills", "sheet_every", "frame", "background"),
-        motions=_motion("One, in BEAT2's form, or any that is read."),
-        body=_BODY,
-    )
+Files = Annotated[Any, family_files()]
+_BODY = (File, default_body())
+_GENERATE = part_of(
+    Ask,
+    *("out", "systems", "weights", *SAMPLING),
+    *("post_filter", "plan", "style", "reference", "told", *_WORDS),
+    *("max_speech_s", *_FIGURE, "look", "views", "close_ups", "framing", "size", "display"),
+    "has_figures",
+    speech=_speech("Any sound file; or many: a folder of them, or a .txt with one path a line."),
+    body=_BODY,
+    has_video=(Annotated[bool, no("video", "No videos.")], True),
+)
+_DIAGNOSE = part_of(
+    Ask,
+    *("out", "speech", "reference", "told", *_WORDS, "mean_speeds", "window", "overlap"),
+    "emage_weights",
+    *(*_FIGURE, "shown", "has_poses"),
+    motions=_motion(
+        ".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
+        "folders or zips of them, paired by name, for numbers over many clips."
+    ),
+    body=_BODY,
+    has_video=(
+        Annotated[
+            bool,
+            arg(
+                name="videos",
+                help="A video of each motion that figures show, with close-ups and trail, in "
+                "register.",
+            ),
+        ],
+        False,
+    ),
+)
+_STEPS = part_of(
+    StepsAsk,
+    *("out", *_SYSTEMS, "seed", "counts"),
+    systems=(Annotated[Names, arg(help="At most six.")],),
+    speech=_speech("Of which ten seconds are used."),
+)
+_HEARING = part_of(
+    HearingAsk,
+    *("out", *_SYSTEMS, "guidance", "seeds", "speakers"),
+    speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
+    systems=(Names, usual_systems("hearing")),
+)
+_MECHANISM = part_of(
+    MechanismAsk,
+    *("out", "seed", "joint", "speech", "told", "size", "noise_rad"),
+    motions=_motion("One."),
+    body=_BODY,
+)
+_PLAN = part_of(
+    Ask,
+    *("out", *_SYSTEMS, "seed", "guidance", *_WORDS, "style", "told"),
+    speech=_speech("Any sound file; or a motion, whose plan is found."),
+)
+_RENDER = part_of(
+    RenderAsk,
+    *("out", "speech", "told", "look", "views", "close_ups", "framing", "display", "joint"),
+    *("size", "plan", "num_stills", "sheet_every", "frame", "background"),
+    motions=_motion("One, in BEAT2's form, or any that is read."),
+    body=_BODY,
+)
 
 
 @dataclass(frozen=True)
@@ -155,7 +143,7 @@ class Pool:
         return JobPool(self.processes, self.scheduler)
 
 
-def generate(ask: Generate, files: Files, pool: Pool) -> None:
+def generate(ask: Annotated[Ask, _GENERATE], files: Files, pool: Pool) -> None:
     """Speech to motion, videos, numbers and Figure 6.
 
     Several systems move to one piece of speech, with the same noise, and are compared: npz, mp4,
@@ -215,7 +203,7 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
 
 
 def diagnose(
-    ask: Diagnose,
+    ask: Annotated[Ask, _DIAGNOSE],
     pool: Pool,
     check: Annotated[Literal["genea"] | None, written(str, "genea", "nothing")] = None,
 ) -> None:
@@ -273,7 +261,7 @@ def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
         )
 
 
-def steps(ask: Steps, files: Files) -> None:
+def steps(ask: Annotated[StepsAsk, _STEPS], files: Files) -> None:
     """Quality against time: what steps of a sampler buy on this machine.
 
     Generate the same motion with few and with many steps, and plot jerk, and the distance to the
@@ -282,7 +270,7 @@ def steps(ask: Steps, files: Files) -> None:
     _do(MEASURE_STEPS, whole(StepsAsk, ask), files)
 
 
-def hearing(ask: Hearing, files: Files) -> None:
+def hearing(ask: Annotated[HearingAsk, _HEARING], files: Files) -> None:
     """Does it hear? What speech decides of the motion, and what chance.
 
     Generate each speech with each noise seed and compare: motions that share the speech, the noise,
@@ -292,7 +280,7 @@ def hearing(ask: Hearing, files: Files) -> None:
     _do(MEASURE_HEARING, whole(HearingAsk, ask), files)
 
 
-def mechanism(ask: Mechanism) -> None:
+def mechanism(ask: Annotated[MechanismAsk, _MECHANISM]) -> None:
     """The paper's argument on a body: equal noise on local and on global rotations.
 
     Put the same random turns on the local and on the global rotations of a motion, draw both bodies
@@ -302,7 +290,7 @@ def mechanism(ask: Mechanism) -> None:
     _do(SHOW_MECHANISM, whole(MechanismAsk, ask, has_video=True))
 
 
-def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
+def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
     """Speech to a plan of gestures, which `generate --plan` performs.
 
     Draw a plan from speech without moving anything: what each hand does when, where to and on which
@@ -333,7 +321,7 @@ def plan(ask: Plan, is_empty: Annotated[bool, arg(name="empty")] = False) -> Non
     _finish([asked.out], make_plan(asked, is_empty=is_empty).notes)
 
 
-def render(ask: Render) -> None:
+def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     """A motion file to a video, pictures, or a file for 3D software.
 
     The ending of --out chooses what is made. A .png is a contact sheet of eight poses, or what

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from app import text
 from app.config import EXAMPLES, LOCAL_PROXIES, AppConfig
@@ -50,18 +50,16 @@ END_WITHIN_S = 15.0
 """Of a signal; what visitors have left is then removed at the next start."""
 
 
-if TYPE_CHECKING:
-    Flags = Files = Any
-else:
-    Files = family_files()
-    Flags = part_of(
-        AppConfig,
-        *("host", "port", "body", "weights", "host_names", "proxies", "embedders"),
-        *("accounts", "opened", "max_speech_s"),
-    )
+_FLAGS = part_of(
+    AppConfig,
+    *("host", "port", "body", "weights", "host_names", "proxies", "embedders"),
+    *("accounts", "opened", "max_speech_s"),
+)
 
 
-def configured(flags: Flags, files: Files) -> AppConfig:
+def configured(
+    flags: Annotated[AppConfig, _FLAGS], files: Annotated[Any, family_files()]
+) -> AppConfig:
     use_family_files(vars(files))
     return whole(AppConfig, flags)
 
