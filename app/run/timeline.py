@@ -28,6 +28,7 @@ from model.speech.transcript import (
     Transcript,
     Word,
 )
+from model.storage.checked import read_checked
 
 
 def worst_seconds(
@@ -169,10 +170,8 @@ class _Line(BaseModel):
 def said_in(folder: Path) -> Transcript:
     """What `tiers_of` left in the time line of a run's folder; nothing where that is damaged."""
     path = file_of(folder, read_run(folder).timeline)
-    if path is None or path.stat().st_size > _MAX_LINE_BYTES:
-        return NOTHING_SAID
     try:
-        return _Line.model_validate_json(path.read_bytes()).said
+        return NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).said
     except ValueError:
         return NOTHING_SAID
 
