@@ -103,8 +103,8 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     assert FAMILY.about[MEAN] in ladder(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
     request = Ask(speech=speech, out=tmp_path / "out", weights=weights, has_poses=False)
-    result = do(request, lambda event: None, lambda: False)
-    assert result.names == (MEAN, DRAWN) and (tmp_path / "out" / "regression-mean.npz").is_file()
+    do(request)
+    assert (tmp_path / "out" / "regression-mean.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())
     assert record["weights"][MEAN]["sha256"] == record["weights"][DRAWN]["sha256"]
     assert record["options"]["steps"] == {MEAN: 1, DRAWN: 3}

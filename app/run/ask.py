@@ -378,12 +378,6 @@ class Done:
     """What a run left in its folder."""
 
     out: Path
-    files: tuple[Path, ...]
-    """Every file written, in the order in which it was made."""
-    names: tuple[str, ...]
-    """Its motions: systems with their samples or given files, the reference last."""
-    num_frames: int
-    """Of the longest."""
     diagnostics: Diagnostics
     notes: tuple[str, ...] = ()
     """Sentences the person should read, such as what was done to the speech."""

@@ -113,15 +113,8 @@ def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
         path.write_text(json.dumps(record, indent=1) + "\n")
         run.file(path)
     num_frames = max(motion.num_frames for motion in rows.staged.values())
-    return Done(
-        out=ask.out,
-        files=run.finish(_line(ask, len(rows.measured), num_frames, time.monotonic() - started)),
-        names=tuple(rows.measured),
-        num_frames=num_frames,
-        diagnostics=diagnostics,
-        notes=tuple(run.notes),
-        said=said,
-    )
+    run.finish(_line(ask, len(rows.measured), num_frames, time.monotonic() - started))
+    return Done(ask.out, diagnostics, tuple(run.notes), said)
 
 
 def record_of(ask: Ask) -> RunRecord:

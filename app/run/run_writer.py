@@ -25,7 +25,6 @@ from app.run.output.run_folder import (
     MAX_ROWS,
     MAX_TOLD,
     RUN,
-    SHOWN,
     SPEECH,
     TIMELINE,
     Row,
@@ -162,11 +161,11 @@ class RunWriter(Reporter):
         self.record.write(self._path)
         self._on_event(Grown(self._path.parent))
 
-    def finish(self, sentence: str) -> tuple[Path, ...]:
-        """All has come; returns the files but those that only a player shows."""
+    def finish(self, sentence: str) -> None:
+        """All has come."""
         self.record.state, self.record.sentence = "done", cut(sentence)
         self.tell()
-        return tuple(path for path in self.folder.publish() if path.parent.name != SHOWN)
+        self.folder.publish()
 
     def rows(self, names: Iterable[str]) -> None:
         """All that there will be, in their order."""

@@ -39,8 +39,8 @@ def asked(all_weights: Path, tmp_path: Path) -> Ask:
 def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_same(
     asked: Ask, tmp_path: Path
 ) -> None:
-    result = do(replace(asked, samples=2))
-    plans = [path for path in result.files if path.name.endswith(".plan.json")]
+    do(replace(asked, samples=2))
+    plans = sorted(asked.out.glob("*.plan.json"))
     assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
     assert read_plan(plans[0]).duration_s == 4.0
     other = replace(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
