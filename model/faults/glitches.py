@@ -70,8 +70,8 @@ def joint_noise(evidence: Evidence) -> Iterator[Finding]:
     if blamed in noise and shares[blamed] > 0.1:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         sentence += (
-            f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
-            f" the {point_words(evidence.point)} away."
+            f" Smoothing the {point_words(blamed)} alone takes {100 * shares[blamed]:.0f} % of the"
+            f" jerk of the {point_words(evidence.point)} away."
         )
     yield Finding(sentence, numbers, max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG))
 
@@ -116,7 +116,7 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
         return
     share = len(frames) / evidence.num_frames
     yield Finding(
-        f"{len(frames)} frames are copies of the frame before ({share:.1%}), the first at"
+        f"{len(frames)} frames are copies of the frame before ({100 * share:.1f} %), the first at"
         f" {clock(int(frames[0]))}; recorded clips have none.",
         {"copies": len(frames), "share": share},
         excess=len(frames) / COPIES,
@@ -166,8 +166,8 @@ def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding(
         "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
-        f" second, or fewer, and was stretched to 30 (movement, or its change, is {ratio:.0%}"
-        " of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
+        f" second, or fewer, and was stretched to 30 (movement, or its change, is"
+        f" {100 * ratio:.0f} % of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
         {"change_ratio": ratio},
         excess=HALF_RATE / max(ratio, 0.01),
     )

@@ -59,7 +59,8 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
         return
     feet = evidence.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
     contact = evidence.raw.posture.foot_contact_share
-    few = f" (on the ground in {contact:.0%} of the frames only)" if contact < CONTACT_SHARE else ""
+    is_rare = contact < CONTACT_SHARE
+    few = f" (on the ground in {100 * contact:.0f} % of the frames only)" if is_rare else ""
     yield Finding(
         f"Feet on the ground slide at {100 * slide:.0f} cm/s on average{few}; recorded"
         f" clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s.",
@@ -83,8 +84,8 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         else "The feet hardly ever keep to one floor"
     )
     yield Finding(
-        f"{found}; a foot is on the ground in {contact:.0%} of the frames, in recorded clips"
-        " in 97% and more.",
+        f"{found}; a foot is on the ground in {100 * contact:.0f} % of the frames, in recorded"
+        " clips in 97 % and more.",
         {
             "height_m": float(above[worst]),
             "contact_share": contact,
@@ -105,7 +106,7 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
     share = float(np.mean(is_below))
     yield Finding(
         f"A foot goes {100 * below[worst]:.0f} cm through the floor at {clock(worst)}, and"
-        f" deeper than {100 * SINKING_M:.0f} cm in {share:.1%} of the frames (the floor is"
+        f" deeper than {100 * SINKING_M:.0f} cm in {100 * share:.1f} % of the frames (the floor is"
         " where the lower foot usually stands).",
         {"depth_m": float(below[worst]), "share": share},
         excess=float(below[worst]) / SINKING_M,
@@ -140,10 +141,10 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
         return
     assert set(by_joint) == set(FINGER_JOINT_NAMES)
     named = listed(
-        [f"{point_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]]
+        [f"{point_words(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(
-        f"Fingers bend as no human hand can in {share:.1%} of frames and joints;"
+        f"Fingers bend as no human hand can in {100 * share:.1f} % of frames and joints;"
         f" most often the {named}.",
         {
             "outside_share": share,
@@ -210,7 +211,7 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding(
         "Left and right joints seem swapped: both elbows bend backwards in at"
-        f" least {share:.0%} of the frames.",
+        f" least {100 * share:.0f} % of the frames.",
         {"way": "swapped", "elbow_backwards_share": backwards},
         excess=share / ELBOWS_BACKWARDS,
     )

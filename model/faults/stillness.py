@@ -54,7 +54,7 @@ def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
     for side, share in vars(evidence.raw.rotations.fingers_still_share).items():
         if share > HAND_STILL:
             yield Finding(
-                f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
+                f"The fingers of the {side} hand are frozen in {100 * share:.0f} % of the frames.",
                 {"side": side, "still_share": share},
                 excess=share / HAND_STILL,
             )
@@ -121,8 +121,8 @@ def copied_face(evidence: Evidence) -> Iterator[Finding]:
     if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_UNIT:
         return
     yield Finding(
-        f"The expressions are the reference's, bit for bit, in {share:.0%} of the frames: they"
-        " were copied, not made.",
+        f"The expressions are the reference's, bit for bit, in {100 * share:.0f} % of the frames:"
+        " they were copied, not made.",
         {"copied_share": share},
         excess=share / COPIED_SHARE,
     )

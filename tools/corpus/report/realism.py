@@ -247,7 +247,7 @@ def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
     """Seconds from and to which the speaker listens, from a TextGrid; none without such a tier."""
     tiers, _ = textgrid_tiers(path.read_text(), path.name, ValueError)
     rows = next((tier.rows for tier in tiers if tier.name == "listening"), ())
-    return tuple((row.start_s, row.end_s) for row in rows if row.label)
+    return tuple((row.start_s, row.end_s) for row in rows if row.text)
 
 
 def _judge(a: Figures, b: Figures) -> Pipeline:
