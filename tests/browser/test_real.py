@@ -207,6 +207,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     expect(stroke(page, "you")).to_have_count(0)
     press(editor(page), "Undo")
     said(page, "Take 2 is there again, beside take 1")
+    expect(stroke(page, "you")).to_have_count(1)  # its lanes, too
     stroke(page, "beat").focus()
     page.keyboard.press("Delete")
     done()
@@ -218,8 +219,10 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     grid = read_plan_file(plan_file(page, ".TextGrid", tmp_path)).plan
     assert [len(gestures(grid, side)) for side in ("left", "right")] == [0, 2]
     press(editor(page), "Undo")
+    said(page, "Take 2 is there again")
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
     press(editor(page), "Redo")
+    said(page, "Take 4 is there again")
     assert right_hand(page, tmp_path) == [2.1, 4.15]
 
     # A stroke is dragged to another time, and moved by keys.
