@@ -10,17 +10,13 @@ from pathlib import Path
 
 from app import text
 from conventions.names import printable
-from processes.job import Cancelled
+from processes.job import Cancelled as Cancelled
 
 log = logging.getLogger(__name__)
 
 
 class RunError(ValueError):
     """A run that cannot be done, with the one sentence that says why and what to do."""
-
-
-CancelledRun = Cancelled
-"""The person stopped the run; nothing was kept."""
 
 
 class FaultElsewhere(Exception):

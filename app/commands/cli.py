@@ -16,7 +16,7 @@ from app.commands import boards, runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
 from app.commands.said import LogLines, say
-from app.errors import CancelledRun, sentence_of
+from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
 from model.systems.registry import left_out
 
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     previous = signal.signal(signal.SIGTERM, _interrupt)
     try:
         command()
-    except (KeyboardInterrupt, CancelledRun):
+    except (KeyboardInterrupt, Cancelled):
         say("stopped; nothing was kept.")
         return 1
     except Exception as error:

@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of
+from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of
 from app.run.ask import Event, OnEvent, ShouldCancel
 from processes.child import Child, Gone, parent_channel
 
@@ -97,7 +97,7 @@ class Worker:
         """Do a task, which is a function of a module, as soon as the one before is done.
 
         Raises:
-            CancelledRun: within about a second of ``should_cancel`` saying so.
+            Cancelled: within about a second of ``should_cancel`` saying so.
             RunError: with the sentence of what went wrong, or the limit that was met.
             FaultElsewhere: for a fault of the program.
         """
@@ -105,7 +105,7 @@ class Worker:
             if self._turn.acquire(timeout=_POLL_S):
                 break
         else:
-            raise CancelledRun
+            raise Cancelled
         try:
             return self._fit().do((task, request), self._limits, on_event, should_cancel)
         finally:
@@ -171,7 +171,7 @@ class _Process:
                     stop_by = now + GRACE_S
                     self.child.send(None)
                 if stop_by is not None and now > stop_by:
-                    raise CancelledRun
+                    raise Cancelled
                 if now - started > limits.seconds:
                     raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
                 if now - told_at > limits.silent_s:
@@ -187,7 +187,7 @@ class _Process:
                 on_event(value)
         except Gone as error:
             if stop_by is not None:
-                raise CancelledRun from error
+                raise Cancelled from error
             allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
             raise RunError(self.child.ended().sentences(ENDED, allowed, AGAIN)) from error
 
@@ -196,7 +196,7 @@ class _Process:
             result, self._grown = value
             return result
         if kind == "cancelled":
-            raise CancelledRun
+            raise Cancelled
         if kind == "sentence":
             raise RunError(value)
         raise FaultElsewhere(value)
@@ -230,7 +230,7 @@ def main() -> None:
             task, request = pickle.loads(work)
             result = task(request, on_event, stop.is_set)
             told = ("done", (result, _data_bytes() - before))
-        except CancelledRun:
+        except Cancelled:
             told = ("cancelled", None)
         except Exception as error:
             if any(words in str(error) for words in _NO_MEMORY):

@@ -64,7 +64,7 @@ def do(
         should_cancel: asked many times a second.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
         CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
         the person who asked.

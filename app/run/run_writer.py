@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.errors import CancelledRun, sentence_of
+from app.errors import Cancelled, sentence_of
 from app.findings.measure_rows import numbers_of
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
@@ -149,7 +149,7 @@ class RunWriter(Reporter):
     ) -> None:
         if error is None:
             return
-        is_cancelled = isinstance(error, CancelledRun)
+        is_cancelled = isinstance(error, Cancelled)
         self.record.state = "cancelled" if is_cancelled else "failed"
         self.record.sentence = "" if is_cancelled else cut(sentence_of(error) or FAULT)
         with suppress(Exception):

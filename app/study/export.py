@@ -78,7 +78,7 @@ def export_study(
         on_progress: called with the share done, 0 to 1.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so; what is finished stays for the next run.
+        Cancelled: when ``should_cancel`` said so; what is finished stays for the next run.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """

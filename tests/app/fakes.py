@@ -15,7 +15,7 @@ from PIL import Image
 
 from app import text
 from app.config import AppConfig
-from app.errors import CancelledRun
+from app.errors import Cancelled
 from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue
 from app.page.results.kept_runs import KeptRuns
@@ -273,7 +273,7 @@ def make_draw(
             for i, name in enumerate(names):
                 while before_video is not None and not before_video(i).wait(0.05):
                     if should_cancel():
-                        raise CancelledRun
+                        raise Cancelled
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
                 on_event(Progress("video", (i + 1) / len(names)))

@@ -12,7 +12,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.errors import CancelledRun, visitor_sentence
+from app.errors import Cancelled, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.markup import AT_ONCE, Updates, reveal_on_click, shown
@@ -138,7 +138,7 @@ class RunRunner(TabRunner):
         try:
             asked = replace(ask, has_video=False, is_kept=True)
             yield from self.done(job, do_in_folder, asked, told)
-        except CancelledRun:
+        except Cancelled:
             raise
         except Exception as error:
             begun, sentence = showings().values(), visitor_sentence(error)

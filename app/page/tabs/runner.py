@@ -19,7 +19,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import CancelledRun, RunError, visitor_sentence
+from app.errors import Cancelled, RunError, visitor_sentence
 from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.asked import Fields, named_fields
@@ -213,10 +213,10 @@ class TabRunner(ABC):
                 yield blank
                 for update in steps:
                     if job.is_cancelled():
-                        raise CancelledRun  # what was on its way is told nobody
+                        raise Cancelled  # what was on its way is told nobody
                     yield update
             self._unfinished.discard(visitor)
-        except CancelledRun:
+        except Cancelled:
             self._unfinished.discard(visitor)
             yield self.stopped(markup.sentence_status(text.CANCELLED), "")
         except Exception as error:

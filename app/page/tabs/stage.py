@@ -14,7 +14,7 @@ import gradio as gr
 from pydantic import BaseModel, Field, ValidationError
 
 from app import text
-from app.errors import CancelledRun, RunError, page_sentence, visitor_sentence
+from app.errors import Cancelled, RunError, page_sentence, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.markup import PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRun
@@ -236,7 +236,7 @@ class VideosBehind:
         try:
             with self._services.jobs.opened(visitor, self._tab) as job:
                 yield from self._drawn(job, run, ask)
-        except CancelledRun:
+        except Cancelled:
             return  # another run of the visitor has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
             yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")

@@ -57,7 +57,7 @@ def measure_hearing(
     figure, what the numbers say as notes, and what was generated.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """

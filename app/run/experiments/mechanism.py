@@ -46,7 +46,7 @@ def show_mechanism(
     other where a video is asked for.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     ask.check()

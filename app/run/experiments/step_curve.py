@@ -56,7 +56,7 @@ def measure_step_curve(
     as notes.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     ask.check()

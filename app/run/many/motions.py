@@ -65,7 +65,7 @@ def measure_sets(
     ``ask.out``.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError: also where all together hold too much.
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES)

@@ -105,7 +105,7 @@ def do_clips(
         do: does one in this process; by default whoever works does `app.run.pipeline.do`.
 
     Raises:
-        CancelledRun: where ``do`` said so.
+        Cancelled: where ``do`` said so.
         JobsError: if those who work are lost; what is done is kept.
     """
     jobs = []

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from app import text
-from app.errors import CancelledRun
+from app.errors import Cancelled
 from app.run.ask import (
     Event,
     OnEvent,
@@ -36,7 +36,7 @@ class Reporter:
         self, stage: Stage, part: float = 1.0, before: float = 0.0
     ) -> Callable[[float], None]:
         """What takes the share done of a part of a stage: it tells of it, or ends the work by
-        `CancelledRun`."""
+        `Cancelled`."""
 
         def on_share(share: float) -> None:
             self.stop_if_asked()
@@ -52,10 +52,10 @@ class Reporter:
         """Between steps that cannot be interrupted themselves.
 
         Raises:
-            CancelledRun: if the person asked to stop.
+            Cancelled: if the person asked to stop.
         """
         if self.should_cancel():
-            raise CancelledRun
+            raise Cancelled
 
 
 class Bars:

@@ -70,7 +70,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
     """Change the plan and perform it again; of the motion each window is told as it is made.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
     record = read_run(ask.out)

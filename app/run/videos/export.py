@@ -41,7 +41,7 @@ def render_motion(
         The files written, and what a person should know of them.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError: if what is asked for cannot be.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """

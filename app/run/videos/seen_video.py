@@ -45,7 +45,7 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
     """Draw the video.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     seen = ask.seen

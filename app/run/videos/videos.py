@@ -312,7 +312,7 @@ def joined_side_by_side(
     does something else; whole when it is left.
 
     Raises on leaving:
-        CancelledRun, VideoError: see `renderer.video.compose.compose_videos`.
+        Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     reporter.progress("comparison", 0.0)
     out = folder.path("comparison.mp4")
@@ -348,7 +348,7 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
             is whole; they are drawn in the ask's own.
 
     Raises:
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     (run,) = ask.motions

@@ -165,7 +165,7 @@ def shown_motions(
 
     Raises:
         RunError: if two systems move exactly alike, or faces cannot be compared.
-        CancelledRun: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` said so.
         UnknownNameError, CheckpointError, BodyError: each with one sentence.
     """
     motions = {

@@ -12,7 +12,7 @@ import gradio as gr
 import pytest
 
 from app import text
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, follow
 from app.page.visitors.files import Job, Jobs, sweep
@@ -80,7 +80,7 @@ def wait_to_stop(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
     moment = threading.Event()
     while not should_cancel():
         moment.wait(0.01)
-    raise CancelledRun
+    raise Cancelled
 
 
 def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
+from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
 from app.run.ask import Event, Grown, Progress
 from processes import ended
@@ -56,10 +56,10 @@ def test_a_visitor_is_told_a_number_of_a_fault_and_the_log_where_it_was(worker, 
 def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(worker):
     worker.do(ends.carry_on, "")
     first, asked = pid_of(worker), iter([False] * 3)
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         worker.do(ends.wait, "", should_cancel=lambda: next(asked, True))
     assert pid_of(worker) != first and worker.do(ends.carry_on, "said") == "said"
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         worker.do(ends.carry_on, "", should_cancel=lambda: True)
 
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from app.commands.cli import main
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.run.experiments.hearing import HearingAsk, measure_hearing
 from app.run.experiments.mechanism import NAMES, VIDEO, MechanismAsk, show_mechanism
 from app.run.experiments.step_curve import MAX_S, StepsAsk, measure_step_curve
@@ -241,12 +241,12 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
 
     def watched(system, speech, options):
         lengths.append(speech.num_frames)
-        raise CancelledRun
+        raise Cancelled
 
     monkeypatch.setattr("app.run.experiments.step_curve.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     ask = StepsAsk(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         measure_step_curve(ask)
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
 

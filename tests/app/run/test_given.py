@@ -11,7 +11,7 @@ import pytest
 
 from app.commands.cli import main
 from app.config import EXAMPLES
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Stage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
@@ -151,7 +151,7 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, stage: Stage
 ) -> None:
     request = Ask(motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False)
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         do(request, (heard := Heard(0.3, stage=stage)).take, heard.should_stop)
     assert not request.out.exists()
 
@@ -218,9 +218,9 @@ def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
 
     def stop(share: float) -> None:
         if share >= 0.5:
-            raise CancelledRun
+            raise Cancelled
 
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         measure_motions(motions, tip, on_share=stop)
 
 

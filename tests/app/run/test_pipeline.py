@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.errors import CancelledRun, RunError, sentence_of
+from app.errors import Cancelled, RunError, sentence_of
 from app.run.ask import (
     Ask,
     Done,
@@ -316,7 +316,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
 ) -> None:
     events: Told = []
     asked = ask(speech=long)
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         do(asked, noted(events), lambda: is_time(events))
     assert not asked.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
@@ -334,7 +334,7 @@ def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
             seen.extend(children_that_draw())
         return bool(seen)
 
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         do(request, told.append, should_cancel)
     assert seen and not request.out.exists()
     wait_for(lambda: not children_that_draw())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run, opened
 from app.run.output.result_folder import ResultFolder
@@ -130,7 +130,7 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
 
 @pytest.mark.parametrize(
     ("error", "state", "sentence"),
-    [(RunError("No room."), "failed", "No room."), (CancelledRun(), "cancelled", "")],
+    [(RunError("No room."), "failed", "No room."), (Cancelled(), "cancelled", "")],
 )
 def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for(
     tmp_path, error, state, sentence

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
@@ -274,7 +274,7 @@ def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
     asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED, edits=(late,))
     before = read_run(folder)
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         make_take(asked, lambda event: None, lambda: True)
     assert read_run(folder) == before
     with pytest.raises(PlanError, match=r"the end at 12.00 s"):

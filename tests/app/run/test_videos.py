@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Progress
 from app.run.body_motion import SOLE_M, body_motion, in_register, picture_motions, register_of
 from app.run.display import MAX_SHOWN, Display, Look, Mode, Seen, SeenBody, SeenPanel
@@ -323,7 +323,7 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     with pytest.raises(RunError, match="too small on the stage"):
         draw_seen(asked(tmp_path, seen), lambda event: None, lambda: False)
     told: list[object] = []
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         draw_seen(asked(tmp_path, GRID), told.append, lambda: bool(told))
     assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
 

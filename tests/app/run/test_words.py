@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.config import EXAMPLES
-from app.errors import CancelledRun
+from app.errors import Cancelled
 from app.run.examples import CLEAN
 from app.run.pipeline import do
 from app.run.words import SpokenWords, given_words
@@ -50,9 +50,9 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
 
 def test_who_stops_a_run_ends_the_looking_for_words() -> None:
     def stop() -> None:
-        raise CancelledRun
+        raise Cancelled
 
-    with pytest.raises(CancelledRun), SpokenWords(None, "recognise") as words:
+    with pytest.raises(Cancelled), SpokenWords(None, "recognise") as words:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
         child = words._hearing._child  # type: ignore[union-attr]
         assert child is not None and child.is_alive()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.study.design.blinding import NOT_MADE
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -160,9 +160,9 @@ def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_mad
 def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
     def cancelled(jobs, should_cancel, **rest) -> None:
         assert should_cancel()
-        raise CancelledRun
+        raise Cancelled
 
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         export_study(plan_of(inputs), tmp_path / "out", draw=cancelled, should_cancel=lambda: True)
     assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
-from app.errors import CancelledRun, RunError
+from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run.ask import Ask, Event, Progress
@@ -124,7 +124,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(RunError, match=r"may last 0\.04 minutes together; these last 0\.1"):
         do_in_folder(replace(asked, max_speech_s=2.4), lambda event: None, lambda: False)
-    with pytest.raises(CancelledRun):
+    with pytest.raises(Cancelled):
         do_in_folder(asked, lambda event: None, lambda: True)
     events: list[Event] = []
     do_in_folder(asked, events.append, lambda: False)
