@@ -66,11 +66,7 @@ def convert(asked: ConvertRequest) -> None:
 
 
 def converted(request: ConvertRequest) -> list[dict[str, Any]]:
-    """Write all that can be read, and tell of each file what was assumed or why it was refused.
-
-    Raises:
-        RunError, BodyError, WriteError: each with one sentence.
-    """
+    """Write all that can be read, and tell of each file what was assumed or why it was refused."""
     from app.run.many.unpacked import unpacked_sets
     from model.formats.read import ENDINGS
 

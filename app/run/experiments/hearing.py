@@ -54,13 +54,7 @@ def measure_hearing(
     should_cancel: ShouldCancel = lambda: False,
 ) -> None:
     """Generate each speech with each seed, or read what is in the folder; leave numbers, the
-    figure, what the numbers say as notes, and what was generated.
-
-    Raises:
-        Cancelled: when ``should_cancel`` said so.
-        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
-            sentence.
-    """
+    figure, what the numbers say as notes, and what was generated."""
     ask.check()
     record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
     with (

@@ -42,12 +42,7 @@ _FINE_CRF = 14
 
 
 def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
-    """Draw the video.
-
-    Raises:
-        Cancelled: when ``should_cancel`` said so.
-        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
-    """
+    """Draw the video."""
     seen = ask.seen
     run = Reporter(on_event, should_cancel)
     run.share("video")(0.0)
