@@ -51,7 +51,11 @@ def written(
 
 
 def names_of(told: str) -> tuple[str, ...]:
-    """``A,B``; the empty tuple of ``all``. Raises `RunError` if there is none."""
+    """``A,B``; the empty tuple of ``all``.
+
+    Raises:
+        RunError: if there is none.
+    """
     names = tuple(name.strip() for name in told.split(",") if name.strip())
     if not names:
         raise RunError("name at least one")
@@ -154,7 +158,9 @@ def family_files() -> Any:
 
 def use_family_files(named: Mapping[str, Any]) -> None:
     """Let this process and its children know what was named; see at once that it is all there.
-    Raises `CheckpointError` or `EncoderError` if something is named, but not there, or not enough.
+
+    Raises:
+        CheckpointError, EncoderError: if something is named, but not there, or not enough.
     """
     for family in families():
         for file in family.files:
@@ -180,8 +186,11 @@ _NO_NUMBER = (
 
 
 def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
-    """A function with the arguments that the words of a command line give it. Raises `SystemExit` 2
-    after a sentence, where they give none; 0 after help."""
+    """A function with the arguments that the words of a command line give it.
+
+    Raises:
+        SystemExit: 2 after a sentence, where they give none; 0 after help.
+    """
 
     @functools.wraps(does)
     def held(*given: object, **named: object) -> Callable[[], Any]:

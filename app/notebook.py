@@ -79,8 +79,11 @@ def systems() -> dict[str, str]:
 
 
 def read_speech(speech: SpeechLike) -> Speech:
-    """Sound as the systems hear it: 16 kHz, mono. Raises `SpeechError` with one sentence, if it
-    cannot be used."""
+    """Sound as the systems hear it: 16 kHz, mono.
+
+    Raises:
+        SpeechError: with one sentence, if it cannot be used.
+    """
     if isinstance(speech, Speech):
         return speech
     with TemporaryDirectory() as folder:
@@ -106,7 +109,12 @@ def read_motion(motion: MotionLike, assume: str = "") -> Motion:
 
 
 def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, Motion]:
-    """By name; a file alone is called as it is, a motion alone "motion"."""
+    """By name; a file alone is called as it is, a motion alone "motion".
+
+    Raises:
+        RunError: of none.
+        MotionError: as `read_motion`.
+    """
     if isinstance(motions, str | Path):
         motions = {Path(motions).stem: motions}
     elif isinstance(motions, Motion):
@@ -157,7 +165,11 @@ class Player:
     """Of the cell, in pixels."""
 
     def save(self, path: str | Path) -> Path:
-        """Write it whole or not at all."""
+        """Write it whole or not at all.
+
+        Raises:
+            WriteError: with the reason.
+        """
         with written_atomically(Path(path)) as part:
             part.write_text(self.html, encoding="utf-8")
         return Path(path)
@@ -398,7 +410,11 @@ def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
 
 
 def _fields(of: type[Ask], asked: Mapping[str, Any]) -> dict[str, Any]:
-    """With files named by text, too. Raises `RunError` if there is no such field."""
+    """With files named by text, too.
+
+    Raises:
+        RunError: if there is no such field.
+    """
     known = {field.name for field in fields(of)}
     for name in asked:
         if name == "recognise_words":

@@ -88,14 +88,22 @@ class Child:
         self._outbox.put(pickle.dumps(message))
 
     def has_message(self, within_s: float) -> bool:
-        """Wait for a moment. Raises `Gone` if the child has ended."""
+        """Wait for a moment.
+
+        Raises:
+            Gone: if the child has ended.
+        """
         try:
             return self._channel.poll(within_s)
         except (EOFError, OSError) as error:
             raise Gone from error
 
     def receive(self) -> Any:
-        """The next message; waits for it. Raises `Gone` if the child has ended."""
+        """The next message; waits for it.
+
+        Raises:
+            Gone: if the child has ended.
+        """
         try:
             return self._channel.recv()
         except (EOFError, OSError) as error:

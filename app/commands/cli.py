@@ -69,8 +69,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parse(argv: Sequence[str]) -> Callable[[], None]:
-    """The command that the words ask for, with its arguments. Raises `SystemExit` 2 after a
-    sentence, where they ask for none; 0 after help."""
+    """The command that the words ask for, with its arguments.
+
+    Raises:
+        SystemExit: 2 after a sentence, where they ask for none; 0 after help.
+    """
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)
     if name is None:
         _overview(argv)
@@ -78,7 +81,11 @@ def parse(argv: Sequence[str]) -> Callable[[], None]:
 
 
 def _overview(argv: Sequence[str]) -> NoReturn:
-    """What commands there are; of a word that is none it is said so."""
+    """What commands there are; of a word that is none it is said so.
+
+    Raises:
+        SystemExit: always.
+    """
     begun = [word for word in argv[:1] if any(name.startswith(f"{word} ") for name in COMMANDS)]
     rest = argv[len(begun) :]
     told = {name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun}

@@ -66,7 +66,11 @@ def convert(asked: ConvertRequest) -> None:
 
 
 def converted(request: ConvertRequest) -> list[dict[str, Any]]:
-    """Write all that can be read, and tell of each file what was assumed or why it was refused."""
+    """Write all that can be read, and tell of each file what was assumed or why it was refused.
+
+    Raises:
+        RunError, BodyError, WriteError: each with one sentence.
+    """
     from app.run.many.unpacked import unpacked_sets
     from model.formats.read import ENDINGS
 

@@ -134,7 +134,10 @@ class Pool:
     (docs/many-clips.md)."""
 
     def jobs(self) -> JobPool:
-        """Raises `RunError` if both are named."""
+        """
+        Raises:
+            RunError: if both are named.
+        """
         if self.processes is not None and self.scheduler is not None:
             raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
         return JobPool(self.processes, self.scheduler)
@@ -173,8 +176,11 @@ def _do(task: Task, ask: Ask, files: Files = None) -> None:
 
 
 def _generate_many(ask: Ask, pool: JobPool) -> None:
-    """Each folder is named on standard output as it is there; what failed is said. Raises
-    `RunError` at the end, if any failed."""
+    """Each folder is named on standard output as it is there; what failed is said.
+
+    Raises:
+        RunError: at the end, if any failed.
+    """
     from app.run.many.speeches import generate_many
 
     with bars() as shown, _told_if_stopped():
@@ -331,8 +337,11 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
 
 @contextmanager
 def _told_if_stopped() -> Iterator[None]:
-    """Say that work on many clips that a person stops goes on later. Raises `RunError` in place of
-    KeyboardInterrupt."""
+    """Say that work on many clips that a person stops goes on later.
+
+    Raises:
+        RunError: in place of KeyboardInterrupt.
+    """
     try:
         yield
     except KeyboardInterrupt:

@@ -122,7 +122,11 @@ class LastMinute:
             self._plan.forget_before(self._first_frame)
 
     def kept(self) -> Minute:
-        """The last minute, or all there is of it. Raises `RunError` if that is too little."""
+        """The last minute, or all there is of it.
+
+        Raises:
+            RunError: if that is too little.
+        """
         motion, first = self._motion, self._first_frame
         if motion is None or motion.num_frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))

@@ -172,8 +172,11 @@ class LiveSession:
         return statistics.median(self._costs) if self._costs else float("nan")
 
     def keep(self, folder: Path) -> Ask:
-        """Lay the last minute into a folder, to have a run made of it. Raises `RunError` if there
-        is too little."""
+        """Lay the last minute into a folder, to have a run made of it.
+
+        Raises:
+            RunError: if there is too little.
+        """
         minute = self.minute.kept()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, minute.waveform)
@@ -218,7 +221,11 @@ def why_less(minute: Minute, spoken_s: float) -> str:
 
 
 def check_live(system: System) -> None:
-    """Refuse what needs all of the speech before it begins."""
+    """Refuse what needs all of the speech before it begins.
+
+    Raises:
+        RunError: with one sentence.
+    """
     if system.encoder.name != "mel64":
         raise RunError(
             f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
@@ -227,8 +234,11 @@ def check_live(system: System) -> None:
 
 
 def rehearse(system: System, speaker: str) -> None:
-    """Make a first window of nothing. Raises `UnknownNameError` if the system does not know the
-    speaker."""
+    """Make a first window of nothing.
+
+    Raises:
+        UnknownNameError: if the system does not know the speaker.
+    """
     live = LiveMotion(system, GenerateOptions(speaker))
     live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
     live.step()
@@ -259,7 +269,11 @@ def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
 
 
 def manner_of(told: Any) -> Manner:
-    """What the sliders say. Raises `RunError` if it is anything else."""
+    """What the sliders say.
+
+    Raises:
+        RunError: if it is anything else.
+    """
     sliders = told.get("manner") if isinstance(told, dict) else None
     try:
         return Manner.of(sliders)

@@ -41,7 +41,11 @@ Tell = Callable[[object], None]
 
 
 def live_ask(told: Any) -> Ask:
-    """From the first message of a browser. Raises `RunError` if that asks for what cannot be."""
+    """From the first message of a browser.
+
+    Raises:
+        RunError: if that asks for nothing that can be.
+    """
     if not isinstance(told, dict):
         raise RunError("The page asked for no live session; load it again.")
     system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
@@ -116,7 +120,11 @@ class LiveSessions:
         return place
 
     def put(self, place: Place, content: bytes) -> None:
-        """Sound."""
+        """Sound.
+
+        Raises:
+            RunError: see `Microphone.check`.
+        """
         place.microphone.check(content)
         self._send(place.number, "sound", content)
 
@@ -139,7 +147,11 @@ class LiveSessions:
 
     def keep(self, token: str, cookie: str, folder: Path) -> Ask:
         """A run of the last minute of a session, open or ended lately, of this browser; what that
-        needs is laid into a folder. Raises `RunError` if there is none."""
+        needs is laid into a folder.
+
+        Raises:
+            RunError: if there is none.
+        """
         with self._lock:
             self._forget_old()
             there = [*self.places, *(place for _, place in self._ended)]

@@ -15,8 +15,11 @@ MAX_SOUND_BYTES = 32_000
 
 
 def read_sound(content: bytes) -> np.ndarray:
-    """Samples between -1 and 1. Raises `RunError` if these are no such bytes, or more than a second
-    of sound."""
+    """Samples between -1 and 1.
+
+    Raises:
+        RunError: if these are no such bytes, or more than a second of sound.
+    """
     if not content or len(content) % 2:
         raise RunError("The sound that came is damaged; start again.")
     if len(content) > MAX_SOUND_BYTES:
@@ -59,8 +62,11 @@ class Microphone:
         self._watched_samples = 0
 
     def check(self, content: bytes) -> None:
-        """Take the next sound for what it is. Raises `RunError` if it is no sound, too much or too
-        fast, or if next to none has come lately."""
+        """Take the next sound for what it is.
+
+        Raises:
+            RunError: if it is no sound, too much or too fast, or if next to none has come lately.
+        """
         samples, now = read_sound(content), self._clock()
         if not self._samples:  # the models may have taken long to be read
             self._watched_since = now

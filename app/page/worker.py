@@ -94,10 +94,13 @@ class Worker:
         on_event: OnEvent = lambda event: None,
         should_cancel: ShouldCancel = lambda: False,
     ) -> Found:
-        """Do a task, which is a function of a module, as soon as the one before is done. Raises
-        `Cancelled` within about a second of ``should_cancel`` saying so. Raises `RunError` with the
-        sentence of what went wrong, or the limit that was met. Raises `FaultElsewhere` for a fault
-        of the program."""
+        """Do a task, which is a function of a module, as soon as the one before is done.
+
+        Raises:
+            Cancelled: within about a second of ``should_cancel`` saying so.
+            RunError: with the sentence of what went wrong, or the limit that was met.
+            FaultElsewhere: for a fault of the program.
+        """
         while not should_cancel():
             if self._turn.acquire(timeout=_POLL_S):
                 break

@@ -71,7 +71,11 @@ def steps_of(asked: Steps, system: str) -> int | None:
 
 def parse_steps(written: str) -> int | dict[str, int] | None:
     """Steps as a person writes them: ``20``, or ``globaldiff/full=20,globaldiff/local=5``; None of
-    nothing."""
+    nothing.
+
+    Raises:
+        RunError: with one sentence.
+    """
     parts = [part.strip() for part in written.split(",") if part.strip()]
     if not parts:
         return None
@@ -87,7 +91,11 @@ def parse_steps(written: str) -> int | dict[str, int] | None:
 
 
 def check_size(size_px: int) -> None:
-    """Refuse a width and height that pictures cannot have."""
+    """Refuse a width and height that pictures cannot have.
+
+    Raises:
+        RunError: with one sentence.
+    """
     smallest, largest = SIZES_PX
     if not smallest <= size_px <= largest or size_px % 2:
         raise RunError(
@@ -298,7 +306,11 @@ class Ask:
     """Folder of the run that given motions are from, where they are measured anew to be shown."""
 
     def check(self) -> None:
-        """Refuse what needs no file to be seen as wrong."""
+        """Refuse what needs no file to be seen as wrong.
+
+        Raises:
+            RunError: with one sentence.
+        """
         for value, allowed, what in (
             (self.post_filter, POST_FILTERS, "post-filter"),
             (self.words, WORDS_ASKED, "way to words"),

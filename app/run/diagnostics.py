@@ -138,7 +138,11 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
 
 def check_start(ask: Ask, num_frames: int) -> None:
     """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, before
-    anything is made. Raises `RunError` naming the last frame."""
+    anything is made.
+
+    Raises:
+        RunError: naming the last frame.
+    """
     last, frames = num_frames - 1, ask.figure.frames
     if not 0 <= ask.start_frame <= last:
         raise RunError(f"Figure 6 must start at frame 0 to {last}; got {ask.start_frame}.")

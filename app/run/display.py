@@ -65,7 +65,11 @@ between its braces; the stage has the same."""
 
 
 def check_display(display: Display) -> None:
-    """Refuse what cannot be shown."""
+    """Refuse what cannot be shown.
+
+    Raises:
+        RunError: with one sentence.
+    """
     for name, (least, most, refusal) in LIMITS.items():
         value = getattr(display, name)
         if not least <= value <= most:
@@ -196,7 +200,11 @@ class Seen(FromBrowser):
         return seen
 
     def check(self) -> None:
-        """Refuse what no stage shows."""
+        """Refuse what no stage shows.
+
+        Raises:
+            RunError: with one sentence.
+        """
         if not self.bodies:
             raise RunError("There is no body on the stage yet; wait until one moves.")
         if not 1 <= len(self.shown) <= MAX_SHOWN:

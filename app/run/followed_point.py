@@ -78,8 +78,11 @@ class TipSource:
 
 
 def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> TipSource:
-    """A fingertip, rigid with the open body and a vertex of a licensed one; or any joint. Raises
-    `RunError` if there is no such point, with the points there are."""
+    """A fingertip, rigid with the open body and a vertex of a licensed one; or any joint.
+
+    Raises:
+        RunError: if there is no such point, with the points there are.
+    """
     if point in JOINT_INDEX:
         joint = JOINT_INDEX[point]
         if body_path is None:

@@ -40,7 +40,11 @@ NO_SPEECH = (
 
 
 def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
-    """Read the files, and have them on the stage."""
+    """Read the files, and have them on the stage.
+
+    Raises:
+        RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
+    """
     if ask.mean_speeds is not None and ask.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     body = get_body(ask.body)
@@ -93,8 +97,11 @@ def _read_speech(ask: Ask) -> Speech | None:
 
 
 def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
-    """As many motions as a figure holds, the reference among them. Raises `RunError` if there is no
-    motion of a name that was asked for, or too many were."""
+    """As many motions as a figure holds, the reference among them.
+
+    Raises:
+        RunError: if there is no motion of a name that was asked for, or too many were.
+    """
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
     asked = dict.fromkeys(map(printable, ask.shown))
@@ -186,7 +193,11 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
 
 
 def _windows(ask: Ask, motions: Iterable[str]) -> dict[str, Windowing]:
-    """What the user says of how the motions were cut; a `RunError` for what cannot be."""
+    """What the user says of how the motions were cut.
+
+    Raises:
+        RunError: for windows that cannot be.
+    """
     if ask.window is None:
         if ask.overlap:
             raise RunError("An overlap says nothing without a window; give both (--window).")

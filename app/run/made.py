@@ -47,7 +47,12 @@ LIVE_NOTE = (
 
 
 def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
-    """Have the systems move to the speech, window by window."""
+    """Have the systems move to the speech, window by window.
+
+    Raises:
+        RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
+        PlanError, WriteError: each with one sentence.
+    """
     if ask.speech is None:
         raise RunError("There is neither speech to move to nor motion to measure; give one.")
     speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
@@ -260,9 +265,12 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
 
 
 def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[str, GenerateOptions]:
-    """By system. A wish goes to the systems that know it; of the others the person is told. Raises
-    `RunError` if no system has the sampler, or none takes guidance or a plan. Raises `PlanError` if
-    the plan cannot be used."""
+    """By system. A wish goes to the systems that know it; of the others the person is told.
+
+    Raises:
+        RunError: if no system has the sampler, or none takes guidance or a plan.
+        PlanError: if the plan cannot be used.
+    """
     read = None if ask.plan is None else read_plan_file(ask.plan)
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", ask.plan), ("style", ask.style)):

@@ -20,14 +20,21 @@ _LOADING = threading.Lock()  # the warm-up and a first visitor must not read the
 
 
 def get_system(name: str, weights: Path) -> System:
-    """A system by name, read at its first use."""
+    """A system by name, read at its first use.
+
+    Raises:
+        UnknownNameError, CheckpointError, FamilyError: see `model.systems.registry.load_system`.
+    """
     with _LOADING:
         return _load_system(name, weights)
 
 
 def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
-    """The open body in a look, or the SMPL-X file at ``path``, read at its first use. Raises
-    `BodyError` if the file is not a body, or the look is not to be had."""
+    """The open body in a look, or the SMPL-X file at ``path``, read at its first use.
+
+    Raises:
+        BodyError: if the file is not a body, or the look is not to be had.
+    """
     with _LOADING:
         modified = path.stat().st_mtime if path and path.exists() else 0.0
         return _load_body(path, look, modified)

@@ -62,6 +62,12 @@ def do(
     Args:
         on_event: told of progress, and when the folder holds more.
         should_cancel: asked many times a second.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
+        CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
+        the person who asked.
     """
     ask.check()
     _return_large_blocks()

@@ -28,7 +28,11 @@ def is_motion(path: Path) -> bool:
 
 
 def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
-    """Find the plan that a motion seems to follow and write it; what was changed to read it."""
+    """Find the plan that a motion seems to follow and write it; what was changed to read it.
+
+    Raises:
+        MotionError, PlanError, WriteError: each with one sentence for the person who asked.
+    """
     check_ending(out)
     (told or Assumptions()).check([motion])
     read = read_any_motion(motion, told)
@@ -42,6 +46,10 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
 
     Args:
         is_empty: of the speech's length with nothing in it, to be filled in by hand.
+
+    Raises:
+        RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
+        WriteError: each with one sentence for the person who asked.
     """
     ask.check()
     check_ending(ask.out)

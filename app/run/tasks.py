@@ -114,6 +114,10 @@ class RenderAsk(Ask):
         return self.ending in (".mp4", ".png")
 
     def check(self) -> None:
+        """
+        Raises:
+            RunError: for what cannot be drawn.
+        """
         super().check()
         if len(self.motions) != 1:
             raise RunError(f"One motion is drawn; got {len(self.motions)}.")
@@ -170,6 +174,10 @@ class HearingAsk(Ask):
         return len(self.speeches) == 1 and self.speeches[0].is_dir()
 
     def check(self) -> None:
+        """
+        Raises:
+            RunError: for what cannot be compared.
+        """
         super().check()
         if self.is_of_motions:
             if self.speakers:
@@ -201,6 +209,10 @@ class MechanismAsk(Ask):
     """Deviation of the random turns about each axis, .005 to .1."""
 
     def check(self) -> None:
+        """
+        Raises:
+            RunError: for what cannot be shown.
+        """
         super().check()
         least, most = NOISE_RAD
         if not least <= self.noise_rad <= most:
@@ -231,6 +243,10 @@ class StepsAsk(Ask):
     """Numbers of steps."""
 
     def check(self) -> None:
+        """
+        Raises:
+            RunError: for what cannot be measured.
+        """
         super().check()
         if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
             raise RunError(

@@ -78,8 +78,11 @@ def refusal_of(
 
 
 def check_clips(speeches: Sequence[Path], max_s: float) -> None:
-    """Raises `RunError` where they are too many, or together too long, for one run. Raises
-    `SpeechError` where one cannot be used."""
+    """
+    Raises:
+        RunError: where they are too many, or together too long, for one run.
+        SpeechError: where one cannot be used.
+    """
     from model.speech.audio import SpeechLimits, load_speech
 
     if len(speeches) > MAX_CLIPS:

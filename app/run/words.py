@@ -17,7 +17,11 @@ _LOOK_EVERY_S = 0.1
 
 def given_words(path: Path | None) -> Transcript:
     """What a transcript tells at once: all of a TextGrid, nothing of a plain text, whose words are
-    still to be found."""
+    still to be found.
+
+    Raises:
+        TranscriptError: as `read_words`.
+    """
     said = NOTHING_SAID if path is None else read_words(path)
     return NOTHING_SAID if isinstance(said, str) else said
 
@@ -27,7 +31,10 @@ class SpokenWords:
     for. Use it as a context: leaving it ends the looking for words."""
 
     def __init__(self, transcript: Path | None, asked: WordsAsked) -> None:
-        """Raises `TranscriptError` if the transcript cannot be used."""
+        """
+        Raises:
+            TranscriptError: if the transcript cannot be used.
+        """
         self._given = None if transcript is None else read_words(transcript)
         self._asked: WordsAsked = asked
         self._hearing: Hearing | None = None

@@ -54,7 +54,13 @@ def measure_hearing(
     should_cancel: ShouldCancel = lambda: False,
 ) -> None:
     """Generate each speech with each seed, or read what is in the folder; leave numbers, the
-    figure, what the numbers say as notes, and what was generated."""
+    figure, what the numbers say as notes, and what was generated.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
+            sentence.
+    """
     ask.check()
     record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
     with (

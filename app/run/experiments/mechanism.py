@@ -43,7 +43,12 @@ def show_mechanism(
     should_cancel: ShouldCancel = lambda: False,
 ) -> None:
     """Move two bodies, leave both for a player with what the noise does, and draw them beside each
-    other where a video is asked for."""
+    other where a video is asked for.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
     ask.check()
     (motion,) = ask.motions
     if not moving_chain(ask.joint):

@@ -53,7 +53,12 @@ def measure_step_curve(
     should_cancel: ShouldCancel = lambda: False,
 ) -> None:
     """Generate with each system and number of steps; leave the table, the plot, and what they say
-    as notes."""
+    as notes.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
+    """
     ask.check()
     whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])

@@ -93,6 +93,9 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         folder: its ``--out``.
         note: what a person should know, such as the training or the paper; of all entries.
         names: of the systems that are taken; empty takes all.
+
+    Raises:
+        RunError: with one sentence.
     """
     path = folder / "many.json"
     content = bytes_within(path, MAX_BYTES, RunError)
@@ -167,14 +170,21 @@ def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
 
 
 def write_board(entries: Iterable[Entry], path: Path) -> None:
-    """Write it whole or not at all."""
+    """Write it whole or not at all.
+
+    Raises:
+        WriteError: with the reason.
+    """
     with written_atomically(path) as part:
         told = Board(entries=list(entries)).model_dump_json(indent=1)
         part.write_text(f"{told}\n", encoding="utf-8")
 
 
 def read_board(path: Path) -> list[Entry]:
-    """Raises `RunError` if it is no board that `write_board` wrote, with one sentence."""
+    """
+    Raises:
+        RunError: if it is no board that `write_board` wrote, with one sentence.
+    """
     try:
         return read_checked(path, Board, MAX_BYTES).entries
     except FieldError as error:

@@ -49,8 +49,11 @@ class Judge:
 
 @cache
 def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
-    """Ours, and EMAGE's where a person has it; read once by each process that measures. Raises
-    `CheckpointError` for a file that is not EMAGE's."""
+    """Ours, and EMAGE's where a person has it; read once by each process that measures.
+
+    Raises:
+        CheckpointError: for a file that is not EMAGE's.
+    """
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
     judges = [Judge(DISTANCE, partial(motion_features, ours), max(ours.network.config.scales))]
     if emage_weights is not None:
@@ -61,8 +64,12 @@ def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
 
 
 def check_weights(weights: Path | None, reference: Path | None) -> None:
-    """See before anything is measured that the file is EMAGE's and of use. Raises `RunError`
-    without a recorded set. Raises `CheckpointError` for any other file."""
+    """See before anything is measured that the file is EMAGE's and of use.
+
+    Raises:
+        RunError: without a recorded set.
+        CheckpointError: for any other file.
+    """
     if weights is None:
         return
     if reference is None:

@@ -62,7 +62,12 @@ def measure_sets(
     should_cancel: ShouldCancel = lambda: False,
 ) -> Sets:
     """As `diagnose_folders`, of zips, each a system's results, which stay unpacked below
-    ``ask.out``. Raises `RunError` also where all together hold too much."""
+    ``ask.out``.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError: also where all together hold too much.
+    """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES)
     folders = unpack_sets(sets_of(ask), ask.out / "unpacked", limits)
     run = Reporter(on_event, should_cancel)
@@ -255,7 +260,11 @@ class _Clip:
 
     def measure(self) -> None:
         """All systems beside the reference, over the frames that all have; of each the mean over
-        its samples. Raises `MotionError` if some system has no sample that can be read."""
+        its samples.
+
+        Raises:
+            MotionError: if some system has no sample that can be read.
+        """
         unread: list[str] = []
         readings = {name: self._readings(name, unread) for name in self.files}
         heard = self._heard()
@@ -297,8 +306,11 @@ class _Clip:
         return {"onsets_s": onsets_of(speech), "heard": heard, "mean_speeds": speeds}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, Reading]:
-        """Of those samples that can be read; why others cannot goes to ``unread``. Raises
-        `MotionError` if none can."""
+        """Of those samples that can be read; why others cannot goes to ``unread``.
+
+        Raises:
+            MotionError: if none can.
+        """
         kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
         found: dict[str, Reading] = {}
         why: MotionError | None = None

@@ -43,10 +43,13 @@ SPEECHES = "form"
 
 
 def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip that
-    is what the run shows, measured anew; of several clips, which lie beside the folder, that of
-    each. No list of paths is read: it might name anybody's files. Raises `Exception` also where no
-    clip could be done."""
+    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip
+    that is what the run shows, measured anew; of several clips, which lie beside the folder, that
+    of each. No list of paths is read: it might name anybody's files.
+
+    Raises:
+        Exception: also where no clip could be done.
+    """
     from app.run.pipeline import do
 
     asks = {"": ask}
@@ -112,8 +115,11 @@ def _of_run(ask: Ask, folder: Path) -> Ask:
 def run_folder(
     path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackLimits = LIMITS
 ) -> Path:
-    """Where a run lies, or those of several clips: the folder itself, or what its zip holds. Raises
-    `RunError` as `unpacked`, or if there is none."""
+    """Where a run lies, or those of several clips: the folder itself, or what its zip holds.
+
+    Raises:
+        RunError: as `unpacked`, or if there is none.
+    """
     folders = [path]
     if is_packed(path):
         into.mkdir(parents=True)
@@ -127,7 +133,11 @@ def run_folder(
 
 
 def copied_run(path: Path, into: Path) -> Path:
-    """A run of one's own, or its zip, as it is; in ``into``, which is not there yet."""
+    """A run of one's own, or its zip, as it is; in ``into``, which is not there yet.
+
+    Raises:
+        RunError: if it is none.
+    """
     folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, UnpackLimits())
     for file in files_of(folder):
         copy = into / "results" / file.relative_to(folder)

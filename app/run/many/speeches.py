@@ -189,8 +189,11 @@ def _listed(source: Path) -> list[Path]:
 
 
 def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
-    """The plan of each clip: the file of its name. Raises `RunError` if it is no folder, or a clip
-    has no plan."""
+    """The plan of each clip: the file of its name.
+
+    Raises:
+        RunError: if it is no folder, or a clip has no plan.
+    """
     from model.plan.files import ENDINGS as PLAN_ENDINGS
 
     if folder is None:

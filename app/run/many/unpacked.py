@@ -68,6 +68,9 @@ def unpacked_sets(
     Args:
         sets: zips and folders, each with the endings of the files that are wanted of it.
         out: is there, and held by the caller.
+
+    Raises:
+        RunError: as `unpacked`.
     """
     staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
     try:
@@ -272,8 +275,11 @@ class _Archive:
         return list(wanted.values())
 
     def _checked(self, path: str, is_usual: bool) -> PurePosixPath:
-        """Where an entry would lie. Raises `RunError` if that is outside, or it is neither a file
-        nor a folder."""
+        """Where an entry would lie.
+
+        Raises:
+            RunError: if that is outside, or it is neither a file nor a folder.
+        """
         shown = printable(path[:80])
         if not is_usual:
             raise RunError(

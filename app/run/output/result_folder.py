@@ -35,8 +35,10 @@ _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL}
 def held_folder(folder: Path) -> Iterator[None]:
     """Make the folder where there is none, and keep other commands out of it for the block.
 
-    A folder that was made here and is empty in the end is removed. Raises `RunError` if another
-    command is at work there, or the folder cannot be written to.
+    A folder that was made here and is empty in the end is removed.
+
+    Raises:
+        RunError: if another command is at work there, or the folder cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
         raise RunError(f"{folder} is a file; name a folder for the results.")
@@ -245,8 +247,11 @@ def zip_folder(folder: Path, out: Path) -> Path:
 
 
 def list_bytes(file: IO[bytes]) -> int:
-    """How long the list of files of a zip is, which `zipfile` reads whole. Raises `BadZipFile`
-    where there is none."""
+    """How long the list of files of a zip is, which `zipfile` reads whole.
+
+    Raises:
+        BadZipFile: where there is none.
+    """
     end = zipfile._EndRecData(file)  # pyright: ignore[reportAttributeAccessIssue]
     if not end:
         raise zipfile.BadZipFile("no list of files")
@@ -254,8 +259,11 @@ def list_bytes(file: IO[bytes]) -> int:
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
-    """Raise before a run begins that its disk cannot hold. Raises `RunError` naming how much is
-    free and how much is needed."""
+    """Raise before a run begins that its disk cannot hold.
+
+    Raises:
+        RunError: naming how much is free and how much is needed.
+    """
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < needed_bytes:
         raise RunError(
@@ -265,8 +273,11 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
 
 
 def remove_unfinished(out: Path) -> None:
-    """Remove what killed runs left, of whatever machine. Raises `RunError` if another command is at
-    work there."""
+    """Remove what killed runs left, of whatever machine.
+
+    Raises:
+        RunError: if another command is at work there.
+    """
     if out.is_dir():
         with held_folder(out):
             _remove_unfinished(out)

@@ -231,8 +231,11 @@ def colors_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def read_run(folder: Path) -> RunRecord:
-    """What its ``run.json`` says. Raises `RunError` if it is none that a run of this version has
-    written."""
+    """What its ``run.json`` says.
+
+    Raises:
+        RunError: if it is none that a run of this version has written.
+    """
     name = printable(folder.name)
     if not (folder / RUN).is_file():
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
@@ -260,14 +263,22 @@ def file_of(folder: Path, name: str | None) -> Path | None:
 
 
 def row_files(folder: Path, kind: RowKind) -> dict[str, Path]:
-    """Those of a run's rows, by name."""
+    """Those of a run's rows, by name.
+
+    Raises:
+        RunError: as `read_run`.
+    """
     found = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
     return {name: path for name, path in found if path is not None}
 
 
 @contextmanager
 def changed(folder: Path) -> Iterator[RunRecord]:
-    """What a run's folder says, to be changed while no other process or thread does."""
+    """What a run's folder says, to be changed while no other process or thread does.
+
+    Raises:
+        RunError: as `read_run`.
+    """
     place = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(place, fcntl.LOCK_EX)
@@ -322,7 +333,11 @@ def zip_run(folder: Path, out: Path) -> Path:
 
 
 def files_of(folder: Path) -> list[Path]:
-    """What belongs to a run, or to those of several clips. Raises `RunError` if there is none."""
+    """What belongs to a run, or to those of several clips.
+
+    Raises:
+        RunError: if there is none.
+    """
     runs = runs_in(folder) or {"": folder}
     named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
     named += [(folder, name) for name in TABLES if "" not in runs]

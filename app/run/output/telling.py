@@ -49,8 +49,11 @@ class Reporter:
         self.notes.extend(note for note in sentences if note not in self.notes)
 
     def stop_if_asked(self) -> None:
-        """Between steps that cannot be interrupted themselves. Raises `Cancelled` if the person
-        asked to stop."""
+        """Between steps that cannot be interrupted themselves.
+
+        Raises:
+            Cancelled: if the person asked to stop.
+        """
         if self.should_cancel():
             raise Cancelled
 

@@ -152,7 +152,10 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
 
 
 def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:
-    """Raises `PlanError` if it is of speech of another length."""
+    """
+    Raises:
+        PlanError: if it is of speech of another length.
+    """
     if abs(plan.duration_s - duration_s) > 0.5:
         raise PlanError(
             f"The plan is of {plan.duration_s:.2f} s and the speech lasts {duration_s:.2f} s; use "

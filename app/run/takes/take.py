@@ -67,7 +67,12 @@ class _TakeWriter(RunWriter):
 
 
 def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
-    """Change the plan and perform it again; of the motion each window is told as it is made."""
+    """Change the plan and perform it again; of the motion each window is told as it is made.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
+    """
     record = read_run(ask.out)
     asked, start = _as_the_run(ask, record), record.row(ask.start)
     performed = start and file_of(ask.out, start.files.get("performed"))
@@ -208,7 +213,11 @@ def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
 
 
 def row_of(name: str, systems: Sequence[str], samples: int) -> tuple[str, int]:
-    """System and sample of a row of a run. Raises `RunError` if the run has no such row."""
+    """System and sample of a row of a run.
+
+    Raises:
+        RunError: if the run has no such row.
+    """
     for row in (SampleName(name), SampleName.parse(name)):
         if row.system in systems and row.number <= samples:
             return row.system, row.number

@@ -99,7 +99,10 @@ def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
 
 
 def _plan(ask: RenderAsk) -> GesturePlan | None:
-    """Raises `PlanError` if the plan that is named cannot be used."""
+    """
+    Raises:
+        PlanError: if the plan that is named cannot be used.
+    """
     beside = ask.motions[0].with_suffix(".plan.json")
     path = ask.plan or (beside if beside.is_file() else None)
     return None if path is None else read_plan_file(path).plan

@@ -42,7 +42,12 @@ _FINE_CRF = 14
 
 
 def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
-    """Draw the video."""
+    """Draw the video.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
     seen = ask.seen
     run = Reporter(on_event, should_cancel)
     run.share("video")(0.0)

@@ -142,6 +142,9 @@ def draw_rows(
         folder: where videos and their small pictures go; None draws poses alone.
         frames: of the poses; none draws no pose.
         on_file: told of each file as soon as it is whole.
+
+    Raises:
+        BodyError, GLError, VideoError: as `draw_jobs`.
     """
     view = ask.views[0]
 
@@ -343,6 +346,10 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
     Args:
         ask: has the run's folder in place of its motions: each video comes into that as soon as it
             is whole; they are drawn in the ask's own.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     (run,) = ask.motions
     record, reporter = read_run(run), Reporter(on_event, should_cancel)
