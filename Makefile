@@ -4,8 +4,7 @@
 # make slow    all tests, those too that take minutes each or decide little (before a release)
 # make bench   what a visitor waits for, what each step costs, and a naive loop beside it
 # make fuzz    an hour of damaged files and wild requests (make test gives it seconds)
-# make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
-#              twenty cold starts
+# make soak    half an hour of four visitors at once: memory and files
 # make lock    pin every package anew, with hashes, after a change of requirements
 # make audit   known faults of what is locked, where the database can be asked
 # make sbom    what is installed, as CycloneDX: sbom.json
@@ -57,7 +56,7 @@ fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 soak: .venv/.test-ready
-	SOAK_SECONDS=1800 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
+	SOAK_SECONDS=1800 $(BIN)/python -m pytest tests/soak
 
 slow: .venv/.test-ready
 	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" $(WORKERS) \

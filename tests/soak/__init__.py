@@ -1,1 +1,1 @@
-"""The real server under visitors and attackers: a minute of it always, the rest by `make soak`."""
+"""The real server under visitors, by `make soak`."""

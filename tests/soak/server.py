@@ -17,7 +17,7 @@ from tests.waiting import wait_for
 AHEAD_S = 3700
 """What SIGUSR1 puts the server's clock forward by."""
 _START = f"""
-import functools, signal, sys, time
+import signal, sys, time
 from dataclasses import replace
 
 ahead, now = 0, time.time
@@ -28,9 +28,8 @@ time.time = lambda: now() + ahead
 signal.signal(signal.SIGUSR1, put_forward)
 
 from app.page import launch
-parse, keep_s, is_warm = launch.parse_config, float(sys.argv.pop(1)), sys.argv.pop(1) == "warm"
+parse, keep_s = launch.parse_config, float(sys.argv.pop(1))
 launch.parse_config = lambda argv: replace(parse(argv), keep_results_s=keep_s)
-launch.launch = functools.partial(launch.launch, is_warmed_up=is_warm)
 launch.main()
 """
 
@@ -65,23 +64,14 @@ class Server:
 
 
 @contextmanager
-def server(folder: Path, keep_s: float = 3600.0, weights: Path | None = None) -> Iterator[Server]:
-    """``python app.py``, once its first example is drawn.
-
-    Args:
-        keep_s: how long results are kept.
-        weights: others than the bundled ones; then it is there as soon as it answers, and reads
-            models and draws only what a visitor asks for.
-    """
+def server(folder: Path, keep_s: float) -> Iterator[Server]:
+    """``python app.py``, once its first example is drawn, which keeps results for so long."""
     temp, kept, log = folder / "temp", folder / "kept", folder / "log"
     temp.mkdir()
     environment = {**os.environ, "TMPDIR": str(temp), "XDG_CACHE_HOME": str(kept)}
-    arguments = [str(keep_s), "cold" if weights else "warm", "--port", "0"]
-    if weights is not None:
-        arguments += ["--weights", str(weights)]
     with log.open("w") as told:
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, *arguments],
+            [sys.executable, "-c", _START, str(keep_s), "--port", "0"],
             cwd=ROOT,
             env=environment,
             stderr=told,

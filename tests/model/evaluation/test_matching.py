@@ -153,9 +153,3 @@ def test_who_stands_still_is_at_chance_and_ties_count_half(judge):
     assert found["arm_speed_heard"] == pytest.approx(0, abs=1e-3)
     others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])
     assert preferred(torch.tensor([0.5, 0.2]), others) == pytest.approx((1 + 0 + 0.5 + 3) / 6)
-
-
-def test_pieces_lie_end_to_end_and_a_rest_is_left_out():
-    rows = np.arange(700.0)[:, None]
-    np.testing.assert_array_equal(pieces(rows), rows[:600].reshape(2, 300, 1))
-    assert pieces(rows[:299]).shape == (0, 300, 1)

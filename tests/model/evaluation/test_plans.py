@@ -10,14 +10,12 @@ import torch
 from model.evaluate import main
 from model.evaluation import finding
 from model.evaluation.adherence import (
-    Answers,
     distances,
     gesture_size,
     moves_alone,
     random_edit,
     rest_speeds,
     stroke_lags,
-    told,
 )
 from model.evaluation.finding import (
     Counts,
@@ -110,11 +108,6 @@ def test_random_edits_change_the_plan_and_tell_what_they_are_about(plan):
             assert min(abs(at - gesture.lands_s) for at in lands) < 1e-6
     assert 5 < gone < 40, "one kind in seven deletes"
     assert len(gestures(random_edit(STILL, rng)[0].plan, "right")) < 2
-
-
-def test_answers_are_told_with_their_number():
-    asked = Answers(list, a=[1.0, 0.0, 1.0, math.nan], b=[])
-    assert told(asked) == {"a": {"mean": pytest.approx(2 / 3), "count": 4}}
 
 
 def test_distances_are_those_of_edited_and_unedited_motion():

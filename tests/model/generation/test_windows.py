@@ -129,15 +129,6 @@ def test_options_out_of_range_are_refused(changes):
         GenerateOptions(speaker="ann", **changes)
 
 
-def test_systems_that_are_asked_in_turn_make_what_each_makes_alone(loaded):
-    speech, systems = of_frames(100), [loaded(name) for name in SYSTEMS[:2]]
-    turns = zip(*(motion_pieces(each, speech, OPTIONS) for each in systems), strict=True)
-    for each, pieces in zip(systems, zip(*turns, strict=True), strict=True):
-        (alone,) = generate_motion(each, speech, OPTIONS)
-        made = put_together([piece.motions[0] for piece in pieces])
-        np.testing.assert_array_equal(made.poses, alone.poses)
-
-
 def test_guidance_is_a_straight_line_through_deaf_and_heard(system):
     """One step of one window: x_1 is a straight function of the strength, up to the decoding."""
     speech, sizes, rows = of_frames(60), [], {}

@@ -55,29 +55,6 @@ def test_agrees_with_the_joint_by_joint_loop_and_local_and_global_are_inverse():
         assert_exact(kinematics.local_from_global(slow_rot), local_rot)
 
 
-def test_identity_is_the_rest_pose_moved_by_the_translation():
-    skeleton = open_body_skeleton()
-    identity = torch.eye(3).expand(4, 55, 3, 3)
-    transl = torch.tensor([0.1, 1.2, -0.3]).expand(4, 3)
-    global_rot, positions = joint_positions_from_local(identity, skeleton, transl)
-    torch.testing.assert_close(global_rot, identity)
-    expected = (skeleton.rest_joints + transl[0]).expand(4, 55, 3)
-    torch.testing.assert_close(positions, expected, rtol=0, atol=1e-6)
-
-
-def test_turning_the_root_turns_everything_about_the_pelvis():
-    skeleton = double_skeleton()
-    local_rot = random_local_rotations((5,))
-    turn = matrix_from_axis_angle(torch.tensor([0.3, -1.0, 0.2], dtype=torch.float64))
-    turned_local = local_rot.clone()
-    turned_local[:, 0] = turn @ local_rot[:, 0]
-    rot, positions = joint_positions_from_local(local_rot, skeleton)
-    turned_rot, turned_positions = joint_positions_from_local(turned_local, skeleton)
-    assert_exact(turned_rot, turn @ rot)
-    pelvis = skeleton.rest_joints[0]
-    assert_exact(turned_positions, (positions - pelvis) @ turn.T + pelvis)
-
-
 def test_a_raised_left_arm_is_the_left_arm_and_up():
     skeleton = open_body_skeleton()
     local_rot = torch.eye(3).repeat(55, 1, 1)

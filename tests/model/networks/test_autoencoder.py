@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
+from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.networks.config import AutoencoderConfig
-from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.helpers.config import AUTOENCODERS, presets
+from model.systems.helpers.config import presets
 from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
@@ -76,11 +75,3 @@ def test_what_each_network_sees(system, body, face):
     assert changed.tolist() == [False] * body + [True] * face
     restored, _ = made_network(shape)(seen, None, None)
     assert restored.shape == seen.shape
-
-
-@pytest.mark.parametrize("system", AUTOENCODERS)
-def test_bundled_weights_are_of_the_size_that_is_told_and_small(system):
-    config = presets(system)["demo"].autoencoder
-    assert sum(p.numel() for p in MotionAutoencoder(config).parameters()) < 1e6
-    if system in ("motion-vae", "fgd-encoder"):  # from before there were faces
-        assert load_encoder(BUNDLED_WEIGHTS, system).network.config == config

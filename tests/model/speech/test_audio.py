@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from app.errors import RunError
+from app.run.ask import read_channel
 from conventions.rates import SAMPLE_RATE
 from model.speech import audio
 from model.speech.audio import SpeechError, SpeechLimits, load_speech, write_wav
@@ -18,9 +20,14 @@ from model.storage.files import WriteError
 from tests.helpers import beat2_folder
 
 
-def tone(duration_s: float, rate: int = SAMPLE_RATE) -> np.ndarray:
+def tone(duration_s: float, rate: int = SAMPLE_RATE, hertz: float = 440.0) -> np.ndarray:
     time_s = np.arange(round(duration_s * rate)) / rate
-    return (0.5 * np.sin(2 * np.pi * 440.0 * time_s)).astype(np.float32)
+    return (0.5 * np.sin(2 * np.pi * hertz * time_s)).astype(np.float32)
+
+
+def hertz_of(waveform: np.ndarray) -> int:
+    power = np.abs(np.fft.rfft(waveform[: 2 * SAMPLE_RATE]))
+    return int(power.argmax() / 2)
 
 
 def ffmpeg(*arguments: str | Path) -> bytes:
@@ -28,9 +35,16 @@ def ffmpeg(*arguments: str | Path) -> bytes:
     return subprocess.run(command, check=True, capture_output=True).stdout
 
 
-def written(folder: Path, samples: np.ndarray, rate: int = SAMPLE_RATE) -> Path:
-    wavfile.write(folder / "a.wav", rate, samples)
-    return folder / "a.wav"
+def written(
+    folder: Path, samples: np.ndarray, rate: int = SAMPLE_RATE, name: str = "a.wav"
+) -> Path:
+    wavfile.write(folder / name, rate, samples)
+    return folder / name
+
+
+def encode(source: Path, target: Path, *options: str) -> Path:
+    ffmpeg("-i", source, *options, target)
+    return target
 
 
 def assert_refused(path: Path, *words: str, limits: SpeechLimits | None = None) -> None:
@@ -73,8 +87,7 @@ def test_other_formats_keep_length_and_pitch(tmp_path, tone_file, suffix, option
     speech = load_speech(tmp_path / f"a.{suffix}")
     # A bare AAC stream cannot say how much padding it has (one to two blocks of 1024 samples).
     assert abs(speech.duration_s - 3.0) < (0.08 if suffix == "aac" else 0.01)
-    spectrum = np.abs(np.fft.rfft(speech.waveform[: 2 * SAMPLE_RATE]))
-    assert abs(spectrum.argmax() / 2 - 440) <= 0.5
+    assert hertz_of(speech.waveform) == 440
     assert any("44,100 Hz" in note or "48,000 Hz" in note for note in speech.notes)
 
 
@@ -238,3 +251,71 @@ def test_written_wav_is_16_bit_mono_and_reads_back(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.wav"]
     with pytest.raises(WriteError, match="does not exist"):
         write_wav(tmp_path / "none" / "a.wav", waveform)
+
+
+PICTURES = ("-f", "lavfi", "-i", "color=size=64x64:rate=25:duration=6")
+
+
+@pytest.fixture
+def dialogue(tmp_path: Path) -> Path:
+    """440 Hz on the left, 880 on the right."""
+    sides = np.stack([tone(3.0), tone(3.0, hertz=880.0)], axis=1)
+    return written(tmp_path, sides, name="dialogue.wav")
+
+
+def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
+    for written, wanted in (("left", 440), ("right", 880), ("2", 880)):
+        speech = load_speech(dialogue, SpeechLimits(channel=read_channel(written)))
+        assert hertz_of(speech.waveform) == wanted
+        assert np.abs(speech.waveform).max() == pytest.approx(0.5, abs=0.01)  # not halved
+        (note,) = speech.notes
+        assert f"only number {1 + (wanted == 880)}" in note
+    assert_refused(dialogue, "2 channels", "number 3", limits=SpeechLimits(channel=2))
+    for written in ("middle", "0", "-1", "65"):
+        with pytest.raises(RunError, match="left, right, or a number"):
+            read_channel(written)
+
+
+def test_the_first_track_that_is_not_silent_is_heard(tmp_path, dialogue):
+    written(tmp_path, np.zeros(3 * SAMPLE_RATE, np.float32), name="silent.wav")
+    written(tmp_path, tone(3.0), name="tone.wav")
+
+    def film(name: str, *inputs: str) -> Path:
+        more = [part for path in inputs for part in ("-i", str(tmp_path / path))]
+        maps = [part for n in range(len(inputs) + 1) for part in ("-map", f"{n}:a")]
+        return encode(tmp_path / "silent.wav", tmp_path / name, *more, *maps, "-c:a", "aac")
+
+    speech = load_speech(film("two.mkv", "tone.wav"))
+    assert hertz_of(speech.waveform) == 440
+    assert speech.notes[0] == "Of 2 sound tracks number 2, the first that is not silent, was used."
+    third = load_speech(film("three.mp4", "silent.wav", "dialogue.wav"), SpeechLimits(channel=1))
+    assert hertz_of(third.waveform) == 880 and "number 3" in third.notes[0]
+    assert_refused(film("none.mkv", "silent.wav"), "silent")
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("a.mts", ("-c:v", "mpeg2video", "-c:a", "ac3")), ("a.mpg", ("-c:v", "mpeg2video")),
+     ("a.mp4", ("-c:a", "aac")), ("a.mkv", ("-c:a", "aac"))],
+)  # fmt: skip
+def test_a_video_longer_than_its_sound_is_not_damaged(name, options, tmp_path):
+    sound = written(tmp_path, tone(3.0, 32000), 32000)
+    speech = load_speech(encode(sound, tmp_path / name, *PICTURES, *options))
+    assert hertz_of(speech.waveform) == 440 and speech.duration_s == pytest.approx(3.0, abs=0.1)
+    assert not any("damaged" in note for note in speech.notes)
+
+
+def test_a_length_that_is_only_estimated_is_not_held_against_the_sound(tmp_path):
+    late = np.concatenate([np.zeros(5 * SAMPLE_RATE, np.float32), tone(1.0)])
+    options = "-c:a", "aac", "-b:a", "32k"
+    speech = load_speech(encode(written(tmp_path, late), tmp_path / "late.aac", *options))
+    assert speech.duration_s == pytest.approx(6.0, abs=0.1) and speech.notes == ()
+
+
+def test_a_cut_video_is_still_told(tmp_path):
+    options = (*PICTURES, "-c:a", "aac", "-movflags", "faststart")
+    whole = encode(written(tmp_path, tone(6.0)), tmp_path / "whole.mp4", *options)
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
+    (note,) = (note for note in load_speech(cut).notes if "damaged" in note)
+    assert "6.0 s that the file states" in note

@@ -17,7 +17,6 @@ from model.storage.checkpoint import load_weights
 from model.train import main
 from model.training import losses, parallel
 from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Shard
 from model.training.targets import prepare_targets
 from model.training.task import learning_rate_factor
 from tests.helpers import ROOT
@@ -172,14 +171,6 @@ def test_learning_rate_warms_up_and_decays():
     assert factors[:2] == [0.01, 0.02] and factors[99:101] == [1.0, 1.0] and max(factors) == 1.0
     assert factors[550] == pytest.approx(0.51) and all(np.diff(factors[99:]) <= 0)
     assert factors[-1] == pytest.approx(0.02, abs=1e-5)
-
-
-def test_shards_share_a_batch_without_overlap():
-    rows = torch.arange(8)
-    parts = [Shard(rank, 4).of(rows) for rank in range(4)]
-    assert sorted(torch.cat(parts).tolist()) == rows.tolist()
-    assert {len(part) for part in parts} == {2}
-    assert torch.equal(WHOLE.of(rows), rows)
 
 
 @pytest.mark.slow

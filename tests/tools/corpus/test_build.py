@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 import runpy
 import shutil
 import wave
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 from model.motion.motion import load_motion
+from model.plan.tier_files import textgrid_tiers
 from tests.tools.corpus.conftest import CLIP_S, TWO_CLIPS_H
 from tools.corpus import __main__ as command
 from tools.corpus import build
@@ -58,24 +58,8 @@ def test_the_layout_is_beat2s(corpus):
 
 
 def tiers(path: Path) -> dict[str, list[tuple[float, float, str]]]:
-    """An independent reading of the long TextGrid format."""
-    text = path.read_text()
-    assert text.startswith('File type = "ooTextFile"\nObject class = "TextGrid"\n')
-    found = {}
-    for block in re.split(r"\n    item \[\d+\]:\n", text)[1:]:
-        name = re.search(r'name = "(\w+)"', block)
-        assert name is not None
-        if "IntervalTier" in block:
-            pattern = r"xmin = ([\d.]+)\n\s+xmax = ([\d.]+)\n\s+text = \"(.*)\""
-            rows = [(float(a), float(b), c) for a, b, c in re.findall(pattern, block)]
-        else:
-            pattern = r"number = ([\d.]+)\n\s+mark = \"(.*)\""
-            rows = [(float(a), float(a), c) for a, c in re.findall(pattern, block)]
-        size = re.search(r"size = (\d+)", block)
-        assert size is not None
-        assert int(size.group(1)) == len(rows)
-        found[name.group(1)] = rows
-    return found
+    found, _ = textgrid_tiers(path.read_text(), path.name, ValueError)
+    return {each.name: [(r.start_s, r.end_s, r.text) for r in each.rows] for each in found}
 
 
 TIERS = (

@@ -12,7 +12,6 @@ from tools.corpus.gesture.choice import (
     list_items,
 )
 from tools.corpus.gesture.gestures import (
-    FLEX,
     GENERIC,
     GESTURES,
     KEYWORDS,
@@ -24,7 +23,7 @@ from tools.corpus.gesture.gestures import (
 from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
 from tools.corpus.gesture.plan import HandPlan, make_plan
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.speaker import SPEAKERS, Speaker
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.people.voice import words_of
 from tools.corpus.words.prosody import Phrase, SpokenWord, Utterance
 
@@ -157,18 +156,3 @@ def test_every_stressed_chunk_brings_a_stroke_on_its_stressed_vowel():
         keys = plan([0.0, 0.0, 1.0, 0.0], seed).keys
         apexes = [key.arrive_s for side in SIDES for key in keys[side] if key.phase == "stroke"]
         assert any(abs(apex - 1.5) < 0.15 for apex in apexes), (seed, apexes)
-
-
-def habits(speaker: Speaker) -> np.ndarray:
-    """What an onlooker could note down, each in units that one would just notice."""
-    hand = {"left": 1.0, "right": -1.0}[speaker.dominant] * (speaker.dominance - 0.5)
-    wait = [REST[speaker.rest_of(side)].position for side in ("left", "right")]
-    shape = SHAPES[speaker.idle_shape][FLEX].mean() * speaker.finger_curl
-    return np.concatenate(
-        [
-            np.array([speaker.outward_m, speaker.height_m, speaker.forward_m]) / 0.03,
-            np.concatenate(wait) / 0.06,
-            [hand / 0.4, speaker.two_hands / 0.3, shape / 12, speaker.amplitude / 0.2],
-            [speaker.tempo / 0.15, speaker.energy / 0.25, speaker.rate / 0.2],
-        ]
-    )

@@ -64,28 +64,6 @@ def test_alone_a_branch_hears_what_the_buffer_holds():
     assert not buffer[0, 0].any()
 
 
-def test_a_sample_does_not_depend_on_the_others():
-    network, x_t, conditions = tiny_network(), made_pair(), made_conditions()
-    both = network(x_t, T, seed=seed_of(x_t), **conditions)
-    first = {name: value[:1] for name, value in conditions.items()}
-    one = (x_t[0][:1], x_t[1][:1])
-    alone = network(one, (T[0][:1], T[1][:1]), seed=seed_of(one), **first)
-    for which in BRANCHES:
-        torch.testing.assert_close(alone[which], both[which][:1], atol=1e-4, rtol=1e-4)
-
-
-def test_where_there_is_no_speech_neither_branch_hears_any():
-    network, x_t, conditions = tiny_network(), made_pair(), made_conditions()
-    other = conditions | {"speech": conditions["speech"].flip(0)}
-    one, another = (
-        network(x_t, T, seed=seed_of(x_t), **told | {"has_speech": torch.tensor([True, False])})
-        for told in (conditions, other)
-    )
-    for which in BRANCHES:
-        change = (one[which] - another[which]).abs().amax((1, 2))
-        assert change[0] > 1e-3 and change[1] == 0
-
-
 def test_a_consistent_network_gives_clean_motion_back():
     network, x = tiny_network(consistent=True), made_pair()
     now = torch.full((2,), 1.0)

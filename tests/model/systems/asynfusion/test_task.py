@@ -18,7 +18,7 @@ from model.systems.asynfusion.task import (
     one_solver_step,
     pseudo_huber,
 )
-from model.systems.registry import family_of, load_system
+from model.systems.registry import load_system
 from model.training.task import TaskSetup
 from tests.model.systems.asynfusion.made import (
     BODY,
@@ -28,11 +28,8 @@ from tests.model.systems.asynfusion.made import (
     tiny_network,
 )
 from tests.model.training.made import (
-    assert_equal_states,
-    killed_at,
     quick,
     run,
-    state_of,
 )
 
 
@@ -116,16 +113,6 @@ def test_teacher_and_student_are_systems(trained):
         assert load_system(name, student / "weights").network.consistent
 
 
-@pytest.mark.slow  # as the trainings of tests/model/test_train.py
-def test_a_killed_and_resumed_student_equals_one_that_was_not(trained, data_folder):
-    teacher, student = trained
-    out = student.with_name("killed")
-    with killed_at(1):
-        run(quick(LCM_SYNC), data_folder, out, teacher / "weights")
-    run(quick(LCM_SYNC), data_folder, out, teacher / "weights", resume=True)
-    assert_equal_states(state_of(out), state_of(student))
-
-
 def test_the_student_begins_as_its_teacher(trained, data_folder, tmp_path):
     teacher, student = trained
     data = prepare(data_folder, student.with_name("prepared-mel64"), MelEncoder())
@@ -136,5 +123,3 @@ def test_the_student_begins_as_its_teacher(trained, data_folder, tmp_path):
         assert torch.equal(tensor, taught[name]), name
     with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
         make_task(usual, data, TaskSetup(tmp_path))
-    with pytest.raises(ValueError, match="'huge' of asynfusion/ddim; choose one of demo, paper"):
-        family_of(DDIM).config("huge", DDIM)

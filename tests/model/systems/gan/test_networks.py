@@ -5,7 +5,7 @@ import torch
 
 from model.systems.gan.config import DiscriminatorConfig
 from model.systems.gan.network import FINGERS, Discriminator, Generator
-from model.systems.gan.sampling import posterior, signal_and_noise, times
+from model.systems.gan.sampling import posterior, times
 from model.systems.gan.task import (
     discriminator_loss,
     gaussian_loss,
@@ -93,32 +93,6 @@ def test_the_balance_begins_with_the_fingers_part_of_each_component():
     of_fingers[[167 - channel for channel in FINGERS]] = True
     torch.testing.assert_close(balance[of_fingers], torch.full((90,), 0.95))
     torch.testing.assert_close(balance[~of_fingers], torch.full((78,), 0.05))
-
-
-def test_gradients_reach_every_weight():
-    generator = shaken(made_generator())
-    now = torch.tensor([1.0, 0.3, 0.6, 0.05])
-    known = told(TINY, 4, has_speech=torch.tensor([True, True, False, True]))
-    mean, deviation = generator(
-        torch.randn(4, 60, 168), now, now / 2, expression=torch.rand(4, 60, 52), **known
-    )
-    (mean.square().sum() + deviation.log().sum()).backward()
-    for name, parameter in generator.named_parameters():
-        assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
-
-
-def test_deviations_are_the_priors_before_training():
-    generator = made_generator()
-    now = torch.tensor([0.4, 0.4])
-    known = told(TINY, 2, has_seed=torch.tensor([True, False]))
-    _, deviation = generator(
-        torch.randn(2, 60, 168), now, now / 2, expression=torch.zeros(2, 60, 52), **known
-    )
-    signal, noise = (float(factor) for factor in signal_and_noise(now[0]))
-    for b, which in ((0, 1), (1, 0)):
-        variance = generator.prior.variance[which].double()
-        wanted = (1 / (1 / variance + signal**2 / noise**2)).sqrt()
-        torch.testing.assert_close(deviation[..., b].double(), wanted, rtol=1e-3, atol=1e-6)
 
 
 def test_windows_with_and_without_a_seed_share_a_batch():

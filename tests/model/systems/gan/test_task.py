@@ -20,7 +20,7 @@ from model.systems.gan.config import (
 )
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
-from model.systems.registry import family_of, load_system
+from model.systems.registry import load_system
 from model.training.parallel import WHOLE, Draws
 from model.training.task import Start, Task, TaskSetup
 from tests.model.training.made import (
@@ -160,8 +160,3 @@ def test_errors_on_a_batch_fall(batch, changed):
     found = [task.step(k, batch, torch.Generator().manual_seed(0)) for k in range(8)]
     assert found[-1]["simple"] < 0.9 * found[0]["simple"]
     assert found[-1]["discriminator"] < found[0]["discriminator"]
-
-
-def test_presets_that_are_not_there_are_named():
-    with pytest.raises(ValueError, match="'large' of gan/20; choose one of demo, smoke"):
-        family_of(WEIGHTS).config("large", WEIGHTS)

@@ -5,6 +5,7 @@ PyTorch 2.13, float32, weights by `filled`): what it gave at a few frames, and t
 do not follow from a seed.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from model.systems.official.config import PARTS
+from model.generation.base import Draw, SpeechWindow, Windowing
+from model.storage.cards import Card
+from model.systems.official.config import FAMILY, FILTERED, PARTS
 from model.systems.official.networks import make_network
-from model.systems.official.system import smoothed
+from model.systems.official.speech import OfficialEncoder, by_frame
+from model.systems.official.system import OfficialSystem, seed_of, smoothed
+from tests.helpers import smooth_motion_example
 from tests.model.systems.official.filled import fill, made, sha256_of
-from tests.model.systems.official.given_windows import GivenWindows, Networks
 
 AT = [0, 1, 7, 8, 30, 59]
 """Frames of a window that are carried."""
@@ -46,11 +50,6 @@ def networks() -> dict[str, nn.Module]:
     return {part: fill(make_network(part)) for part in PARTS}
 
 
-@pytest.fixture(scope="module")
-def both(networks) -> Networks:
-    return networks["motion"], networks["expression"]
-
-
 @torch.inference_mode()
 def test_one_pass_of_each_network(carried, networks):
     """The first of the reference's batch of two."""
@@ -69,20 +68,41 @@ def test_one_pass_of_each_network(carried, networks):
 
 
 @pytest.mark.parametrize("kind", ["filtered", "unfiltered"])
-def test_two_windows(carried, both, kind):
-    given = GivenWindows(
-        speaker=2,
-        start_poses=carried["start_poses"],
-        start_trans=carried["start_trans"],
-        features=torch.stack([heard(3000), heard(3001)]),
-        noise=torch.stack([normal(4000, 2, 60, 333)[0], normal(4001, 2, 60, 333)[0]]),
+def test_two_windows(carried, networks, kind, monkeypatch):
+    noise = torch.stack([normal(seed, 2, 60, 333)[:1] for seed in (4000, 4001)])
+    monkeypatch.setattr(Draw, "noise", lambda draw, shape: noise[draw.index])
+    start = replace(
+        smooth_motion_example(8), poses=carried["start_poses"], trans=carried["start_trans"]
     )
-    (first, _), whole = given.run(both, kind == "filtered")
+    system = OfficialSystem(
+        name="official",
+        card=Card({}, "given"),
+        sha256s={},
+        speakers={},
+        encoder=OfficialEncoder(lambda windows: torch.zeros(len(windows), 60, 1024)),
+        windowing=Windowing(60, 8, 0),
+        samplers=FAMILY.samplers_of(FILTERED),
+        frame="world",
+        root_motion="place",
+        network=networks["motion"],
+        expressions=networks["expression"],
+        seed=seed_of(start),
+        filters=kind == "filtered",
+    )
+    frames = by_frame(torch.stack([heard(3000), heard(3001)]))
+    draw = Draw(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
+    first = system.window(SpeechWindow(frames[:60]), None, draw)
+    second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))
+    joined = system.join(first.part(slice(52, 60)), second)
     if kind == "filtered":
         np.testing.assert_allclose(first.vectors[0, -8:], carried["next_seed"], atol=1e-4)
-    np.testing.assert_allclose(whole.vectors[0, ENDS, :330], carried[f"{kind}_rot6d"], atol=1e-4)
-    np.testing.assert_allclose(whole.root[0, ENDS], carried[f"{kind}_trans"], atol=1e-4)
-    np.testing.assert_allclose(whole.expression[0, ENDS], carried["face"], atol=1e-4)
+    vectors, face = (
+        torch.cat([getattr(first, name)[0, :52], getattr(joined, name)[0]])[ENDS]
+        for name in ("vectors", "expression")
+    )
+    np.testing.assert_allclose(vectors[:, :330], carried[f"{kind}_rot6d"], atol=1e-4)
+    np.testing.assert_allclose(vectors[:, 330:], carried[f"{kind}_trans"], atol=1e-4)
+    np.testing.assert_allclose(face, carried["face"], atol=1e-4)
 
 
 FILLED = {
