@@ -106,6 +106,8 @@ def plain(value: float) -> str:
     rounded = float(f"{value:.2g}")
     if abs(rounded) >= 10.0 or rounded == 0.0:
         return f"{value:.0f}"
+    if 0.0 < rounded < 1e-3:
+        return "under 0.001"
     return f"{rounded:.{1 - floor(log10(abs(rounded)))}f}"
 
 

@@ -136,7 +136,7 @@ def _with_reference(diagnostics: Diagnostics) -> Mapping[str, Versions]:
 
 
 def _beats(diagnostics: Diagnostics) -> str:
-    """In which motions beats follow the speech more than chance has it."""
+    """In which motions beats follow the speech more than chance has it; empty where in none."""
     found = {name: versions.raw.beats for name, versions in _with_reference(diagnostics).items()}
     beats = {
         name: each
@@ -148,12 +148,8 @@ def _beats(diagnostics: Diagnostics) -> str:
         for name, each in beats.items()
         if each.beat_align > each.beat_align_chance_highest
     ]
-    if not told:
-        whose = " in all" if len(beats) > 1 else ""
-        at_chance = f"BeatAlign is at chance{whose}: the same speech shifted in time gives as much."
-        return at_chance if beats else ""
     rest = "; the others are at chance" if len(told) < len(beats) else ""
-    return f"BeatAlign above chance: {', '.join(told)}{rest}."
+    return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
 
 
 def _step(diagnostics: Diagnostics) -> str:

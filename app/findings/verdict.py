@@ -111,7 +111,8 @@ def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> 
     told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
-    return [*sentences, f"Compared with {names[base]}: {told}; {which} calmer here."]
+    start = f"Against {names[base]}, with {claim.added} added one by one"
+    return [*sentences, f"{start}: {told}; {which} calmer here."]
 
 
 def _worse(table: Table, system: str, other: str) -> list[str]:

@@ -326,11 +326,15 @@ class RunWriter(Reporter):
 
 
 def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
-    """Of several motions, the gravest first; last, and of no name, in which there is nothing."""
-    told = [
-        Told(name=name, kind=finding.kind, sentence=cut(finding.sentence), at=finding.worst_s)
-        for name, finding in ranked(findings)[: MAX_TOLD - 1]
-    ]
+    """Of several motions, the gravest first, what people do told once; last, and of no name, in
+    which there is nothing."""
+    told: list[Told] = []
+    norms: set[str] = set()
+    for name, finding in ranked(findings)[: MAX_TOLD - 1]:
+        said, _, norm = finding.sentence.rpartition("; ")
+        sentence = f"{said}." if said and norm in norms else finding.sentence
+        norms.add(norm)
+        told.append(Told(name=name, kind=finding.kind, sentence=cut(sentence), at=finding.worst_s))
     labels = short_names(name for name in findings if name != REFERENCE_NAME)
     clean = [label for name, label in labels.items() if not findings[name]]
     if clean:

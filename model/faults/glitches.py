@@ -58,10 +58,10 @@ def joint_noise(evidence: Evidence) -> Iterator[Finding]:
         who, most = f"{len(noise)} of {len(JOINT_NAMES)} joints shake", f", most of all {named}"
     else:
         who, most = f"The {named} {'shakes' if len(noise) == 1 else 'shake'}", ""
-    little = ": hardly seen" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
+    little = ", hardly seen" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
     sentence = (
-        f"{who} from frame to frame in the angle to the parent bone{most}; recordings have under"
-        f" 0.3°{little}."
+        f"{who} from frame to frame in the angle to the parent bone{little}{most}; recordings have"
+        " under 0.3°."
     )
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution

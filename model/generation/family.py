@@ -71,6 +71,8 @@ class Claim:
     less: tuple[str, ...]
     plain: str
     """Of ``less``, the one that the others add to."""
+    added: str
+    """What these add, one more in each than in the one before."""
 
 
 @dataclass(frozen=True)

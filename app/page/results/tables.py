@@ -151,7 +151,8 @@ def _finding(found: Told, label: str) -> str:
             f'<button type="button" class="go" data-at="{found.at:.3f}">'
             f"{text.GO_THERE.format(time=time)}</button>"
         )
-    return f"<li><b>{escape(label)}</b>{escape(found.sentence)}{go}</li>"
+    who = f"<b>{escape(label)}:</b> " if label else ""
+    return f"<li>{who}{escape(found.sentence)}{go}</li>"
 
 
 def _findings(run: RunRecord) -> str:

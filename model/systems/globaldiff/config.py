@@ -253,5 +253,6 @@ FAMILY = Family(
         more=_LOCAL,
         less=tuple(name for name in LADDER if name != _LOCAL),
         plain=_GLOBAL,
+        added="constraints",
     ),
 )

@@ -128,7 +128,7 @@ def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
 
 def test_numbers_are_plain() -> None:
     told = {0.0: "0", 0.00621: "0.0062", 0.996: "1.0", 1.26: "1.3", 9.96: "10", 123.4: "123"}
-    told |= {123456.0: "123456", -0.034: "-0.034"}
+    told |= {123456.0: "123456", -0.034: "-0.034", 9.7e-6: "under 0.001"}
     assert {value: plain(value) for value in told} == told
 
 
@@ -140,7 +140,7 @@ def beating(score: float, highest: float) -> Versions:
 def test_only_beats_above_chance_are_told() -> None:
     low, high = beating(0.71, 0.72), beating(0.71, 0.7)
     for systems, words in (
-        ({"a": low}, "BeatAlign is at chance: the same speech shifted in time gives as much."),
+        ({"a": low}, ""),
         ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42)."),
         (
             {"a": high, "b": low},
@@ -180,8 +180,8 @@ def test_the_verdict_goes_through_the_ladder() -> None:
     )
     assert verdict.judgement.startswith(
         "On this clip the paper's claim, that global rotations jerk less than local ones, shows: "
-        "from local to global 33 % less. Compared with global: joint 10 % less, full 20 % more; "
-        "joint is calmer here. "
+        "from local to global 33 % less. Against global, with constraints added one by one: joint "
+        "10 % less, full 20 % more; joint is calmer here. "
         "One clip, one sample and one training of each"
     )
     assert "10 clips or more" in verdict.text and "several seeds" in verdict.text
@@ -257,7 +257,7 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
 def test_full_is_said_to_jerk_more_than_global_where_it_clearly_does() -> None:
     for full, words in [(100.0, "alike within 5 %"), (104.0, "alike"), (112.0, "12 % more")]:
         verdict = said(globaldiff_global=100, globaldiff_full=full)
-        assert verdict is not None and f"Compared with global: full {words}" in verdict.text
+        assert verdict is not None and f"one by one: full {words}" in verdict.text
 
 
 def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:

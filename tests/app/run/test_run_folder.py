@@ -29,7 +29,7 @@ from app.run.pieces import HEADER
 from app.run.pipeline import do, record_of
 from app.run.run_writer import RunWriter, findings_told
 from app.run.timeline import said_in
-from model.faults.evidence import SEEN, WRONG, Finding
+from model.faults.evidence import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
 from model.plan.tier_files import Interval
@@ -171,18 +171,18 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
     assert (shown[1]["right"][0]["start_s"], shown[1]["right"][-1]["end_s"]) == (0.0, 1.5)
 
 
-def test_the_gravest_findings_come_first_each_with_its_second():
+def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_once():
     findings = {
-        "a": [Finding("It jumps.", {}, kind="seam", excess=3.0, worst_frame=45, gravity=SEEN)],
+        "a": [Finding("It jumps; rare.", {}, kind="seam", excess=3.0, worst_frame=45)],
         "b": [
             Finding("A hand is in the chest.", {}, kind="through", gravity=WRONG),
-            Finding("It trembles.", {}, kind="noise", excess=9.0, gravity=SEEN),
+            Finding("It trembles; rare.", {}, kind="noise", excess=9.0),
         ],
     }
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
-        ("a", "It jumps.", 1.5),
+        ("a", "It jumps; rare.", 1.5),
         ("b", "It trembles.", None),
     ]
 

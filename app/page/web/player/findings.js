@@ -16,8 +16,8 @@ export class Findings {
     this.element.replaceChildren(
       ...findings.map(({ name, sentence, at }) => {
         const row = rows.find((each) => each.name === name);
-        const words = [make("b", {}, row?.label ?? name), " ", sentence];
-        const go = at === null ? null : make("button", { type: "button", class: "go", onclick: () => goTo(this.#player, at) }, `Show ${clockText(at)}`);
+        const words = name ? [make("b", {}, `${row?.label ?? name}:`), " ", sentence] : [sentence];
+        const go = at === null ? null : make("button", { type: "button", class: "go", onclick: () => goTo(this.#player, at) }, `Show ${clockText(Math.round(at * 10) / 10).slice(0, -1)}`);
         return make("li", {}, make("p", {}, ...words), ...(go ? [go] : []));
       }),
     );
