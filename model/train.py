@@ -18,7 +18,6 @@ from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
 from model.systems.registry import families, family_of, left_out, usual_systems
 from model.training.loop import TrainingError, train
 from model.training.parallel import joined_processes
-from model.training.task import Start
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -50,9 +49,6 @@ def main(arguments: list[str] | None = None) -> int:
         metavar="DIR",
         help="begin with the weights of this folder and a fresh optimizer",
     )
-    parser.add_argument(
-        "--start-system", metavar="NAME", help="whose weights of that folder; --system if not given"
-    )
     parser.add_argument("--random-seed", type=int, default=0, help="another training of its kind")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--no-compile", action="store_true", help="never compile the step")
@@ -70,7 +66,6 @@ def main(arguments: list[str] | None = None) -> int:
             config = dataclasses.replace(config, steps=args.steps)
         for setting in args.settings:
             config = with_setting(config, setting)
-        start = args.start_from and Start(args.start_from, args.start_system or args.system)
         with joined_processes() as shard:
             train(
                 config,
@@ -79,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
                 args.out,
                 helpers=args.helpers,
                 resume=args.resume,
-                start=start,
+                start=args.start_from,
                 shard=shard,
                 may_compile=not args.no_compile,
             )

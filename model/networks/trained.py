@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from model.motion.packing import Normaliser
@@ -52,21 +51,3 @@ class Trained:
         """An untrained network with these weights, never changed again."""
         load_into(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)
-
-    def start(self, network: nn.Module) -> None:
-        """Let a training of a network begin with these weights. Parts which they do not know stay
-        as they are, and what layers of more inputs hear besides is not heard at first."""
-        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
-        tensors = fresh | {
-            name: _with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
-            for name, tensor in self.tensors.items()
-        }
-        load_into(network, tensors, "network.", self.name)
-
-
-def _with_more_inputs(weight: Tensor, wanted: Tensor) -> Tensor:
-    """A linear layer's weight with columns of zeros for the last inputs that ``wanted`` has more
-    of; anything else as it is."""
-    both = weight.dim() == wanted.dim() == 2 and len(weight) == len(wanted)
-    more = wanted.shape[-1] - weight.shape[-1] if both else 0
-    return F.pad(weight, (0, more)) if more > 0 else weight

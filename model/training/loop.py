@@ -27,7 +27,7 @@ from model.storage.files import written_atomically
 from model.storage.harmless import csv_text
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
-from model.training.task import Start, Task, TaskSetup
+from model.training.task import Task, TaskSetup
 
 STATE_FILE = "state.pt"
 
@@ -148,7 +148,7 @@ def train(
     *,
     helpers: Path,
     resume: bool = False,
-    start: Start | None = None,
+    start: Path | None = None,
     shard: Shard = WHOLE,
     may_compile: bool = False,
 ) -> None:
@@ -157,6 +157,7 @@ def train(
     Args:
         make_task: of the family that ``config`` belongs to.
         helpers: folder with the weights of networks that the task needs and does not train.
+        start: folder with weights of the same name to begin with.
         may_compile: compile the step where that works; it starts a minute or two later then.
 
     Raises:
@@ -183,11 +184,11 @@ def train(
             open_run(config, out, resume)
     origin = None
     if resume:  # what the run began with is told by what it saved, not by this command
-        start = Start(out / "weights", config.system)
-        origin = load_card(start.folder, start.system)["started_from"]
+        start = out / "weights"
+        origin = load_card(start, config.system)["started_from"]
     elif start is not None:
-        card = load_card(start.folder, start.system)
-        origin = {"system": start.system, "sha256": card.sha256, "steps": card.steps}
+        card = load_card(start, config.system)
+        origin = {"system": config.system, "sha256": card.sha256, "steps": card.steps}
     with shard.first_alone():
         task = make_task(config, data, TaskSetup(helpers, start, shard, may_compile))
     first = 0

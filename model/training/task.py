@@ -18,18 +18,10 @@ from model.data.recordings import DataError
 from model.motion.packing import Normaliser
 from model.networks.trained import Trained
 from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Draws, Shard, can_compile
-
-
-@dataclass(frozen=True)
-class Start:
-    """Trained weights to begin with."""
-
-    folder: Path
-    system: str
-    """Whose weights; every rung of the ladder can begin with those of any other."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +30,8 @@ class TaskSetup:
 
     helpers: Path
     """Folder with the weights of networks that a task needs and does not train."""
-    start: Start | None = None
+    start: Path | None = None
+    """Folder with the weights to begin with, of what is trained."""
     shard: Shard = WHOLE
     may_compile: bool = False
     """Compile networks and losses where that is worth it (`model.training.parallel`)."""
@@ -76,7 +69,7 @@ class TaskSetup:
         torch.manual_seed(config.random_seed)
         if self.start is None:
             return None
-        given = Trained.read(self.start.folder, self.start.system)
+        given = Trained.read(self.start, config.system)
         if "normaliser.mean" not in given.tensors:
             raise CheckpointError(f"The weights of {given.name} have no statistics.")
         return given
@@ -163,7 +156,7 @@ class DescentTask(ABC):
         statistics: Mapping[str, Tensor] = MappingProxyType({}),
     ) -> None:
         if given is not None:
-            given.start(network)
+            load_into(network, given.tensors, "network.", given.name)
         self.setup, self.config = setup, config
         self.window_frames, self.context = window_frames, context
         self.network = network.to(self.shard.device)

@@ -15,10 +15,8 @@ from model.networks.speech_codes import SpeechReading, load_codes
 from model.speech.encoder import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder
 from model.systems.helpers.task import reading_terms
-from model.systems.planned.config import PLANNER, PlannerConfig
-from model.training.task import Start
-from tests.model.systems.helpers.made_spoken import SPOKEN, make_encoder_weights, make_spoken_folder
-from tests.model.training.made import log_of, quick, run
+from tests.model.systems.helpers.made_spoken import SPOKEN, make_spoken_folder
+from tests.model.training.made import quick, run
 
 
 @pytest.fixture(scope="module")
@@ -78,17 +76,6 @@ def test_losses_are_those_of_what_is_right():
     said[0, 1, 1], said[0, 0, 1] = 5.0, 0.5  # the strength counts where there is an accent
     losses = reading_terms(SpeechReading(sure, said), phone, told)
     assert losses["strength"].item() == pytest.approx(0.04)
-
-
-def test_a_planner_begins_with_weights_that_heard_no_codes(root, tmp_path):
-    shape = PlannerConfig(width=16, head_width=16, window_frames=60)
-    deaf = run(quick(PLANNER, planner=shape), root / "data", root / "deaf")
-    make_encoder_weights(tmp_path)
-    more = quick(PLANNER, planner=replace(shape, codes=8), learning_rate=0.0, weight_decay=0.0)
-    start = Start(deaf / "weights", PLANNER)
-    heard = run(more, root / "data", root / "more", tmp_path, start=start)
-    totals = [log_of(out, "val")[0]["total"] for out in (deaf, heard)]
-    assert float(totals[1]) == pytest.approx(float(totals[0]), rel=1e-4)
 
 
 @pytest.mark.parametrize("tiers", [("words",), ("words", "phones")])
