@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from model.data.prepared import prepare
 from model.data.recordings import DataError, augmented_copy, encode_clip, read_split
@@ -99,8 +98,6 @@ def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
     assert data.speakers == {2: "scott"}
     assert data.clips[0].num_frames > 1500
     assert not data.expression.any()  # FLAME coefficients are no face units
-    batch = data.window_batch(data.clips, 60, 4, np.random.default_rng(0))
-    assert batch.poses.shape == (4, 60, 165) and torch.isfinite(batch.speech).all()
 
 
 def test_copies_repeat_and_differ_and_the_recording_itself_is_as_without_them(

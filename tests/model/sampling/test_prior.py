@@ -58,15 +58,6 @@ def test_the_posterior_is_that_of_one_large_gaussian(prior, t, with_seed):
     torch.testing.assert_close(twice.double(), wanted, atol=3e-3, rtol=3e-3)
 
 
-def test_a_batch_may_mix_windows_with_and_without_a_seed(prior):
-    x_t, seed = torch.randn(2, FRAMES, CHANNELS), torch.randn(2, SEED, CHANNELS)
-    t, mixed = torch.tensor([0.2, 0.6]), torch.tensor([True, False])
-    both = prior.posterior(x_t, t, seed, mixed)
-    for k in range(2):
-        alone = prior.posterior(x_t[k : k + 1], t[k : k + 1], seed[k : k + 1], mixed[k : k + 1])
-        torch.testing.assert_close(both[k : k + 1], alone, atol=1e-5, rtol=1e-4)
-
-
 @pytest.mark.parametrize("with_seed", [False, True])
 @pytest.mark.parametrize("heun", [False, True])
 def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with_seed, heun):
@@ -176,6 +167,9 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
         torch.testing.assert_close(one, both, rtol=1e-5, atol=1e-6)
     mixed = torch.tensor([True, False, True, False])
     assert prior.one_for_all(mixed) is None and prior.one_for_all(flags) == int(has_seed)
+    same = mixed == has_seed  # those of a batch that mixes both
+    both, one = (prior.posterior(x_t, t, seed, each)[same] for each in (mixed, flags))
+    torch.testing.assert_close(both, one, rtol=1e-4, atol=1e-5)
 
 
 def test_channels_that_never_move_and_estimates_that_are_no_covariance_do_no_harm():
