@@ -271,10 +271,9 @@ class FewClips:
         clips: Sequence[str],
         systems: Sequence[System],
         speakers: tuple[str, str],
-        count: int = NUM_CLIPS,
     ) -> "FewClips":
         """The first of the clips, and recordings of the speakers from any split."""
-        names = tuple(clips[:count])
+        names = tuple(clips[:NUM_CLIPS])
         if not all(speaker in system.speakers for system in systems for speaker in speakers):
             return FewClips(names, None, {})
         calm, lively = (_recordings(folder, speaker, len(names)) for speaker in speakers)

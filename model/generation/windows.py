@@ -73,7 +73,6 @@ def generate_motion(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    on_progress: Callable[[float], None] | None = None,
     should_cancel: Callable[[], bool] | None = None,
 ) -> list[Motion]:
     """One motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
@@ -82,7 +81,6 @@ def generate_motion(
     works in one thread meanwhile (`one_thread`).
 
     Args:
-        on_progress: called with the share done, 0 to 1.
         should_cancel: asked before each window.
 
     Raises:
@@ -95,8 +93,6 @@ def generate_motion(
         for piece in motion_pieces(system, speech, options, should_cancel):
             for sample, motion in enumerate(piece.motions, start=piece.first_sample):
                 found.setdefault(sample, []).append(motion)
-            if on_progress is not None:
-                on_progress(piece.share)
     return [put_together(found[sample]) for sample in range(options.samples)]
 
 

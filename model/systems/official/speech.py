@@ -72,12 +72,10 @@ def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
     return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
 
 
-def resampled(
-    features: Float[Tensor, "n heard dim"], num_frames: int = WINDOW_FRAMES
-) -> Float[Tensor, "n frames dim"]:
+def resampled(features: Float[Tensor, "n heard dim"]) -> Float[Tensor, "n 60 dim"]:
     """Linear in time, from the first number to the last."""
     return torch.nn.functional.interpolate(
-        features.transpose(1, 2), size=num_frames, mode="linear", align_corners=True
+        features.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=True
     ).transpose(1, 2)
 
 
