@@ -14,7 +14,7 @@ from app import text
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
-from app.page.parts.catalogue import Catalogue, strength_choices
+from app.page.parts.catalogue import Catalogue, about_systems, groups_of, strength_choices
 from app.page.parts.markup import Updates, player_part, reveal_on_click, shown, told_part
 from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import figures_html
@@ -139,7 +139,10 @@ class FigureRunner(TabRunner):
         """A field of systems, of which those are ticked that are usual for this."""
         ticked = [name for name in usual_systems(use) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
-        return gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
+        chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
+        about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
+        markup.arrange_chips(elem_id, about, groups)
+        return chips
 
     @abstractmethod
     def lay_out(self, catalogue: Catalogue) -> Fields:
@@ -242,8 +245,7 @@ class HearingRunner(FigureRunner):
     tab, verb, title = "hearing", "Compare", "Does it hear?"
     introduction = (
         "Two speeches by two noise seeds, four motions of each system: where it hears, motions of "
-        "one speech rise and fall together; where it is deaf, those of one seed. The same as "
-        "<code>python -m app hearing</code>, which takes anyone's motion too."
+        "one speech rise and fall together; where it is deaf, those of one seed."
     )
     asks, measure = HearingAsk, MEASURE_HEARING
 
@@ -251,7 +253,7 @@ class HearingRunner(FigureRunner):
         systems = self.systems(catalogue, "hearing-tab")
         with gr.Row(elem_classes="pair"):
             speeches = {
-                name: _file(f"Speech {letter} (optional: an example otherwise)", ["audio"], 140)
+                name: _file(f"Speech {letter} (optional)", ["audio"], 140)
                 for name, letter in (("first", "A"), ("second", "B"))
             }
         strength = gr.Radio(
@@ -289,13 +291,12 @@ class StepCurveRunner(FigureRunner):
     tab, verb, title = "steps", "Measure", "What steps buy, measured here"
     introduction = (
         "The same speech with 1, 2, 4, 8 and 25 steps: how the fingertip jerks, how far the motion "
-        "is from that of 25 steps, and what a frame costs on the machine that serves this page. "
-        "The same as <code>python -m app steps</code>."
+        "is from that of 25 steps, and what a frame costs on the machine that serves this page."
     )
     asks, measure = StepsAsk, MEASURE_STEPS
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
-        label = "Speech (optional: an example otherwise; ten seconds are used)"
+        label = "Speech (optional; ten seconds are used)"
         return {"systems": self.systems(catalogue, "steps"), "speech": _file(label, ["audio"])}
 
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:

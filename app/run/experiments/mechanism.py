@@ -30,7 +30,7 @@ from renderer.figures.curves import draw_error_growth
 from renderer.video.compose import compose_videos
 from renderer.video.workers import draw_jobs
 
-NAMES: tuple[str, str] = ("local rotations", "global rotations")
+NAMES: tuple[str, str] = ("local noise", "global noise")
 """Of the two bodies: where the noise is."""
 DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
 _DRAWN = 0.85
