@@ -327,9 +327,10 @@ def bvh_text(
     has_root: bool = False,
     fps: float = 30.0,
     is_along_x: bool = False,
+    has_places: bool = False,
 ) -> str:
     """A skeleton of ours in other axes, resting with its arms so far below ours, or with all bones
-    along x."""
+    along x; every joint may tell its place beside its parent."""
     world = [Rotation.identity()] * NUM_JOINTS
     for joint in range(NUM_JOINTS):
         local = Rotation.from_rotvec(motion.poses.reshape(-1, NUM_JOINTS, 3)[:, joint])
@@ -354,17 +355,19 @@ def bvh_text(
     def add(joint: int) -> None:
         parent = PARENTS[joint]
         bone = np.zeros(3) if joint == 0 else lowered[parent].apply(REST[joint] - REST[parent])
-        offset = " ".join(f"{value:.6f}" for value in turn.apply(bone) * scale)
+        bone = turn.apply(bone) * scale
+        offset = " ".join(f"{value:.6f}" for value in bone)
         is_top = joint == 0 and not has_root
-        places = "Xposition Yposition Zposition " if is_top else ""
+        is_told = is_top or has_places
+        places = "Xposition Yposition Zposition " if is_told else ""
         turns = " ".join(f"{axis}rotation" for axis in order)
         kind = "ROOT" if is_top else "JOINT"
         lines.extend(
             [f"{kind} {names[joints.index(joint)]}", "{", f"OFFSET {offset}",
-             f"CHANNELS {6 if is_top else 3} {places}{turns}"]
+             f"CHANNELS {6 if is_told else 3} {places}{turns}"]
         )  # fmt: skip
-        if is_top:
-            rows.append(pelvis)
+        if is_told:
+            rows.append(pelvis if is_top else np.tile(bone, (motion.num_frames, 1)))
         local = filed[joint] if joint == 0 else filed[parent].inv() * filed[joint]
         rows.append(local.as_euler(order, degrees=True))
         below = [each for each in joints if PARENTS[each] == joint]

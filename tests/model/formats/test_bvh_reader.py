@@ -20,9 +20,9 @@ WANTED = joints_of(MOTION)
 WHOLE = [*BODY_JOINTS, *HANDS]
 
 
-def text_of(joints: list[int] = BODY_JOINTS, names: list[str] | None = None, **more) -> str:
-    names = names or [JOINT_NAMES[joint] for joint in joints]
-    return bvh_text(MOTION, joints, Rotation.identity(), 1.0, names, **more)
+def text_of(joints: list[int] = BODY_JOINTS, names=(), scale: float = 1.0, **more) -> str:
+    names = list(names) or [JOINT_NAMES[joint] for joint in joints]
+    return bvh_text(MOTION, joints, Rotation.identity(), scale, names, **more)
 
 
 def read(folder: Path, text: str, assume: str = ""):
@@ -39,67 +39,33 @@ def test_our_own_bvh_comes_back(tmp_path: Path):
     assert reading.notes == ()
 
 
-def test_joints_are_known_by_their_tree_where_names_say_nothing(tmp_path: Path):
-    """Sides by where feet point, fingers by where they start."""
-    reading = read(tmp_path, text_of(WHOLE, [f"bone{number}" for number in range(len(WHOLE))]))
-    np.testing.assert_allclose(joints_of(reading.motion)[:, WHOLE], WANTED[:, WHOLE], atol=2e-3)
+TREES = {
+    "names say nothing": {"joints": WHOLE, "names": [f"bone{n}" for n in range(len(WHOLE))]},
+    "one side is named": {
+        "names": [
+            JOINT_NAMES[joint].replace("left", "Links").replace("right", "R")
+            for joint in BODY_JOINTS
+        ]
+    },
+    "arms rest lower": {"joints": WHOLE, "arms_deg": 45.0},
+    "arms rest higher": {"joints": WHOLE, "arms_deg": -10.0},
+    "a root above the hips walks": {"has_root": True},
+    "each joint tells its place, as Mixamo and MotionBuilder write it": {"has_places": True},
+    "long legs": {"scale": 50.0},
+}
 
 
-@pytest.mark.parametrize("sides", [("l", "r"), ("Links", "R")])
-def test_wrong_looking_names_do_not_matter(tmp_path: Path, sides: tuple[str, str]):
-    names = [
-        name.replace("left", sides[0]).replace("right", sides[1])
-        for name in (JOINT_NAMES[joint] for joint in BODY_JOINTS)
-    ]
-    found = joints_of(read(tmp_path, text_of(names=names)).motion)
-    np.testing.assert_allclose(found[:, BODY_JOINTS], WANTED[:, BODY_JOINTS], atol=2e-3)
+@pytest.mark.parametrize("how", TREES)
+def test_any_tree_of_a_person_is_known_by_its_form_and_points_as_in_the_file(
+    tmp_path: Path, how: str
+):
+    joints = TREES[how].get("joints", BODY_JOINTS)
+    found = joints_of(read(tmp_path, text_of(**TREES[how])).motion)
+    np.testing.assert_allclose(found[:, joints], WANTED[:, joints], atol=3e-3)
 
 
-@pytest.mark.parametrize("arms_deg", [0.0, 45.0, -10.0])
-def test_limbs_of_another_rest_pose_point_as_in_the_file(tmp_path: Path, arms_deg: float):
-    reading = read(tmp_path, text_of(WHOLE, arms_deg=arms_deg))
-    found = joints_of(reading.motion)[:, WHOLE]
-    np.testing.assert_allclose(found, WANTED[:, WHOLE], atol=3e-3)
-    rest = reading.of("layout")
-    assert (rest is not None) == (arms_deg != 0.0) or rest is None or "0°" in rest.why
-
-
-def test_a_walk_on_a_root_above_the_hips_is_kept(tmp_path: Path):
-    found = joints_of(read(tmp_path, text_of(has_root=True)).motion)
-    np.testing.assert_allclose(found[:, 0], WANTED[:, 0], atol=1e-4)
-
-
-def test_positions_on_every_joint_are_its_place_beside_its_parent(tmp_path: Path):
-    """As Mixamo and MotionBuilder write them, whatever the offsets say."""
-    text = text_of()
-    lines = text.splitlines()
-    start = lines.index("MOTION")
-    offsets = [line.split()[1:] for line in lines[:start] if line.startswith("OFFSET")]
-    head = [
-        line.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
-        for line in lines[:start]
-    ]
-    ends = [at for at, line in enumerate(lines[:start]) if line == "End Site"]
-    places = [at for at, line in enumerate(lines[:start]) if line.startswith("OFFSET")]
-    own = [offset for at, offset in zip(places, offsets, strict=True) if at - 2 not in ends]
-    rows = []
-    for line in lines[start + 3 :]:
-        numbers = line.split()
-        row = numbers[:6]
-        for joint in range(1, len(own)):
-            row += own[joint] + numbers[3 + 3 * joint : 6 + 3 * joint]
-        rows.append(" ".join(row))
-    reading = read(tmp_path, "\n".join([*head, *lines[start : start + 3], *rows]))
-    np.testing.assert_allclose(
-        joints_of(reading.motion)[:, BODY_JOINTS], WANTED[:, BODY_JOINTS], atol=2e-3
-    )
-
-
-def test_lengths_are_scaled_to_our_legs_unless_told(tmp_path: Path):
-    text = bvh_text(MOTION, BODY_JOINTS, Rotation.identity(), 50.0, list(JOINT_NAMES[:22]))
-    reading = read(tmp_path, text)
-    np.testing.assert_allclose(joints_of(reading.motion)[:, 0], WANTED[:, 0], atol=1e-3)
-    half = read(tmp_path, text, "units=cm").motion
+def test_lengths_are_told_otherwise(tmp_path: Path):
+    half = read(tmp_path, text_of(scale=50.0), "units=cm").motion
     np.testing.assert_allclose(joints_of(half)[:, 0], WANTED[:, 0] / 2, atol=1e-3)
 
 

@@ -44,7 +44,7 @@ def refusal(path: Path, assume: str = "") -> str:
     with pytest.raises(MotionError) as caught:
         read_any_motion(path, read_told(assume))
     sentence = str(caught.value)
-    assert "theirs.npz" in sentence and sentence.endswith(".") and "\n" not in sentence
+    assert path.name in sentence and sentence.endswith(".") and "\n" not in sentence
     return sentence
 
 
@@ -131,18 +131,12 @@ def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Pa
         ((2, 90, 22, 3, 3), (2, 90, 22, 9)),
         ((90, 220), (1, 90, 55, 4)),
         ((90, 1, 165), (1, 90, 55, 3)),
+        *((shape, None) for shape in ((90, 100), (90, 23, 3), (90, 55, 5), (90,), (2,) * 5)),
     ],
 )
-def test_shapes_of_rotations(shape: tuple[int, ...], told: tuple[int, ...]):
+def test_shapes_of_rotations(shape: tuple[int, ...], told: tuple[int, ...] | None):
     found = shape_of(shape)
-    assert found is not None
-    assert (found.batch, found.frames, found.joints, found.width) == told
-    assert found.rows(np.zeros(shape)).shape == told
-
-
-@pytest.mark.parametrize("shape", [(90, 100), (90, 23, 3), (90, 55, 5), (90,), (2, 2, 2, 2, 2)])
-def test_shapes_that_are_no_rotations(shape: tuple[int, ...]):
-    assert shape_of(shape) is None
+    assert (found and found.rows(np.zeros(shape)).shape) == told
 
 
 @pytest.mark.parametrize("frames", [1, 60])
@@ -187,10 +181,10 @@ def test_expressions_and_betas_of_other_lengths_are_filled_up(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1, "m"), (100, "cm"), (1000, "mm")])
-@pytest.mark.parametrize("height", [0.0, 1.2])
-def test_units_by_where_feet_stand(tmp_path: Path, scale: float, unit: str, height: float):
-    """Also around zero, where the height says nothing."""
-    trans = MOTION.trans - (0, MOTION.trans[0, 1] - height, 0)
+def test_units_of_a_body_around_zero_where_its_height_says_nothing(
+    tmp_path: Path, scale: float, unit: str
+):
+    trans = MOTION.trans - (0, MOTION.trans[0, 1], 0)
     reading = read_any_motion(written(tmp_path, trans=scale * trans))
     assert value_of(reading, "units")[0] == unit
     np.testing.assert_allclose(reading.motion.trans, trans, atol=1e-4)
@@ -239,18 +233,10 @@ def test_objects_that_nobody_reads_are_skipped_and_never_loaded(tmp_path: Path):
 
     reading = read_any_motion(written(tmp_path, gender=np.array(Bomb(), dtype=object)))
     assert "pickled objects, not read" in reading.notes[0]
-    sentence = refusal_of_objects(written(tmp_path, poses=np.array([Bomb()], dtype=object)))
-    assert "never loaded" in sentence
+    assert "never loaded" in refusal(written(tmp_path, poses=np.array([Bomb()], dtype=object)))
     np.save(tmp_path / "theirs.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
-    with pytest.raises(MotionError, match="never loaded"):
-        read_any_motion(tmp_path / "theirs.npy")
+    assert "never loaded" in refusal(tmp_path / "theirs.npy")
     assert not (tmp_path / "exploded").exists()
-
-
-def refusal_of_objects(path: Path) -> str:
-    with pytest.raises(MotionError) as caught:
-        read_any_motion(path)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["pkl", "npz", "npy"])
@@ -266,8 +252,7 @@ def test_what_is_pickled_is_read_after_the_line_that_converts_it(tmp_path: Path,
             np.savez(path, **{k: np.array(v, dtype=object) for k, v in content.items()})
         case _:
             np.save(path, np.array(content, dtype=object), allow_pickle=True)
-    with pytest.raises(MotionError, match="never loaded"):
-        read_any_motion(path)
+    assert "never loaded" in refusal(path)
     command = CONVERT.split('"')[1]
     subprocess.run([sys.executable, "-c", command, str(path)], cwd=tmp_path, check=True)
     reading = read_any_motion(tmp_path / "motion.npz")

@@ -14,10 +14,12 @@ from model.plan.files import (
     USUAL_NOD_DEG,
     Marker,
     annotated_plan,
+    as_points,
     markers_csv,
     markers_of,
     plan_of_tiers,
     read_plan_file,
+    tiers_of,
     write_plan_file,
 )
 from model.plan.kinds import PLACES, REST_PLACE
@@ -139,7 +141,7 @@ def test_an_elan_file_has_phases_to_choose_from_and_the_sound(tmp_path: Path) ->
     assert 'PARENT_REF="gesture_right"' in told
 
 
-def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
+def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
     plan = replace(made_plan(), smiles=(Smile(1.0, 3.0, 0.5), Smile(2.0, 4.0, 0.2)))
     write_plan_file(plan, tmp_path / "plan.json")
     assert read_plan_file(tmp_path / "plan.json").plan == plan
@@ -149,57 +151,58 @@ def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
         assert not (tmp_path / f"plan{ending}").exists()
     with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
         write_plan_file(plan, tmp_path / "plan.txt")
+    for sign, says in (("\0", "holds a sign"), ("\ud800", "is no text")):  # which XML cannot hold
+        bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
+        with pytest.raises(PlanError, match=says):
+            write_plan_file(replace(bad, smiles=()), tmp_path / "a.eaf")
 
 
 def told(*tiers: NamedTier) -> Noted:
     return plan_of_tiers(tiers, 5.0)
 
 
-@pytest.mark.parametrize(
-    "name", ["RH-Phase", "Right hand phases", "gesture_right", "RHPhase", "phase R"]
-)
-def test_annotators_names_and_short_labels_are_understood(name: str) -> None:
-    rows = (0.0, 1.0, "Rest"), (1.0, 1.4, "Prep"), (1.4, 1.8, "S"), (1.8, 2.2, "post-stroke hold")
-    read = told(tier(name, *rows, (2.2, 3.0, "Retr.")), tier("RH-Kind", (1.0, 2.2, "you")))
-    phases = read.plan.right
-    assert [p.phase for p in phases] == ["rest", "preparation", "stroke", "hold", "retraction"]
-    assert [p.kind for p in phases] == ["", "you", "you", "you", ""]
-    assert phases[2].goal == phases[3].goal == PLACES["you"]
-    assert phases[0].goal == phases[-1].goal == REST_PLACE
-    assert read.plan.left == ()
-    assert read.notes == (
-        "No places are told for the right hand; it goes where such gestures usually do.",
-    )
+ROWS = (
+    (0.0, 1.0, "Rest"), (1.0, 1.4, "Prep"), (1.4, 1.8, "S"), (1.8, 2.2, "post-stroke hold"),
+    (2.2, 3.0, "Retr."),
+)  # fmt: skip
+SHORT_LABELS = [
+    ("rest", 0.0, ""), ("preparation", 1.0, "you"), ("stroke", 1.4, "you"), ("hold", 1.8, "you"),
+    ("retraction", 2.2, ""),
+]  # fmt: skip
+PHRASE = tier("Gesture", (1.0, 2.0, "Deictic"))
+HABITS = [
+    *(
+        ([tier(name, *ROWS), tier("RH-Kind", (1.0, 2.2, "you"))], SHORT_LABELS, "No places are")
+        for name in ("RH-Phase", "Right hand phases", "gesture_right", "RHPhase", "phase R")
+    ),
+    (
+        [tier("RH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")), tier("RH Prep", (1.0, 1.4, "")),
+         tier("RH Retraction", (1.8, 2.4, "")), tier("Notes", (0.0, 1.0, "windy"))],
+        [("preparation", 1.0, ""), ("stroke", 1.4, "no"), ("retraction", 1.8, ""),
+         ("stroke", 3.0, "")],
+        "Left out, for they tell of no plan: 'Notes'.",
+    ),
+    ([PHRASE], [("stroke", 1.0, "deictic")], "Taken as kinds of strokes: 'Deictic'"),
+    (
+        [PHRASE, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke"))],
+        [("preparation", 1.0, "Deictic"), ("stroke", 1.5, "Deictic")],
+        "Tier Phase names no hand; it was taken for the right.",
+    ),
+]  # fmt: skip
 
 
-def test_a_tier_for_each_phase_is_put_in_time() -> None:
-    read = told(
-        tier("LH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")),
-        tier("LH Prep", (1.0, 1.4, "")),
-        tier("LH Retraction", (1.8, 2.4, "")),
-        tier("Notes", (0.0, 1.0, "windy")),
-    )
-    assert [(p.phase, p.start_s) for p in read.plan.left] == [
-        ("preparation", 1.0),
-        ("stroke", 1.4),
-        ("retraction", 1.8),
-        ("stroke", 3.0),
-    ]
-    assert read.plan.left[1].kind == "no"
-    assert "Left out, for they tell of no plan: 'Notes'." in read.notes
+@pytest.mark.parametrize(("tiers", "phases", "note"), HABITS)
+def test_annotators_names_labels_and_tiers_are_understood(
+    tiers: list[NamedTier], phases: list[tuple[str, float, str]], note: str
+) -> None:
+    read = told(*tiers)
+    assert [(p.phase, p.start_s, p.kind) for p in read.plan.right] == phases
+    assert read.plan.left == () and any(each.startswith(note) for each in read.notes)
 
 
-def test_phrases_are_strokes_alone_and_kinds_beside_phases() -> None:
-    phrase = tier("Gesture", (1.0, 2.0, "Deictic"))
-    alone = told(phrase)
-    assert [(p.phase, p.kind) for p in alone.plan.right] == [("stroke", "deictic")]
-    assert "Tier Gesture names no hand; it was taken for the right." in alone.notes
-    assert any(note.startswith("Taken as kinds of strokes: 'Deictic'") for note in alone.notes)
-    beside = told(phrase, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke")))
-    assert [(p.phase, p.kind) for p in beside.plan.right] == [
-        ("preparation", "Deictic"),
-        ("stroke", "Deictic"),
-    ]
+def test_what_is_told_without_places_goes_where_such_gestures_usually_do() -> None:
+    rest, _, stroke, hold, back = told(*HABITS[0][0]).plan.right
+    assert stroke.goal == hold.goal == PLACES["you"] and rest.goal == back.goal == REST_PLACE
 
 
 def test_heads_and_faces_need_no_numbers() -> None:
@@ -387,64 +390,44 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-def test_hostile_elan_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    for text, says in HOSTILE:
-        (tmp_path / "a.eaf").write_text(text)
-        with pytest.raises(PlanError, match=rf"^a\.eaf.*{says}") as error:
-            read_plan_file(tmp_path / "a.eaf")
-        assert str(error.value).count("\n") == 0
+GRID = textgrid_of(as_points(tiers_of(made_plan())), 6.0)
+NO_GRID = [
+    (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
+    (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
+    (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is no length"),
+    ("xmin = 0", "is no TextGrid"),
+    ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
+]
 
 
-def test_large_and_missing_files_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
-    (tmp_path / "a.eaf").write_text(" " * 101)
-    with pytest.raises(PlanError, match="is larger than"):
-        read_plan_file(tmp_path / "a.eaf")
-    for ending in ENDINGS:
+def test_hostile_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    for ending, cases in ((".eaf", HOSTILE), (".TextGrid", NO_GRID)):
+        path = tmp_path / f"a{ending}"
+        for text, says in cases:
+            path.write_text(text)
+            with pytest.raises(PlanError, match=rf"^a\{ending}.*{says}") as error:
+                read_plan_file(path)
+            assert str(error.value).count("\n") == 0
         with pytest.raises(PlanError, match="could not be read"):
             read_plan_file(tmp_path / f"missing{ending}")
-    monkeypatch.setattr("model.plan.tier_files.MAX_ELEMENTS", 3)
-    monkeypatch.setattr("model.plan.files.MAX_BYTES", 10_000)
+
+
+def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
+    monkeypatch.setattr("model.plan.tier_files.MAX_ELEMENTS", 3)
     with pytest.raises(PlanError, match="holds more than any ELAN file"):
         read_plan_file(tmp_path / "a.eaf")
-
-
-def test_names_that_xml_cannot_hold_are_refused(tmp_path: Path) -> None:
-    plan = made_plan()
-    for sign in ("\0", "\ud800"):
-        bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
-        with pytest.raises(PlanError, match=r"holds a sign|is no text"):
-            write_plan_file(bad, tmp_path / "a.eaf")
-
-
-def test_what_is_no_textgrid_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.TextGrid"
-    write_plan_file(made_plan(), path)
-    told = path.read_text()
-    for text, says in (
-        (told.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
-        (told.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
-        (told.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is no length"),
-        ("xmin = 0", "is no TextGrid"),
-        ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
-    ):
-        path.write_text(text)
-        with pytest.raises(PlanError, match=says):
-            read_plan_file(path)
+    monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
+    with pytest.raises(PlanError, match="is larger than"):
+        read_plan_file(tmp_path / "a.eaf")
 
 
 def test_every_movement_and_event_is_a_marker_in_time() -> None:
     markers = markers_of(made_plan())
+    assert markers == tuple(sorted(markers, key=lambda marker: marker.time_s))
     names = [marker.name for marker in markers]
-    assert [marker.time_s for marker in markers] == sorted(marker.time_s for marker in markers)
-    assert names.count("right stroke (offer) on whole") == 1 and "left rest" not in names
+    assert len(names) == 7 + 2 + 3 + 1 + 2 and "left rest" not in names
     assert Marker(1.5, "right stroke (offer) on whole") in markers
     assert {"nod 4°", "look 14° 5°", "brows", "blink", "right retraction"} <= set(names)
-    assert len(markers) == 7 + 2 + 3 + 1 + 2
-    assert Marker(1.9, "").frame == 57
     rows = list(csv.DictReader(markers_csv(made_plan()).splitlines()))
-    assert [list(row.values()) for row in rows[:2]][1] == ["24", "0.8000", "blink"]
-    assert len(rows) == len(markers)
+    assert list(rows[1].values()) == ["24", "0.8000", "blink"] and len(rows) == len(markers)
