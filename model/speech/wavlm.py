@@ -1,104 +1,58 @@
-"""WavLM features (Chen et al. 2022) at the motion's frame rate, from weights on this computer.
+"""WavLM (Chen et al. 2022) and HuBERT (Hsu et al. 2021) as GlobalDiff's authors hear by them:
+windows of 2 s, each on its own, whose 99 vectors are stretched to 60 frames.
 
 Needs the ``transformers`` package and a folder with ``config.json`` and the weights, such as
 ``patrickvonplaten/wavlm-libri-clean-100h-large`` that GlobalDiff uses. Nothing is downloaded.
-
-The official code cuts the speech into 2 s clips and stretches each clip's features to 60 frames.
-Here a file is encoded once, in long blocks with context on both sides, and features are read at
-the exact time of each motion frame.
 """
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64
+from jaxtyping import Float, Float32
+from torch import Tensor
 
-from conventions.rates import FPS, SAMPLE_RATE
 from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 
-BLOCK_S = 10.0
-CONTEXT_S = 2.0
-"""Speech before and after each block that its features may see."""
+WINDOW_SAMPLES, WINDOW_FRAMES = 32_000, 60
+Hear = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 dim"]]
+"""Windows of speech to features of their frames."""
 
 
 class WavLMEncoder:
-    """Last hidden state of WavLM, interpolated in time to the centre of each motion frame."""
+    """WavLM's last hidden state, of windows that follow each other."""
 
     name = "wavlm"
 
-    def __init__(
-        self,
-        folder: str | Path | None = None,
-        block_s: float = BLOCK_S,
-        context_s: float = CONTEXT_S,
-    ) -> None:
-        """Load the weights.
-
-        Args:
-            folder: where they are; the environment variable ``WAVLM_DIR`` if not given.
-            block_s: seconds encoded at once; bounds the memory.
-            context_s: seconds on either side of a block that are encoded with it.
+    def __init__(self, folder: Path | None = None) -> None:
+        """Load the weights, by default those that ``WAVLM_DIR`` names.
 
         Raises:
             EncoderError: if the folder or the ``transformers`` package is not there.
         """
-        folder = Path(folder or os.environ.get(WEIGHTS_VARIABLE, ""))
-        if folder == Path("") or not (folder / "config.json").is_file():
+        folder = folder or Path(os.environ.get(WEIGHTS_VARIABLE, ""))
+        if folder == Path() or not (folder / "config.json").is_file():
             raise EncoderError(
                 "The speech encoder wavlm needs its weights; set WAVLM_DIR to a folder that holds "
                 f"config.json and the weights (got {str(folder)!r}), or use mel64."
             )
-        self._model = speech_model(folder, "WavLMModel")
-        config: Any = self._model.config
-        self.dim = int(config.hidden_size)
-        self._stride = int(np.prod(config.conv_stride))
-        self._reach = _receptive_field(config.conv_kernel, config.conv_stride)
-        self._normalises = normalises(folder)
-        self._block = max(1, round(block_s * SAMPLE_RATE / self._stride))
-        self._context = round(context_s * SAMPLE_RATE / self._stride)
+        self._hear, self.dim = hearing(folder, "WavLMModel")
 
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        padded = self._prepared(waveform, num_frames)
-        hidden = self._hidden_states(padded)
-        # The middle of the samples that each hidden state sees, and of each motion frame.
-        hidden_s = (np.arange(len(hidden)) * self._stride + (self._reach - 1) / 2) / SAMPLE_RATE
-        frame_s = (np.arange(num_frames) + 0.5) / FPS
-        return _interpolate(hidden, hidden_s, frame_s)
-
-    def _prepared(
-        self, waveform: Float32[np.ndarray, " N"], num_frames: int
-    ) -> Float32[np.ndarray, " M"]:
-        """The speech at the level WavLM expects, followed by silence up to the last frame."""
-        if self._normalises and len(waveform):
-            level = np.sqrt(waveform.var() + 1e-7)
-            waveform = ((waveform - waveform.mean()) / level).astype(np.float32)
-        needed = int(np.ceil(num_frames * SAMPLE_RATE / FPS)) + self._reach
-        return np.pad(waveform, (0, max(0, needed - len(waveform))))
-
-    def _hidden_states(self, waveform: Float32[np.ndarray, " M"]) -> Float32[np.ndarray, "H dim"]:
-        """Hidden states of the whole waveform, block by block; blocks start on the stride."""
-        total = (len(waveform) - self._reach) // self._stride + 1
-        blocks = []
-        for start in range(0, total, self._block):
-            stop = min(start + self._block, total)
-            first, last = max(0, start - self._context), min(total, stop + self._context)
-            samples = waveform[first * self._stride : (last - 1) * self._stride + self._reach]
-            with torch.inference_mode():
-                inputs = torch.from_numpy(samples)[None]
-                hidden = self._model(inputs).last_hidden_state[0]
-            assert len(hidden) == last - first
-            blocks.append(hidden[start - first : stop - first].float().numpy())
-        return np.concatenate(blocks)
+        needed = -(-num_frames // WINDOW_FRAMES) * WINDOW_SAMPLES
+        padded = np.pad(waveform[:needed], (0, max(0, needed - len(waveform))))
+        return self._hear(padded.reshape(-1, WINDOW_SAMPLES)).flatten(0, 1).numpy()[:num_frames]
 
 
-def speech_model(folder: Path, name: str) -> torch.nn.Module:
-    """A model of transformers by the name of its class, with the weights in a folder.
+def hearing(folder: Path, name: str) -> tuple[Hear, int]:
+    """What hears by a model of transformers, by the name of its class and with the weights in a
+    folder, and how many numbers each of its features has.
 
     Raises:
         EncoderError: if the package is not installed, or the weights cannot be read.
@@ -116,34 +70,25 @@ def speech_model(folder: Path, name: str) -> torch.nn.Module:
         raise EncoderError(
             f"The speech model in {folder} cannot be loaded: {str(error).splitlines()[0]}"
         ) from error
-    return cast(torch.nn.Module, model).eval().requires_grad_(False)
-
-
-def normalises(folder: Path) -> bool:
-    """Whether the weights were trained on speech of zero mean and unit variance."""
+    network = cast(Any, model).eval().requires_grad_(False)
     path = folder / "preprocessor_config.json"
-    return bool(json.loads(path.read_text()).get("do_normalize", True)) if path.is_file() else True
+    levels = json.loads(path.read_text()).get("do_normalize", True) if path.is_file() else True
+
+    @torch.inference_mode()
+    def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 dim"]:
+        found = []
+        for window in torch.from_numpy(windows):
+            if levels:
+                spread = (window.var(correction=0) + 1e-7).sqrt()
+                window = (window - window.mean()) / spread
+            found.append(resampled(network(window[None]).last_hidden_state))
+        return torch.cat(found)
+
+    return hear, int(network.config.hidden_size)
 
 
-def _receptive_field(
-    kernels: tuple[int, ...] | list[int], strides: tuple[int, ...] | list[int]
-) -> int:
-    """Samples that one output of a stack of convolutions sees."""
-    reach, step = 1, 1
-    for kernel, stride in zip(kernels, strides, strict=True):
-        reach += (kernel - 1) * step
-        step *= stride
-    return reach
-
-
-def _interpolate(
-    values: Float32[np.ndarray, "H dim"],
-    at_s: Float64[np.ndarray, " H"],
-    wanted_s: Float64[np.ndarray, " frames"],
-) -> Float32[np.ndarray, "frames dim"]:
-    """Linear in time; the first and last value hold outside."""
-    position = np.interp(wanted_s, at_s, np.arange(len(at_s)))
-    before = np.minimum(position.astype(np.int64), max(0, len(values) - 2))
-    weight = (position - before)[:, None].astype(np.float32)
-    after = np.minimum(before + 1, len(values) - 1)
-    return (1 - weight) * values[before] + weight * values[after]
+def resampled(features: Float[Tensor, "n heard dim"]) -> Float[Tensor, "n 60 dim"]:
+    """Linear in time, from the first number to the last."""
+    return torch.nn.functional.interpolate(
+        features.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=True
+    ).transpose(1, 2)

@@ -6,7 +6,6 @@ window's later frames, and as one of the first 8 of a window.
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +15,13 @@ from torch import Tensor
 
 from model.generation.base import num_windows
 from model.speech.encoder import EncoderError
-from model.speech.wavlm import normalises, speech_model
-from model.systems.official.config import (
-    SEED_FRAMES,
-    SPEECH_DIM,
-    WINDOW_FRAMES,
-    require_speech,
-)
+from model.speech.wavlm import WINDOW_FRAMES, WINDOW_SAMPLES, Hear, hearing, resampled
+from model.systems.official.config import SEED_FRAMES, SPEECH_DIM, require_speech
 
-WINDOW_SAMPLES = 32_000
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES
 MODELS = {"wavlm": "WavLMModel", "hubert": "HubertModel"}
 """What a folder may hold, by the ``model_type`` of its config, and the class that reads it."""
-Hear = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 1024"]]
-"""Windows of speech to features of their frames."""
 
 
 class OfficialEncoder:
@@ -72,13 +63,6 @@ def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
     return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
 
 
-def resampled(features: Float[Tensor, "n heard dim"]) -> Float[Tensor, "n 60 dim"]:
-    """Linear in time, from the first number to the last."""
-    return torch.nn.functional.interpolate(
-        features.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=True
-    ).transpose(1, 2)
-
-
 def official_encoder(path: Path | None = None) -> OfficialEncoder:
     """The encoder that hears by the speech model in a folder, or has features from a file.
 
@@ -106,19 +90,7 @@ def _by_model(folder: Path) -> Hear:
             f"{folder} holds a {kind} of width {width}; the authors' networks hear by a wavlm or "
             f"hubert of width {SPEECH_DIM}."
         )
-    network, levels = speech_model(folder, MODELS[kind]), normalises(folder)
-
-    @torch.inference_mode()
-    def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 1024"]:
-        found = []
-        for window in torch.from_numpy(windows):
-            if levels:
-                spread = (window.var(correction=0) + 1e-7).sqrt()
-                window = (window - window.mean()) / spread
-            found.append(resampled(network(window[None]).last_hidden_state))
-        return torch.cat(found)
-
-    return hear
+    return hearing(folder, MODELS[kind])[0]
 
 
 def _prepared(path: Path) -> Hear:

@@ -8,16 +8,15 @@ import pytest
 import torch
 
 from model.speech.encoder import EncoderError
+from model.speech.wavlm import WINDOW_SAMPLES, resampled
 from model.systems.official.config import SPEECH_DIM
 from model.systems.official.speech import (
     STEP_SAMPLES,
-    WINDOW_SAMPLES,
     OfficialEncoder,
     by_frame,
     of_window,
     official_encoder,
     read_features,
-    resampled,
 )
 from tests.helpers import official_folder
 from tests.model.made import made_waveform
