@@ -5,8 +5,12 @@ It ends by itself when nobody has asked for anything for as long as a last minut
 
 from __future__ import annotations
 
+import secrets
+import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,11 +19,60 @@ import torch
 
 from app.errors import RunError, visitor_sentence
 from app.live.session import LiveSession, check_live, rehearse
-from app.live.sessions import KEEP_S, NOT_THERE
+from app.live.sessions import NOT_THERE
+from app.live.sound import Microphone
+from app.run.ask import Ask
 from app.run.models import get_system
 from model.generation.base import System
 from model.systems.registry import usual_systems
 from processes.child import parent_channel
+
+MAX_SESSIONS = 10
+MAX_SESSIONS_EACH = 6
+"""Of one address, so that the others have places left."""
+KEPT_SESSIONS = 20
+KEEP_S = 600.0
+"""How long the last minute of a session that has ended can still be kept."""
+SEED_LIMIT = 2**31 - 1
+FULL = (
+    "{limit} visitors speak live on this machine already, and more would make all of them wait; "
+    "try again in a few minutes."
+)
+FULL_EACH = (
+    "{limit} visitors speak live from your address already, the most of one address; try again "
+    "when one of them has ended."
+)
+TAKEN_OVER = "The live session goes on in another tab of this browser."
+
+
+def live_ask(told: Any) -> Ask:
+    """From the first message of a browser.
+
+    Raises:
+        RunError: if that asks for nothing that can be.
+    """
+    if not isinstance(told, dict):
+        raise RunError("The page asked for no live session; load it again.")
+    system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
+    if not isinstance(system, str) or not isinstance(speaker, str):
+        raise RunError("Choose a system and a speaker style first.")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
+        raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
+    return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
+
+
+@dataclass(eq=False)
+class Place:
+    """One visitor's."""
+
+    session: LiveSession
+    cookie: str
+    """Of the browser; empty for one that keeps none."""
+    address: str
+    """Of the visitor; empty where it is not known."""
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+    microphone: Microphone = field(default_factory=Microphone)
+    ended: float = 0.0
 
 
 class Performers:
@@ -32,52 +85,68 @@ class Performers:
                 beside them as an object, and as text the sentence with which it ends.
         """
         self._weights, self._tell = weights, tell
-        self.open: dict[int, LiveSession] = {}
+        self.open: dict[int, Place] = {}
         """Whoever has waited longest is first."""
-        self._ended: dict[int, LiveSession] = {}
+        self.ended: deque[Place] = deque(maxlen=KEPT_SESSIONS)
         self._prepared: set[str] = set()
 
     def take(self, number: int, verb: str, told: Any) -> None:
         """What the page says."""
-        session = self.open.get(number)
+        while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
+            self.ended.popleft()
+        place = self.open.get(number)
         try:
             match verb:
                 case "open":
-                    ask, token = told
-                    system = self.prepare(ask.systems[0], ask.speaker)
-                    session = LiveSession(system, ask, partial(self._tell, number))
-                    self.open[number] = session
-                    self._tell(number, {"token": token, **session.ready()})
-                case "sound" if session is not None:
-                    session.put(told)
-                case "lead" if session is not None:
-                    session.lead(told)
-                case "close" if session is not None:
-                    self._ended[number] = self.open.pop(number)
-                case "forget":
-                    self._ended.pop(number, None)
+                    self._open(number, *told)
+                case "sound" if place is not None:
+                    place.session.put(place.microphone.check(told))
+                case "lead" if place is not None:
+                    place.session.lead(told)
+                case "close" if place is not None:
+                    self._leave(number)
                 case "keep":
-                    of, folder = told
-                    kept = self.open.get(of) or self._ended.get(of)
-                    if kept is None:
-                        raise RunError(NOT_THERE)
-                    self._tell(number, kept.keep(folder))
+                    self._tell(number, self._kept(*told))
         except Exception as error:
-            self._end(number, error)
+            self._end(number, visitor_sentence(error))
+
+    def _open(self, number: int, told: Any, cookie: str, address: str) -> None:
+        """A place for one browser; an earlier one of the same browser ends."""
+        ask = live_ask(told)
+        mine = {each for each, of in self.open.items() if cookie and of.cookie == cookie}
+        others = [of for each, of in self.open.items() if each not in mine]
+        if len(others) >= MAX_SESSIONS:
+            raise RunError(FULL.format(limit=MAX_SESSIONS))
+        near = sum(of.address == address for of in others) if address else 0
+        if near >= MAX_SESSIONS_EACH:
+            raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_EACH))
+        for each in mine:
+            self._end(each, TAKEN_OVER)
+        system = self.prepare(ask.systems[0], ask.speaker)
+        session = LiveSession(system, ask, partial(self._tell, number))
+        place = self.open[number] = Place(session, cookie, address)
+        self._tell(number, {"token": place.token, **session.ready()})
+
+    def _kept(self, token: str, cookie: str, folder: Path) -> Ask:
+        for place in (*self.open.values(), *self.ended):
+            is_it = secrets.compare_digest(place.token.encode(), token.encode())
+            if is_it and place.cookie == cookie:
+                return place.session.keep(folder)
+        raise RunError(NOT_THERE)
 
     def turn(self) -> bool:
         """One window of whoever has waited longest and has work; whether anybody had."""
-        number = next((each for each, session in self.open.items() if session.has_work), None)
+        number = next((each for each, of in self.open.items() if of.session.has_work), None)
         if number is None:
             return False
-        session = self.open[number] = self.open.pop(number)
+        place = self.open[number] = self.open.pop(number)
         try:
-            session.work(len(self.open))
+            place.session.work(len(self.open))
         except Exception as error:
-            self._end(number, error)
+            self._end(number, visitor_sentence(error))
         return True
 
-    def prepare(self, name: str, speaker: str = "") -> System:
+    def prepare(self, name: str, speaker: str | None = None) -> System:
         """Read a system, and make a first window with it, so that no visitor waits for what is slow
         only once.
 
@@ -91,10 +160,15 @@ class Performers:
             self._prepared.add(name)
         return system
 
-    def _end(self, number: int, error: Exception) -> None:
+    def _leave(self, number: int) -> None:
         if number in self.open:
-            self._ended[number] = self.open.pop(number)
-        self._tell(number, visitor_sentence(error))
+            place = self.open.pop(number)
+            place.ended = time.monotonic()
+            self.ended.append(place)
+
+    def _end(self, number: int, sentence: str) -> None:
+        self._leave(number)
+        self._tell(number, sentence)
 
 
 def main() -> None:

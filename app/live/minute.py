@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,34 +19,23 @@ SHORTEST_S = 0.5 / FPS
 LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
 
-class LastPlan:
-    """Each plan takes the place of all that was planned from its first frame on. Times are seconds
-    of the session."""
-
-    def __init__(self) -> None:
-        self._events: dict[str, list[Any]] = {name: [] for name in LISTS}
-
-    def go_on(self, ahead: PlannedAhead, first: int) -> None:
-        """Motion is performed by this plan from a frame of the session on."""
-        from_s, zero_s = first / FPS, ahead.origin / FPS
+def performed(plans: Iterable[tuple[int, PlannedAhead]], first: int, count: int) -> GesturePlan:
+    """The plan of some frames of a session, the first of which is its second 0. Each takes the
+    place of all that was planned before from the frame of the session on that stands beside it."""
+    events: dict[str, list[Any]] = {name: [] for name in LISTS}
+    for frame, ahead in plans:
+        from_s, zero_s = frame / FPS, ahead.origin / FPS
         for name in LISTS:
             planned = [_shifted(one, zero_s) for one in getattr(ahead.condition, name)]
             new = [one for one in planned if _end(one) > from_s or _start(one) >= from_s]
             until_s = min([from_s, *map(_start, new)])
-            self._events[name] = [*_cut(self._events[name], 0.0, until_s), *new]
-
-    def forget_before(self, frame: int) -> None:
-        for name, events in self._events.items():
-            self._events[name] = [one for one in events if _end(one) > frame / FPS]
-
-    def part(self, first: int, count: int) -> GesturePlan:
-        """The plan of some frames of the session, the first of which is its second 0."""
-        start_s, end_s = first / FPS, (first + count) / FPS
-        lists = {
-            name: tuple(_shifted(one, -start_s) for one in _cut(events, start_s, end_s))
-            for name, events in self._events.items()
-        }
-        return GesturePlan(count / FPS, **lists)
+            events[name] = [*_cut(events[name], 0.0, until_s), *new]
+    start_s, end_s = first / FPS, (first + count) / FPS
+    lists = {
+        name: tuple(_shifted(one, -start_s) for one in _cut(of, start_s, end_s))
+        for name, of in events.items()
+    }
+    return GesturePlan(count / FPS, **lists)
 
 
 def _start(event: Any) -> float:
@@ -96,30 +87,36 @@ class Minute:
 
 
 class LastMinute:
-    """Forgets what is older than a minute, sound, motion and plan alike."""
+    """Pieces of sound and motion as they came; forgets those that are older than a minute."""
 
     def __init__(self) -> None:
-        self._sound: list[np.ndarray] = []
-        self._motion: Motion | None = None
-        self._first_frame = self._next_frame = 0
-        self._plan: LastPlan | None = None
+        self.frames = 0
+        """Of the session, so far."""
+        self._motion: deque[tuple[int, Motion, PlannedAhead | None]] = deque()
+        """Each with its first frame, and the plan that it performs."""
+        self._sound: deque[np.ndarray] = deque()
+        self._forgotten = 0
+        """Samples."""
+
+    def __len__(self) -> int:
+        """How many samples and frames are held."""
+        return sum(map(len, self._sound)) + sum(each.num_frames for _, each, _ in self._motion)
 
     def add_sound(self, samples: np.ndarray) -> None:
         self._sound.append(samples)
 
     def add_motion(self, motion: Motion, ahead: PlannedAhead | None = None) -> None:
         """The next frames, and the plan that they perform."""
-        if ahead is not None:
-            self._plan = self._plan or LastPlan()
-            self._plan.go_on(ahead, self._next_frame)
-        whole = motion if self._motion is None else put_together([self._motion, motion])
-        self._motion = whole.part(slice(-KEPT_FRAMES, None))
-        self._next_frame += motion.num_frames
-        before = _sample_of(self._first_frame)
-        self._first_frame = self._next_frame - self._motion.num_frames
-        self._sound = [np.concatenate(self._sound)[_sample_of(self._first_frame) - before :]]
-        if self._plan is not None:
-            self._plan.forget_before(self._first_frame)
+        self._motion.append((self.frames, motion, ahead))
+        self.frames += motion.num_frames
+        while len(self._motion) > 1 and self._motion[1][0] <= self._first_frame:
+            self._motion.popleft()
+        while self._forgotten + len(self._sound[0]) <= _sample_of(self._first_frame):
+            self._forgotten += len(self._sound.popleft())
+
+    @property
+    def _first_frame(self) -> int:
+        return max(0, self.frames - KEPT_FRAMES)
 
     def kept(self) -> Minute:
         """The last minute, or all there is of it.
@@ -127,16 +124,19 @@ class LastMinute:
         Raises:
             RunError: if that is too little.
         """
-        motion, first = self._motion, self._first_frame
-        if motion is None or motion.num_frames < SHORTEST_FRAMES:
+        if self.frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
-        count = motion.num_frames
-        here = replace(
-            motion, trans=motion.trans - motion.trans[:1] * np.array([1, 0, 1], np.float32)
+        first, count = self._first_frame, min(self.frames, KEPT_FRAMES)
+        motion = put_together([each for _, each, _ in self._motion]).part(slice(-count, None))
+        to_origin = motion.trans[:1] * np.array([1, 0, 1], np.float32)
+        start = _sample_of(first) - self._forgotten
+        plans = [(frame, ahead) for frame, _, ahead in self._motion if ahead is not None]
+        return Minute(
+            np.concatenate(self._sound)[start : start + _sample_of(count)],
+            replace(motion, trans=motion.trans - to_origin),
+            first,
+            performed(plans, first, count) if plans else None,
         )
-        sound = np.concatenate(self._sound)[: _sample_of(count)]
-        plan = None if self._plan is None else self._plan.part(first, count)
-        return Minute(sound, here, first, plan)
 
 
 def _sample_of(frame: int) -> int:

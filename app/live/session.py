@@ -18,7 +18,6 @@ import torch
 
 from app.errors import RunError
 from app.live.minute import LastMinute, Minute
-from app.live.sound import read_sound
 from app.run.ask import Ask, Take
 from app.run.pieces import frames_message
 from conventions.rates import FPS, SAMPLE_RATE
@@ -102,9 +101,8 @@ class LiveSession:
             "plans": self.plans,
         }
 
-    def put(self, content: bytes) -> None:
-        """The next sound, which `app.live.sound` has checked."""
-        samples = read_sound(content)
+    def put(self, samples: np.ndarray) -> None:
+        """The next sound."""
         self._samples += len(samples)
         self._inbox.append(samples)
         self.minute.add_sound(samples)

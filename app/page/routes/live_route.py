@@ -18,7 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.config import EXAMPLES
 from app.errors import RunError, visitor_sentence
-from app.live.sessions import LiveSessions, Place, live_ask
+from app.live.sessions import LiveSessions
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
 
@@ -67,15 +67,14 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
         if not loop.is_closed():
             loop.call_soon_threadsafe(put, message)
 
-    place: Place | None = None
+    number: int | None = None
     try:
-        ask = live_ask(await _ask(socket))
-        cookie = socket.cookies.get(COOKIE, "")
-        place = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
+        told, cookie = await _ask(socket), socket.cookies.get(COOKIE, "")
+        number = await run_in_threadpool(sessions.open, told, cookie, tell, address_of(socket))
         if not await _sent(socket, await unsent.get()):  # what a browser must know before it sends
             return
         async with asyncio.TaskGroup() as ways:
-            hearing = ways.create_task(_hear(socket, sessions, place))
+            hearing = ways.create_task(_hear(socket, sessions, number))
             await _send(socket, unsent)
             hearing.cancel()
     except Exception as error:
@@ -83,8 +82,8 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
         if not isinstance(why, WebSocketDisconnect):
             await _end(socket, visitor_sentence(why))
     finally:
-        if place is not None:
-            sessions.close(place)
+        if number is not None:
+            sessions.close(number)
 
 
 async def _ask(socket: WebSocket) -> object:
@@ -94,7 +93,7 @@ async def _ask(socket: WebSocket) -> object:
         return None
 
 
-async def _hear(socket: WebSocket, sessions: LiveSessions, place: Place) -> None:
+async def _hear(socket: WebSocket, sessions: LiveSessions, number: int) -> None:
     """Sound, until the visitor goes or stops."""
     while True:
         try:
@@ -105,9 +104,9 @@ async def _hear(socket: WebSocket, sessions: LiveSessions, place: Place) -> None
             raise WebSocketDisconnect(message.get("code", 1000))
         told = _object(message.get("text") or "")
         if isinstance(told, dict) and "manner" in told:
-            sessions.lead(place, told)
+            sessions.lead(number, told)
         else:
-            sessions.put(place, message.get("bytes") or b"")
+            sessions.put(number, message.get("bytes") or b"")
 
 
 def _object(told: str) -> object:

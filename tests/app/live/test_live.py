@@ -15,13 +15,13 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from app.errors import RunError
+from app.live import child as module
 from app.live import session as limits
-from app.live import sessions as module
 from app.live import sound as sounds
-from app.live.child import Performers
-from app.live.minute import KEPT_FRAMES, LastMinute, LastPlan
+from app.live.child import Performers, live_ask
+from app.live.minute import KEPT_FRAMES, LastMinute, performed
 from app.live.session import LiveSession, check_live, told_plan, why_less
-from app.live.sessions import LiveSessions, Place, live_ask
+from app.live.sessions import LiveSessions
 from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
 from app.run.ask import Ask
 from app.run.models import get_system
@@ -39,6 +39,7 @@ from tests.model.plan.made import phase
 
 NAME = "globaldiff/global"
 ASK = Ask(out=Path(), systems=(NAME,), speaker="ann", seed=2)
+TOLD = {"system": NAME, "speaker": "ann", "seed": 2}
 SECOND = bytes(32_000)
 """Of silence."""
 
@@ -81,7 +82,7 @@ def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSessio
 def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
-        session.put(block)
+        session.put(read_sound(block))
         while session.has_work:
             session.work()
 
@@ -127,9 +128,7 @@ def test_memory_does_not_grow(session, clock, monkeypatch):
     monkeypatch.setattr("app.live.minute.KEPT_FRAMES", 60)
 
     def held() -> int:
-        sound = sum(map(len, session.minute._sound)) + len(session._features._sound)
-        frames = session.minute._motion.num_frames if session.minute._motion else 0
-        return sound + frames + len(session._live._speech)
+        return len(session.minute) + len(session._features._sound) + len(session._live._speech)
 
     speak(session, clock, 5.0, size=8000)
     before = held()
@@ -181,7 +180,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 ):
     for block in sound(9.5):
         clock.now += 0.25
-        session.put(block)
+        session.put(read_sound(block))
     with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
@@ -308,8 +307,8 @@ def spoken(motion, seconds: float, piece: int = 13) -> LastMinute:
     for first in range(0, len(sound), 640):
         minute.add_sound(sound[first : first + 640])
         known = min(int((first - 16_000) / 16_000 * 30), round(30 * seconds))
-        while minute._next_frame + piece <= known:
-            start = minute._next_frame
+        while minute.frames + piece <= known:
+            start = minute.frames
             minute.add_motion(motion.part(slice(start, start + piece)))
     return minute
 
@@ -319,7 +318,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
     motion, seconds
 ):
     minute = spoken(motion, seconds)
-    end = minute._next_frame
+    end = minute.frames
     kept = minute.kept()
     first = max(0, end - KEPT_FRAMES)
     assert kept.first_frame == first and kept.motion.num_frames == end - first
@@ -330,7 +329,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
     moved = kept.motion.trans - motion.trans[first:end]
     np.testing.assert_allclose(moved - moved[:1], 0, atol=1e-6)
     assert (kept.motion.trans[0, [0, 2]] == 0).all() and abs(moved[0, 1]) == 0
-    assert sum(len(piece) for piece in minute._sound) < 16_000 * 63
+    assert len(minute) < 16_000 * 63 + KEPT_FRAMES + 13
 
 
 def test_too_little_is_told(motion):
@@ -354,40 +353,41 @@ def phases_of(plan: GesturePlan) -> list[tuple[str, float, float]]:
 
 
 def test_each_plan_takes_the_place_of_the_one_before_from_its_first_frame_on():
-    last = LastPlan()
     rest, preparation = phase(3.0, 4.0, "rest"), phase(4.0, 4.6, "preparation")
-    last.go_on(ahead(-90, rest, preparation, nods=(Nod(4.0, 5.0),)), 0)
-    then = (("rest", 2.0, 2.8), ("preparation", 2.8, 3.2), ("stroke", 3.2, 4.0))
-    last.go_on(ahead(-60, *(phase(start, end, name) for name, start, end in then)), 9)
-    plan = last.part(0, 45)
+    then = phase(2.0, 2.8, "rest"), phase(2.8, 3.2, "preparation"), phase(3.2, 4.0, "stroke")
+    plans = [
+        (0, ahead(-90, rest, preparation, nods=(Nod(4.0, 5.0),))),
+        (9, ahead(-60, *then)),
+    ]
+    plan = performed(plans, 0, 45)
     assert plan.duration_s == 1.5 and not plan.nods, "the nod was planned otherwise later"
     assert phases_of(plan) == [("rest", 0.0, 0.8), ("preparation", 0.8, 1.2), ("stroke", 1.2, 1.5)]
-    last.go_on(ahead(-30, phase(2.2, 2.9, "stroke"), blinks=(Blink(2.5),)), 40)
-    assert phases_of(last.part(0, 60))[2:] == [("stroke", 1.2, 1.9)]
-    assert [one.time_s for one in last.part(30, 30).blinks] == [pytest.approx(0.5)]
+    plans.append((40, ahead(-30, phase(2.2, 2.9, "stroke"), blinks=(Blink(2.5),))))
+    assert phases_of(performed(plans, 0, 60))[2:] == [("stroke", 1.2, 1.9)]
+    assert [one.time_s for one in performed(plans, 30, 30).blinks] == [pytest.approx(0.5)]
 
 
-def test_what_went_on_before_the_minute_begins_with_it_and_what_ended_is_forgotten():
-    last = LastPlan()
+def test_what_went_on_before_the_minute_begins_with_it():
     spans = {"looks": (Gaze(0.0, 4.0, 5.0, 0.0),), "stands": (Stand(1.0, 9.0, "left"),)}
-    last.go_on(ahead(0, phase(0.0, 2.0, "rest"), phase(2.0, 6.0, "hold"), **spans), 0)
-    plan = last.part(30, 90)
+    plans = [(0, ahead(0, phase(0.0, 2.0, "rest"), phase(2.0, 6.0, "hold"), **spans))]
+    plan = performed(plans, 30, 90)
     assert phases_of(plan) == [("rest", 0.0, 1.0), ("hold", 1.0, 3.0)]
     assert [(one.start_s, one.end_s) for one in plan.looks] == [(0.0, 3.0)]
-    last.forget_before(75)
-    assert phases_of(last.part(75, 45)) == [("hold", 0.0, 1.5)]
-    assert len(last._events["right"]) == 1
 
 
 class ByHand(LiveSessions):
     """Its process is the test."""
 
-    def __init__(self, weights: Path, **limits: int) -> None:
-        super().__init__(weights, **limits)
-        self.performers = Performers(weights, lambda number, told: self._ears[number](told))
+    def __init__(self, weights: Path) -> None:
+        super().__init__(weights)
+        self.performers = Performers(weights, self._hear)
+        self._child: Any = self  # it is there
 
-    def wake(self) -> None:
-        """It is there."""
+    def begin(self, cookie: str, tell: Callable[[object], None] | None = None, **more: Any) -> int:
+        return self.open(TOLD, cookie, tell or nothing, **more)
+
+    def _hear(self, number: int, told: object) -> None:
+        self._ears.get(number, nothing)(told)
 
     def _send(self, number: int, verb: str, told: object = None) -> None:
         self.performers.take(number, verb, told)
@@ -402,9 +402,9 @@ def nothing(message: object) -> None:
     """Nobody listens."""
 
 
-def put_all(sessions: LiveSessions, place: Place, seconds: float) -> None:
+def put_all(sessions: LiveSessions, number: int, seconds: float) -> None:
     for block in sound(seconds):
-        sessions.put(place, block)
+        sessions.put(number, block)
 
 
 def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
@@ -415,85 +415,85 @@ def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
             if isinstance(message, bytes):
                 turns.append(name)
 
-        put_all(sessions, sessions.open(ASK, name, tell), seconds)
+        put_all(sessions, sessions.begin(name, tell), seconds)
     while sessions.performers.turn():
         pass
     assert turns[:3] == ["a", "b", "c"]
     assert set(turns[3:]) == {"a", "b"} and turns.count("a") == turns.count("b")
 
 
-def test_places_are_bounded_in_all_and_for_each_address(weights):
-    sessions = ByHand(weights, max_sessions=4, max_sessions_each=2)
-    first, _ = (sessions.open(ASK, "", nothing, "10.0.0.1") for _ in range(2))
-    with pytest.raises(RunError, match="2 visitors speak live from your address already"):
-        sessions.open(ASK, "", nothing, "10.0.0.1")
-    for k in range(2):
-        sessions.open(ASK, str(k), nothing, f"10.0.1.{k}")
-    for cookie in ("fifth", ""):
-        with pytest.raises(RunError, match="4 visitors speak live on this machine already"):
-            sessions.open(ASK, cookie, nothing, "10.0.2.1")
-    sessions.close(first)
-    sessions.open(ASK, "mine", nothing, "10.0.0.1")
-    sessions.open(ASK, "mine", nothing, "10.0.0.1")  # in another tab: the first ends
-    assert len(sessions.places) == len(sessions.performers.open) == 4
+def test_places_are_bounded_in_all_and_for_each_address(sessions, monkeypatch, told):
     assert (module.MAX_SESSIONS, module.MAX_SESSIONS_EACH) == (10, 6)  # as the README has it
+    monkeypatch.setattr(module, "MAX_SESSIONS", 4)
+    monkeypatch.setattr(module, "MAX_SESSIONS_EACH", 2)
+    first, _, _ = (sessions.begin("", told.append, address="10.0.0.1") for _ in range(3))
+    assert "2 visitors speak live from your address already" in told[-1]
+    for k in range(2):
+        sessions.begin(str(k), address=f"10.0.1.{k}")
+    for cookie in ("fifth", ""):
+        sessions.begin(cookie, told.append, address="10.0.2.1")
+        assert "4 visitors speak live on this machine already" in told.pop()
+    sessions.close(first)
+    sessions.begin("mine", address="10.0.0.1")
+    sessions.begin("mine", address="10.0.0.1")  # in another tab: the first ends
+    assert len(sessions.performers.open) == 4
 
 
-def test_a_browser_has_one_session_and_no_other_browser_ends_it(sessions):
-    told: list[object] = []
-    sessions.open(ASK, "mine", told.append)
-    sessions.open(ASK, "other", nothing)
-    for _ in range(2):
-        sessions.open(ASK, "", nothing)
-    assert module.TAKEN_OVER not in told and len(sessions.places) == 4
-    sessions.open(ASK, "mine", nothing)
-    assert told[1:] == [module.TAKEN_OVER] and len(sessions.places) == 4
+def test_a_browser_has_one_session_and_no_other_browser_ends_it(sessions, told):
+    for cookie in ("mine", "other", "", ""):
+        sessions.begin(cookie, told.append if cookie == "mine" else None)
+    assert module.TAKEN_OVER not in told and len(sessions.performers.open) == 4
+    sessions.begin("mine")
+    assert told[1:] == [module.TAKEN_OVER] and len(sessions.performers.open) == 4
 
 
-def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypatch, tmp_path):
-    place = sessions.open(ASK, "mine", nothing)
+def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
+    sessions, monkeypatch, tmp_path, told
+):
+    number = sessions.begin("mine", told.append)
+    token = told[0]["token"]
     with pytest.raises(RunError, match="speak for at least"):
-        sessions.keep(place.token, "mine", tmp_path)
-    put_all(sessions, place, 2.9)
+        sessions.keep(token, "mine", tmp_path)
+    put_all(sessions, number, 2.9)
     sessions.performers.turn()
     sessions.performers.turn()
-    kept = sessions.keep(place.token, "mine", tmp_path)
+    kept = sessions.keep(token, "mine", tmp_path)
     assert kept == replace(ASK, speech=kept.speech, out=kept.out, take=kept.take)
     assert kept.take is not None and load_motion(kept.take.motion).num_frames > 60
-    sessions.close(place)
-    assert sessions.keep(place.token, "mine", tmp_path) == kept
-    for token, cookie in ((place.token, "yours"), (place.token, ""), ("x", "mine"), ("ü", "")):
+    sessions.close(number)
+    assert sessions.keep(token, "mine", tmp_path) == kept
+    for other, cookie in ((token, "yours"), (token, ""), ("x", "mine"), ("ü", "")):
         with pytest.raises(RunError, match="no live minute"):
-            sessions.keep(token, cookie, tmp_path)
+            sessions.keep(other, cookie, tmp_path)
     monkeypatch.setattr(module, "KEEP_S", -1.0)
     with pytest.raises(RunError, match="no live minute"):
-        sessions.keep(place.token, "mine", tmp_path)
-    assert not sessions.performers._ended
+        sessions.keep(token, "mine", tmp_path)
+    assert not sessions.performers.ended and not sessions._ears
 
 
-def test_a_fault_ends_its_own_session_only(sessions, monkeypatch):
-    told: list[object] = []
-    places = [sessions.open(ASK, "a", told.append), sessions.open(ASK, "b", nothing)]
-    broken, whole = (sessions.performers.open[place.number] for place in places)
+def test_a_fault_ends_its_own_session_only(sessions, monkeypatch, told):
+    numbers = [sessions.begin("a", told.append), sessions.begin("b")]
+    broken, whole = (sessions.performers.open[number].session for number in numbers)
     monkeypatch.setattr(broken, "work", lambda visitors: 1 / 0)
-    for place in places:
-        put_all(sessions, place, 1.5)
+    for number in numbers:
+        put_all(sessions, number, 1.5)
     for _ in range(3):
         sessions.performers.turn()
     assert len(told) == 2 and "report it with this number" in str(told[1])
-    assert whole.windows == 1 and list(sessions.performers.open.values()) == [whole]
+    assert whole.windows == 1 and list(sessions.performers.open) == numbers[1:]
 
 
 def test_a_process_that_is_killed_is_told_and_the_next_who_speaks_has_another(weights):
     sessions = LiveSessions(weights)
     told: queue.SimpleQueue[Any] = queue.SimpleQueue()
     try:
-        sessions.open(ASK, "", told.put)
+        sessions.open(TOLD, "", told.put)
         assert told.get(timeout=60)["hop"] == 9
-        assert sessions._child is not None
-        os.kill(sessions._child.pid, signal.SIGKILL)
+        killed = sessions._child
+        assert killed is not None
+        os.kill(killed.pid, signal.SIGKILL)
         assert "SIGKILL" in told.get(timeout=60)
-        place = sessions.open(ASK, "", told.put)
-        assert told.get(timeout=60)["token"] == place.token
+        sessions.open(TOLD, "", told.put)
+        assert sessions._child not in (None, killed)
     finally:
         sessions.end()

@@ -24,7 +24,7 @@ OWN = {"origin": "http://testserver", "host": "testserver"}
 
 @pytest.fixture
 def sessions(weights: Path) -> ByHand:
-    return ByHand(weights, max_sessions=2, max_sessions_each=1)
+    return ByHand(weights)
 
 
 @pytest.fixture
@@ -47,15 +47,15 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         assert len(ready["token"]) >= 43 and not ready["plans"]
         for block in sound(2.5):
             socket.send_bytes(block)
-        (session,) = sessions.performers.open.values()
+        session = next(iter(sessions.performers.open.values())).session
         wait_for(lambda: session._samples == 40_000)
         wait_for(lambda: sessions.performers.turn() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live minute"):
         sessions.keep(ready["token"], "yours", tmp_path)
-    wait_for(lambda: len(sessions.places) == 0)  # the connection ends, and the minute outlives it
-    assert len(sessions._ended) == 1
+    # The connection ends, and the minute outlives it.
+    wait_for(lambda: not sessions.performers.open and len(sessions.performers.ended) == 1)
 
 
 def test_a_page_of_another_origin_is_not_let_in(client):
@@ -93,10 +93,12 @@ def test_what_is_no_sound_ends_the_session(client, sessions):
             assert "token" in told(socket)
             socket.send_bytes(sent) if isinstance(sent, bytes) else socket.send_text(sent)
             assert words in told(socket)["end"]
-        assert len(sessions.places) == 0
+        assert not sessions.performers.open
 
 
-def test_one_too_many_is_told(client):
+def test_one_too_many_is_told(client, monkeypatch):
+    monkeypatch.setattr("app.live.child.MAX_SESSIONS", 2)
+    monkeypatch.setattr("app.live.child.MAX_SESSIONS_EACH", 1)
     answers = []
     visitors = [TestClient(client.app, client=(f"10.0.0.{k}", 1)) for k in (1, 1, 2, 3)]
     with (

@@ -36,7 +36,7 @@ from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from tests.app import fakes
 from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate
-from tests.app.live.test_live import ByHand, nothing, sound
+from tests.app.live.test_live import ByHand, sound
 from tests.app.page.made import VISITOR, browser, updates_of
 from tests.app.page.results.made_run import keep, made_run
 
@@ -190,7 +190,7 @@ def test_nobody_but_the_worker_opens_a_zip(tmp_path, monkeypatch):
 
 
 USUAL = "gan/5"
-ASK = Ask(out=Path(), systems=("globaldiff/global",), speaker="bob", seed=7)
+LIVE = {"system": "globaldiff/global", "speaker": "bob", "seed": 7}
 
 
 @pytest.fixture
@@ -214,29 +214,31 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
 ):
     monkeypatch.setattr("app.live.sound.AHEAD_S", 10.0)  # nobody waits for sound here
     monkeypatch.setattr("app.live.sound.WATCHED_S", 1e9)
-    place = live.open(ASK, "mine", nothing)
+    ready: list[Any] = []
+    number = live.open(LIVE, "mine", ready.append)
+    own = ready[0]["token"]
     blocks = list(sound(5.5))
     for block in blocks[: len(blocks) // 2]:
-        live.put(place, block)
+        live.put(number, block)
     live.performers.turn()
     live.performers.turn()
     job = Job("me", "live", tmp_path / "kept", "mine")
     job.folder.mkdir()
-    asked = keeps.asked(job, (place.token,))
+    asked = keeps.asked(job, (own,))
     assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
     assert asked.speech.parent == job.folder and asked.take is not None
     assert asked.close_ups == CLOSE_UPS  # as any other run on the page
     assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
     speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
     assert speech.num_frames == motion.num_frames > 60
-    for token, cookie in ((place.token, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
+    for token, cookie in ((own, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live minute"):
             keeps.asked(Job("me", "live", job.folder, cookie), (token,))
 
     assert asked.take.why_less == "", "it follows as closely as it can"
     for block in blocks[len(blocks) // 2 :]:
-        live.put(place, block)
-    updates = list(keeps.run(browser("mine", "me"), place.token))
+        live.put(number, block)
+    updates = list(keeps.run(browser("mine", "me"), own))
     (line,) = [each[keeps._status] for each in updates if "Done in" in str(each)]
     kept_s = motion.num_frames / 30
     less = f"the last {5.5 - kept_s:.1f} s spoken had no motion yet"
