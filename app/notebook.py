@@ -24,15 +24,13 @@ from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
 from app.page.alone import player_alone
 from app.run.ask import TIP, Ask
 from app.run.diagnostics import measure_motions, onsets_of
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource
 from app.run.many.table import titled
-from app.run.models import get_body
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, row_files
 from app.run.output.telling import Bars
 from app.run.pipeline import do
 from app.run.planning import make_plan
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from app.run.tasks import RenderAsk
 from app.run.videos.export import render_motion
 from conventions.names import REFERENCE_NAME, Version
@@ -108,8 +106,10 @@ def read_motion(motion: MotionLike, assume: str = "") -> Motion:
     return read_any_motion(motion, read_told(assume)).motion
 
 
-def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, Motion]:
-    """By name; a file alone is called as it is, a motion alone "motion".
+def named_motions(
+    motions: MotionLike | Mapping[str, MotionLike], reference: MotionLike | None = None
+) -> dict[str, Motion]:
+    """By name; a file alone is called as it is, a motion alone "motion", a reference so.
 
     Raises:
         RunError: of none.
@@ -121,7 +121,8 @@ def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, M
         motions = {"motion": motions}
     if not motions:
         raise RunError("There is no motion; give at least one.")
-    return {name: read_motion(motion) for name, motion in motions.items()}
+    recorded = {} if reference is None else {REFERENCE_NAME: reference}
+    return {name: read_motion(motion) for name, motion in {**motions, **recorded}.items()}
 
 
 def in_file(folder: Path, given: SpeechLike | MotionLike | PlanLike | None) -> Path | None:
@@ -201,15 +202,12 @@ def show(
     """
     if isinstance(motions, str | Path) and Path(motions).is_dir():
         return Player(player_alone(Path(motions)), height)
-    named = named_motions(motions)
-    if reference is not None:
-        named[REFERENCE_NAME] = read_motion(reference)
+    named = named_motions(motions, reference)
     heard = None if speech is None else read_speech(speech)
-    tip = choose_tip_source(get_body(None), None, joint)
+    tip = TipSource(joint)
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
-        with ResultFolder(Path(folder), is_kept=True) as results:
-            run = RunWriter(results, record)
+        with writing_run(Path(folder), record, is_kept=True) as run:
             run.timeline(run.show(named, heard, tip), NOTHING_SAID)
             run.finish("")
         return Player(player_alone(Path(folder)), height)
@@ -234,10 +232,8 @@ def diagnose(
     Returns:
         ``systems`` and ``findings`` by name; ``as_json()`` is what ``diagnostics.json`` holds.
     """
-    named = named_motions(motions)
-    if reference is not None:
-        named[REFERENCE_NAME] = read_motion(reference)
-    tip = choose_tip_source(get_body(None), None, joint)
+    named = named_motions(motions, reference)
+    tip = TipSource(joint)
     sound = None if speech is None else read_speech(speech)
     with Bars(is_shown=progress, stays=False) as bars:
         return measure_motions(
@@ -300,9 +296,7 @@ def compare(
         diagnostics: of these very motions, where they have been measured.
         kind: as generated ("raw") or behind the Savitzky-Golay filter ("savgol").
     """
-    named = named_motions(motions)
-    if reference is not None:
-        named[REFERENCE_NAME] = read_motion(reference)
+    named = named_motions(motions, reference)
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
     of_all = dict(diagnostics.systems)

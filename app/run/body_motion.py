@@ -74,26 +74,14 @@ MAX_FRAMES = 10_800
 """Of all videos of a run together: six of one minute."""
 
 
-@dataclass(frozen=True)
-class Pictured:
-    """What is drawn, and what the person should know of it."""
-
-    motions: Mapping[str, Motion]
-    """As they stand in the videos, but for exaggeration."""
-    notes: tuple[str, ...]
-
-
-def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
-    """The motions in register, cut to what can be drawn in reasonable time."""
+def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], tuple[str, ...]]:
+    """The motions in register, cut to what can be drawn in reasonable time; and what the person
+    should know of that."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
-    notes = ()
-    if cut:
-        notes = (f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}.",)
-    return Pictured(
-        {
-            name: in_register(first_frames(motion, min(motion.num_frames, longest)))
-            for name, motion in motions.items()
-        },
-        notes,
-    )
+    told = f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
+    placed = {
+        name: in_register(first_frames(motion, min(motion.num_frames, longest)))
+        for name, motion in motions.items()
+    }
+    return placed, (told,) if cut else ()

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app.config import EXAMPLES
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from model.motion.motion import Motion
 
 
@@ -48,8 +50,6 @@ def planted_files(folder: Path) -> list[str]:
 def with_faults(motion: Motion) -> Motion:
     """All of `PLANTS`, each in its seconds; the face is a calmer one all the while, or it would be
     found to be copied, which is not what is shown."""
-    from conventions.rates import FPS
-
     faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
     for plant in PLANTS:
         span = slice(round(plant.from_s * FPS), round(plant.to_s * FPS))
@@ -62,10 +62,6 @@ def with_faults(motion: Motion) -> Motion:
 
 def tremble(motion: Motion) -> Motion:
     """White noise on the rotations of the right arm, `NOISE_RAD` about each axis."""
-    import numpy as np
-
-    from conventions.joints import JOINT_INDEX
-
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     arm = [JOINT_INDEX[f"right_{name}"] for name in ("shoulder", "elbow", "wrist")]
     noise = np.random.default_rng(0).standard_normal((len(joints), len(arm), 3))
@@ -75,10 +71,6 @@ def tremble(motion: Motion) -> Motion:
 
 def slide(motion: Motion) -> Motion:
     """Feet that stand glide to the side and back."""
-    import numpy as np
-
-    from conventions.rates import FPS
-
     trans = motion.trans.copy()
     way = np.arange(len(trans)) / FPS * np.pi / SLIDE_S
     trans[:, 0] += SLIDE_M * (1.0 - np.cos(way)) / 2.0
@@ -87,8 +79,6 @@ def slide(motion: Motion) -> Motion:
 
 def join(motion: Motion) -> Motion:
     """All joints jump, and back, where windows would meet."""
-    import numpy as np
-
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     is_odd = np.arange(len(joints)) // JUMP_EVERY % 2
     joints[:, 1:, 0] += JUMP_RAD * is_odd[:, None]
@@ -104,10 +94,6 @@ def freeze(motion: Motion) -> Motion:
 
 def lift(motion: Motion) -> Motion:
     """The body leaves the floor by `FLOAT_M`, and comes back to it."""
-    import numpy as np
-
-    from conventions.rates import FPS
-
     trans = motion.trans.copy()
     since = np.arange(len(trans)) / FPS
     rise = np.minimum(np.minimum(since, since[::-1]) / FLOAT_RISE_S, 1.0)

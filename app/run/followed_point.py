@@ -13,13 +13,12 @@ from app.errors import RunError
 from app.findings.comparison import point_title
 from app.run.ask import TIP
 from app.run.body_motion import body_motion
+from app.run.models import get_body
 from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks, track_points
 from renderer.body.body import Body
-
-TipPieces = Callable[["Motion"], Iterator[np.ndarray]]
 
 _PIECE_FRAMES = 4096
 """The tracks of all joints over an hour would take 0.6 GB at once."""
@@ -27,19 +26,37 @@ _PIECE_FRAMES = 4096
 
 @dataclass(frozen=True)
 class TipSource:
-    """How the point that the figure and the diagnostics follow is found."""
+    """How the point that the figure and the diagnostics follow is found.
 
-    name: str
-    """As `diagnostics.json` tells it."""
-    pieces: TipPieces
-    """Motion -> positions (T, 3) in metres, some frames after the other."""
+    Raises:
+        RunError: if there is no such point, with the points there are.
+    """
+
     point: str = TIP
     """A fingertip or a joint of SMPL-X."""
-    is_of_body: bool = False
-    """Whether a posed body is needed; other points are among the tracks of the open skeleton."""
+    body: Body | None = None
+    """A licensed one, whose vertices and joints are followed; else those of the open skeleton."""
     _known: WeakKeyDictionary[Motion, np.ndarray] = field(
         default_factory=WeakKeyDictionary, repr=False, compare=False
     )
+
+    def __post_init__(self) -> None:
+        if self.point not in (*JOINT_INDEX, *TIP_VERTICES):
+            raise RunError(
+                f"There is no point {self.point!r} to follow; choose a fingertip "
+                f"({', '.join(TIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist or {TIP}3."
+            )
+
+    @property
+    def name(self) -> str:
+        """As `diagnostics.json` tells it."""
+        if self.point in JOINT_INDEX:
+            return "joint" if self.body is None else "joint of the body"
+        return "rigid" if self.body is None else f"vertex {TIP_VERTICES[self.point]}"
+
+    @property
+    def title(self) -> str:
+        return point_title(self.point)
 
     def track(
         self,
@@ -55,75 +72,36 @@ class TipSource:
             tracks: of the motion, where somebody has posed it already.
             on_piece: called now and then in a long motion; what it raises ends the work.
         """
-        if motion in self._known:
-            on_piece()
-            return self._known[motion][:num_frames]
-        if tracks is not None and not self.is_of_body:
-            on_piece()
-            self._known[motion] = tracks.point(self.point).copy()
-            return self._known[motion][:num_frames]
-        part = motion if num_frames is None else motion.part(slice(num_frames))
-        found = []
-        for piece in self.pieces(part):
-            found.append(piece)
-            on_piece()
-        track = np.concatenate(found)
-        if len(track) == motion.num_frames:
+        if motion not in self._known:
+            part = motion if num_frames is None else motion.part(slice(num_frames))
+            pieces = self._pieces(part)
+            if tracks is not None and self.body is None:
+                pieces = iter([tracks.point(self.point)])
+            found = []
+            for piece in pieces:
+                found.append(piece.copy())
+                on_piece()
+            track = np.concatenate(found)
+            if len(track) < motion.num_frames:
+                return track
             self._known[motion] = track
-        return track
+        else:
+            on_piece()
+        return self._known[motion][:num_frames]
 
-    @property
-    def title(self) -> str:
-        return point_title(self.point)
-
-
-def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> TipSource:
-    """A fingertip, rigid with the open body and a vertex of a licensed one; or any joint.
-
-    Raises:
-        RunError: if there is no such point, with the points there are.
-    """
-    if point in JOINT_INDEX:
-        joint = JOINT_INDEX[point]
-        if body_path is None:
-            return TipSource("joint", lambda motion: open_point(motion, point), point)
-        return TipSource(
-            "joint of the body",
-            lambda motion: body_joint(body, motion, joint),
-            point,
-            is_of_body=True,
-        )
-    if point not in TIP_VERTICES:
-        raise RunError(
-            f"There is no point {point!r} to follow; choose a fingertip ({', '.join(TIP_VERTICES)})"
-            f" or a joint of SMPL-X, such as right_wrist or {TIP}3."
-        )
-    if body_path is None:
-        return TipSource("rigid", lambda motion: open_point(motion, point), point)
-    vertex = TIP_VERTICES[point]
-    return TipSource(
-        f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point, is_of_body=True
-    )
+    def _pieces(self, motion: Motion) -> Iterator[np.ndarray]:
+        if self.body is not None and self.point in TIP_VERTICES:
+            for chunk in self.body.vertices(body_motion(motion)):
+                yield chunk[:, TIP_VERTICES[self.point]]
+            return
+        for start in range(0, motion.num_frames, _PIECE_FRAMES):
+            part = motion.part(slice(start, start + _PIECE_FRAMES))
+            if self.body is None:
+                yield track_points(part, open_body_skeleton()).point(self.point)
+            else:
+                yield self.body.joint_positions(body_motion(part))[:, JOINT_INDEX[self.point]]
 
 
-def open_point(motion: Motion, point: str) -> Iterator[np.ndarray]:
-    """A joint or rigid fingertip of the open skeleton, (T, 3) metres, in pieces."""
-    skeleton = open_body_skeleton()
-    return (track_points(part, skeleton).point(point).copy() for part in _motion_pieces(motion))
-
-
-def vertex_tip(body: Body, motion: Motion, vertex: int) -> Iterator[np.ndarray]:
-    """A vertex of a posed body, (T, 3) metres, in pieces."""
-    return (chunk[:, vertex].copy() for chunk in body.vertices(body_motion(motion)))
-
-
-def body_joint(body: Body, motion: Motion, joint: int) -> Iterator[np.ndarray]:
-    """A joint of a body of its own shape, (T, 3) metres, in pieces."""
-    return (
-        body.joint_positions(body_motion(part))[:, joint].copy() for part in _motion_pieces(motion)
-    )
-
-
-def _motion_pieces(motion: Motion) -> Iterator[Motion]:
-    for start in range(0, motion.num_frames, _PIECE_FRAMES):
-        yield motion.part(slice(start, start + _PIECE_FRAMES))
+def choose_tip_source(body: Path | None, point: str = TIP) -> TipSource:
+    """With the open body, or with the one of a file."""
+    return TipSource(point, None if body is None else get_body(body))

@@ -48,7 +48,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     if ask.mean_speeds is not None and ask.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     body = get_body(ask.body)
-    tip = choose_tip_source(body, ask.body, ask.joint)
+    tip = choose_tip_source(ask.body, ask.joint)
     files = _files_of(ask)
     readings = _read_motions(ask, files, run)
     motions = {name: each.motion for name, each in readings.items()}
@@ -62,10 +62,10 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         durations = {name: motion.duration_s for name, motion in motions.items()}
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations)]
     run.progress("speech", 1.0)
-    pictured = picture_motions(shown)
+    staged, cut_notes = picture_motions(shown)
     plans = {} if ask.opened is None else row_files(ask.opened, "performed")
-    timeline = run.show(pictured.motions, speech, tip, ask.weights, plans)
-    run.note(*pictured.notes)
+    timeline = run.show(staged, speech, tip, ask.weights, plans)
+    run.note(*cut_notes)
     for row in run.record.rows:
         row.ending = ending_of(files[row.name])
     if len(shown) < len(motions) and not ask.shown:
@@ -75,7 +75,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         )
     return Rows(
         measured=motions,
-        staged=pictured.motions,
+        staged=staged,
         drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
         timeline=timeline,
         body=body,

@@ -75,7 +75,7 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     shown = {name: filtered(raw, ask.post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
-    tip = choose_tip_source(body, ask.body, ask.joint)
+    tip = choose_tip_source(ask.body, ask.joint)
     check_start(ask, min(each.num_frames for each in (speech, *recorded.values())))
     if any(map(_performs, systems)) and (ask.plan is None or ask.style):
         words.begin(speech.waveform)  # plans are drawn from words: these come first
@@ -108,7 +108,7 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         tip=tip,
         sound=sound,
         onsets_s=onsets_of(speech),
-        windows=_windows(list(staged), systems),
+        windows=_windows(ask, systems),
         origin=origin_of(ask, speech, systems, options, body, backend),
     )
 
@@ -144,26 +144,25 @@ def _made_in_turns(
         told: tells of a whole motion, and filters it.
         is_seen: whether windows are told of as they are made.
     """
-    parts: dict[tuple[str, int], list[Motion]] = {}
+    parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
-    made: dict[tuple[str, int], tuple[Motion, Motion]] = {}
+    made: dict[str, tuple[Motion, Motion]] = {}
     with one_thread():
         while making:
             for name in list(making):
                 piece = next(making[name])
                 for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
-                    parts.setdefault((name, sample), []).append(motion)
+                    row = str(SampleName(name, sample))
+                    parts[name].setdefault(row, []).append(motion)
                     if is_seen:
-                        run.grow(str(SampleName(name, sample)), motion, num_frames)
+                        run.grow(row, motion, num_frames)
                 shares[name] = piece.share
                 run.progress("motion", sum(shares.values()) / len(shares), name)
                 if piece.share == 1.0:
                     del making[name]
-                    for key in [key for key in parts if key[0] == name]:
-                        made[key] = told(str(SampleName(*key)), put_together(parts.pop(key)))
-    names = list(shares)
-    keys = sorted(made, key=lambda key: (names.index(key[0]), key[1]))
-    return {str(SampleName(*key)): made[key] for key in keys}
+                    for row, of in parts.pop(name).items():
+                        made[row] = told(row, put_together(of))
+    return {row.name: made[row.name] for row in run.record.rows if row.name in made}
 
 
 def _performs(system: System) -> bool:
@@ -212,12 +211,13 @@ def _with_plans(
     return replace(options, conditions=tuple(written))
 
 
-def _windows(names: Sequence[str], systems: Sequence[System]) -> dict[str, Windowing]:
+def _windows(ask: Ask, systems: Sequence[System]) -> dict[str, Windowing]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
-    found = {}
-    for system in systems:
-        named = {str(SampleName(system.name, sample)) for sample in range(1, len(names) + 1)}
-        found |= {name: system.windowing for name in names if name in named}
+    found = {
+        str(SampleName(system.name, sample)): system.windowing
+        for system in systems
+        for sample in range(1, ask.samples + 1)
+    }
     if len(set(found.values())) == 1:
         found[REFERENCE_NAME] = next(iter(found.values()))
     return found

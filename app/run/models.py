@@ -54,14 +54,9 @@ def _load_body(path: Path | None, look: str, modified: float) -> Body:
     return load_body(path, look)
 
 
-def warm_up(weights: Path, body: Path | None) -> None:
-    """Do once what the first visitor would otherwise wait for."""
-    for _ in warming_up(weights, body):
-        pass
-
-
 def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
-    """`warm_up` in small parts, between which something else can be done.
+    """Do once what the first visitor would otherwise wait for, in small parts, between which
+    something else can be done.
 
     Reads every system and the body, generates a moment of motion, and finds out what can draw.
     """

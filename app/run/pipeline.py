@@ -9,7 +9,6 @@ import ctypes
 import json
 import sys
 import time
-from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -28,13 +27,12 @@ from app.run.given import NO_SPEECH, as_read, given_rows
 from app.run.made import made_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE
-from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RunRecord, begun, read_run
-from app.run.run_writer import Rows, RunWriter
+from app.run.output.run_folder import RunRecord, cut, read_run, told_of
+from app.run.run_writer import Rows, RunWriter, writing_run
 from app.run.settings import settings_of, title_of
 from app.run.timeline import said_in
-from app.run.videos.videos import Snapshots, draw_rows, joined_side_by_side
-from app.run.words import SpokenWords, given_words
+from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
+from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion
@@ -47,7 +45,7 @@ _LARGE_BYTES = 1 << 20
 POSES_PX = 512
 """Of poses where no video is drawn."""
 _POSES = 0.6
-"""Share of the time of all figures that the poses take where no video is drawn."""
+"""Share of the time of all figures that the poses take."""
 MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
@@ -73,9 +71,8 @@ def do(
     _return_large_blocks()
     started = time.monotonic()
     with (
-        SpokenWords(ask.transcript, ask.words) as words,
-        ResultFolder(ask.out, is_kept=ask.is_kept) as folder,
-        RunWriter(folder, record_of(ask), on_event, should_cancel) as run,
+        SpokenWords(said_in(ask.opened) if ask.opened else ask.transcript, ask.words) as words,
+        writing_run(ask.out, record_of(ask), on_event, should_cancel, is_kept=ask.is_kept) as run,
     ):
         if words.need_speech and ask.speech is None:
             raise RunError(NO_SPEECH)
@@ -85,25 +82,23 @@ def do(
 def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
     run.progress("speech", 0.0)
     rows = (given_rows if ask.motions else made_rows)(ask, words, run)
-    said = given_words(ask.transcript) if ask.opened is None else said_in(ask.opened)
-    run.timeline(rows.timeline, said)
+    run.timeline(rows.timeline, words.given)
     for name, motion in rows.staged.items():
         run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
     diagnostics = _measure(rows, run)
     run.find_plans(rows.staged)
-    snapshots = _draw_videos(ask, rows, run) if ask.has_video else None
+    if ask.has_video:
+        _draw_videos(ask, rows, run)
     beside = nullcontext()
     if ask.has_video and rows.is_made:
         beside = joined_side_by_side(list(rows.drawn), rows.sound, run.folder, run, run.file)
     with beside:
         if ask.has_figures:
-            _draw_figures(ask, rows, snapshots, diagnostics, run)
-    if ask.opened is None:
-        given = said
-        said, notes = words.found(run.stop_if_asked)
-        run.note(*notes)
-        if said.origin != given.origin:
-            run.timeline(rows.timeline, said)
+            _draw_figures(ask, rows, diagnostics, run)
+    said, notes = words.found(run.stop_if_asked)
+    run.note(*notes)
+    if said.origin != words.given.origin:
+        run.timeline(rows.timeline, said)
     run.file(*write_diagnostics(diagnostics, run.folder, said))
     if rows.is_made:
         path = run.folder.path(PROVENANCE)
@@ -119,8 +114,13 @@ def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
 
 def record_of(ask: Ask) -> RunRecord:
     """What is known of a run before anything is read."""
-    kind = "given" if ask.motions else "generated"
-    run = begun(ask, kind, title_of(ask, ask.systems), settings_of(ask))
+    run = RunRecord(
+        kind="given" if ask.motions else "generated",
+        title=cut(title_of(ask, ask.systems)),
+        asked={key: each for key, each in told_of(ask).items() if each is not None},
+        settings={key: cut(value) for key, value in settings_of(ask).items()},
+        point=ask.joint,
+    )
     if ask.opened is not None:
         before = read_run(ask.opened)
         known = ("title", "settings", "speech_sha256")
@@ -156,39 +156,27 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
     return diagnostics
 
 
-def _draw_videos(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots | None:
-    """Of each motion; with poses for Figure 6 where they were made here."""
-    is_made = rows.is_made
-    placed = {name: in_register(each) if is_made else each for name, each in rows.staged.items()}
+def _draw_videos(ask: Ask, rows: Rows, run: RunWriter) -> None:
+    """Of each motion."""
     on_share = run.share("video")
     on_share(0.0)
-    snapshots = draw_rows(
-        *(placed, ask, rows.body, rows.tip, on_share),
-        folder=run.folder,
-        speech=rows.sound,
-        frames=_pose_frames(ask, placed) if is_made else (),
-        on_file=run.file,
-    )
-    return snapshots if is_made else None
+    placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}
+    draw_rows(placed, ask, rows.body, rows.tip, on_share, run.folder, rows.sound, run.file)
 
 
-def _draw_figures(
-    ask: Ask,
-    rows: Rows,
-    snapshots: Snapshots | None,
-    diagnostics: Diagnostics,
-    run: RunWriter,
-) -> None:
-    """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
-    begun = 0.0 if snapshots is not None else _POSES
-    if snapshots is None:
-        snapshots = _draw_poses(ask, rows, run)
-    on_share = run.share("figure")
-    on_share(begun)
+def _placed(motion: Motion, rows: Rows) -> Motion:
+    """Where it stands in pictures."""
+    return in_register(motion) if rows.is_made else motion
+
+
+def _draw_figures(ask: Ask, rows: Rows, diagnostics: Diagnostics, run: RunWriter) -> None:
+    """Figure 6, of trajectories only where no pose is drawn, and the jitter sheet."""
+    snapshots, on_share = _draw_poses(ask, rows, run), run.share("figure")
+    on_share(_POSES)
     clip = printable(ask.speech.stem) if ask.speech is not None and not ask.motions else ""
     contents = figure6_of(rows.drawn, snapshots, rows.tip, ask, clip, run.stop_if_asked)
     run.figure("figure6", lambda: draw_figure6(contents), contents.caption)
-    on_share((begun + 1) / 2)
+    on_share((_POSES + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
     sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
     told = f"{said['trajectory']} {said['depth']}"
@@ -197,20 +185,16 @@ def _draw_figures(
 
 
 def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
-    """For Figure 6, without any video."""
-    frames = _pose_frames(ask, rows.drawn)
+    """For Figure 6; of the frames alone where none is asked for."""
+    shortest = min(motion.num_frames for motion in rows.drawn.values())
+    frames = ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
     if not ask.has_poses or "b" not in ask.figure.panels:
         return Snapshots(frames)
-    is_made = rows.is_made
-    placed = {name: in_register(each) if is_made else each for name, each in rows.drawn.items()}
-    asked = replace(ask, size=POSES_PX, views=("front",))
+    if not (ask.has_video and rows.is_made):  # else as the videos are
+        ask = replace(ask, size=POSES_PX, views=("front",))
+    placed = {name: _placed(motion, rows) for name, motion in rows.drawn.items()}
     on_share = run.share("figure", _POSES)
-    return draw_rows(placed, asked, rows.body, rows.tip, on_share, frames=frames)
-
-
-def _pose_frames(ask: Ask, motions: Mapping[str, Motion]) -> tuple[int, ...]:
-    shortest = min(motion.num_frames for motion in motions.values())
-    return ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
+    return draw_poses(placed, ask, rows.body, rows.tip, on_share, frames)
 
 
 def _line(ask: Ask, num_rows: int, num_frames: int, seconds: float) -> str:

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -121,8 +120,32 @@ class Rows:
         return bool(self.origin)
 
 
+@contextmanager
+def writing_run(
+    out: Path,
+    record: RunRecord,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+    *,
+    is_kept: bool = False,
+) -> Iterator[RunWriter]:
+    """Keep a run's folder for the block, as `ResultFolder`; of a block that is left by an error it
+    is said in ``run.json``."""
+    with ResultFolder(out, is_kept=is_kept) as folder:
+        run = RunWriter(folder, record, on_event, should_cancel)
+        try:
+            yield run
+        except BaseException as error:
+            is_cancelled = isinstance(error, Cancelled)
+            record.state = "cancelled" if is_cancelled else "failed"
+            record.sentence = "" if is_cancelled else cut(sentence_of(error) or FAULT)
+            with suppress(Exception):
+                run.tell()
+            raise
+
+
 class RunWriter(Reporter):
-    """Tells of a run by its folder. As a context it says in ``run.json`` how the run ended."""
+    """Tells of a run by its folder."""
 
     def __init__(
         self,
@@ -137,23 +160,6 @@ class RunWriter(Reporter):
         self._path = folder.path(RUN, grows=True)
         self._growing: dict[str, _Growing] = {}
         self.tell()
-
-    def __enter__(self) -> RunWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            return
-        is_cancelled = isinstance(error, Cancelled)
-        self.record.state = "cancelled" if is_cancelled else "failed"
-        self.record.sentence = "" if is_cancelled else cut(sentence_of(error) or FAULT)
-        with suppress(Exception):
-            self.tell()
 
     def tell(self) -> None:
         """Write what is known, and say so."""

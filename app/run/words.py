@@ -15,27 +15,16 @@ from model.speech.transcript import NOTHING_SAID, Transcript, read_words
 _LOOK_EVERY_S = 0.1
 
 
-def given_words(path: Path | None) -> Transcript:
-    """What a transcript tells at once: all of a TextGrid, nothing of a plain text, whose words are
-    still to be found.
-
-    Raises:
-        TranscriptError: as `read_words`.
-    """
-    said = NOTHING_SAID if path is None else read_words(path)
-    return NOTHING_SAID if isinstance(said, str) else said
-
-
 class SpokenWords:
     """Of one run: a TextGrid wins, then a plain text, then what is recognised, if that is asked
     for. Use it as a context: leaving it ends the looking for words."""
 
-    def __init__(self, transcript: Path | None, asked: WordsAsked) -> None:
+    def __init__(self, given: Path | Transcript | None, asked: WordsAsked) -> None:
         """
         Raises:
             TranscriptError: if the transcript cannot be used.
         """
-        self._given = None if transcript is None else read_words(transcript)
+        self._given = read_words(given) if isinstance(given, Path) else given
         self._asked: WordsAsked = asked
         self._hearing: Hearing | None = None
 
@@ -45,6 +34,12 @@ class SpokenWords:
     def __exit__(self, *_: Any) -> None:
         if self._hearing is not None:
             self._hearing.__exit__()
+
+    @property
+    def given(self) -> Transcript:
+        """What a transcript tells at once: nothing of a plain text, whose words are still to be
+        found."""
+        return self._given if isinstance(self._given, Transcript) else NOTHING_SAID
 
     @property
     def need_speech(self) -> bool:
@@ -68,7 +63,7 @@ class SpokenWords:
                 that.
         """
         if self._hearing is None:
-            return (self._given if isinstance(self._given, Transcript) else NOTHING_SAID), ()
+            return self.given, ()
         while not self._hearing.is_over(_LOOK_EVERY_S):
             on_wait()
         heard = self._hearing.heard()

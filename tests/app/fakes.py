@@ -29,14 +29,14 @@ from app.run.ask import (
     Progress,
     ShouldCancel,
 )
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource
 from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of
-from app.run.run_writer import RunWriter
+from app.run.run_writer import RunWriter, writing_run
 from app.run.timeline import make_timeline
-from app.run.words import given_words
+from app.run.words import SpokenWords
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics import Versions
@@ -44,7 +44,6 @@ from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.speech.transcript import Transcript, Word
-from renderer.body.body import load_body
 from tests.app.measured import diagnostics_of, measured
 
 CATALOGUE = Catalogue(
@@ -187,10 +186,8 @@ def make_generate(
             on_start(request)
         names, num_frames = row_names(request, request.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
-        with (
-            ResultFolder(request.out, is_kept=request.is_kept) as folder,
-            RunWriter(folder, record_of(request), on_event, should_cancel) as run,
-        ):
+        how = request.out, record_of(request), on_event, should_cancel
+        with writing_run(*how, is_kept=request.is_kept) as run:
             run.progress("speech", 1.0)
             run.progress("motion", 0.4, names[0])
             if error is not None:
@@ -215,8 +212,12 @@ def make_generate(
             run.progress("motion", 1.0)
             if late_error is not None:
                 raise late_error
-            tip = choose_tip_source(load_body(), None)
-            said = RECOGNISED if request.words == "recognise" else given_words(request.transcript)
+            tip = TipSource()
+            said = (
+                RECOGNISED
+                if request.words == "recognise"
+                else SpokenWords(request.transcript, "none").given
+            )
             run.timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
             run.find_plans(motions | recorded)
             reference = measures(104.0) if request.reference else None
@@ -225,7 +226,7 @@ def make_generate(
             run.measured(diagnostics_of(reference, **jerk))
             while before_figures is not None and not before_figures.wait(0.05):
                 run.stop_if_asked()
-            figure = folder.path("figure6.png")
+            figure = run.folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
             run.progress("figure", 1.0)
             run.file(figure)
@@ -240,10 +241,7 @@ def make_generate(
 def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
     on_event(Progress("numbers", 0.5))
-    with (
-        ResultFolder(request.out, is_kept=request.is_kept) as folder,
-        RunWriter(folder, record_of(request), on_event) as run,
-    ):
+    with writing_run(request.out, record_of(request), on_event, is_kept=request.is_kept) as run:
         motions = {name: made_motion(30) for name in request.names}
         run.rows(motions)
         for name, motion in motions.items():
@@ -255,7 +253,7 @@ def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
             row.ending = path.suffix
         run.measured(replace(found, assumed=assumed))
         for name in ("diagnostics.json", "jitter.png"):
-            path = folder.path(name)
+            path = run.folder.path(name)
             path.write_bytes(b"0")
             run.file(path)
         run.finish(MEASURED.format(motions=f"{len(motions)} motion"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,14 @@ from app.errors import RunError
 from app.run.ask import OnEvent, ShouldCancel
 from app.run.made import options_of
 from app.run.models import get_system
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
+from app.run.run_writer import RunWriter, writing_run
 from app.run.tasks import HearingAsk
 from conventions.names import file_stem, short_names
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.judges import calm_over_lively, manner_of
 from model.formats.read import read_any_motion
+from model.generation.base import System
 from model.generation.windows import generate_motion
 from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
 from model.motion.motion import Motion, save_motion
@@ -63,17 +64,14 @@ def measure_hearing(
     """
     ask.check()
     record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
-    with (
-        ResultFolder(ask.out) as folder,
-        RunWriter(folder, record, on_event, should_cancel) as run,
-    ):
+    with writing_run(ask.out, record, on_event, should_cancel) as run:
         if ask.is_of_motions:
             of_system = {name: _Made(grid) for name, grid in _read(ask.speeches[0]).items()}
         else:
             of_system = _generated(ask, _speeches(ask), run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
-                    path = folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
+                    path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.file(path)
         run.share("numbers")(1.0)
@@ -104,29 +102,28 @@ def _generated(
     ask: HearingAsk, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
 ) -> dict[str, _Made]:
     systems = [get_system(name, ask.weights) for name in dict.fromkeys(ask.systems)]
-    seeds = range(ask.seeds)
-    of_system: dict[str, _Made] = {}
-    first = next(iter(speeches))
-    grid_keys = [(name, seed) for name in speeches for seed in seeds]
-    speaker_keys = [(speaker, seed) for speaker in ask.speakers or () for seed in seeds]
-    wanted = len(systems) * (len(grid_keys) + len(speaker_keys))
-    done = 0
-    for system in systems:
-        own = options_of(ask, system)
-        wishes = [(name, own.speaker, seed) for name, seed in grid_keys]
-        wishes += [(first, speaker, seed) for speaker, seed in speaker_keys]
-        moved: list[Motion] = []
-        for name, speaker, seed in wishes:
-            on_share(done / wanted)
-            done += 1
-            options = replace(own, speaker=speaker, seed=seed)
-            moved += generate_motion(system, speeches[name], options)
-        of_system[system.name] = _Made(
-            dict(zip(grid_keys, moved, strict=False)),
-            own.guidance,
-            dict(zip(speaker_keys, moved[len(grid_keys) :], strict=True)),
+    first, seeds, speakers = next(iter(speeches)), range(ask.seeds), ask.speakers or ()
+    wanted = len(systems) * len(seeds) * (len(speeches) + len(speakers))
+    done = count()
+
+    def moved(system: System, speech: str, **asked: Any) -> Motion:
+        on_share(next(done) / wanted)
+        options = options_of(ask, system, **asked)
+        (motion,) = generate_motion(system, speeches[speech], options)
+        return motion
+
+    return {
+        system.name: _Made(
+            {(name, seed): moved(system, name, seed=seed) for name in speeches for seed in seeds},
+            options_of(ask, system).guidance,
+            {
+                (speaker, seed): moved(system, first, speaker=speaker, seed=seed)
+                for speaker in speakers
+                for seed in seeds
+            },
         )
-    return of_system
+        for system in systems
+    }
 
 
 def _read(folder: Path) -> dict[str, Grid]:

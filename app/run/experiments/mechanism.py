@@ -14,9 +14,8 @@ from app.run.ask import TIP, OnEvent, ShouldCancel
 from app.run.display import Display
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
+from app.run.run_writer import RunWriter, writing_run
 from app.run.tasks import VIDEO, MechanismAsk
 from app.run.videos.videos import jobs_of
 from model.formats.read import read_any_motion
@@ -60,11 +59,8 @@ def show_mechanism(
     )
     noisy = dict(zip(NAMES, noisy_motions(found.motion, ask.noise_rad, ask.seed), strict=True))
     record = RunRecord(kind="given", point=TIP)
-    with (
-        ResultFolder(ask.out, is_kept=ask.is_kept) as folder,
-        RunWriter(folder, record, on_event, should_cancel) as run,
-    ):
-        tip = choose_tip_source(get_body(ask.body), ask.body, TIP)
+    with writing_run(ask.out, record, on_event, should_cancel, is_kept=ask.is_kept) as run:
+        tip = choose_tip_source(ask.body, TIP)
         run.note(*found.notes, *_told(growth, ask.noise_rad))
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
         _draw_growth(ask, growth, run)
@@ -90,7 +86,7 @@ def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None
 
 def _draw(ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter) -> None:
     body = get_body(ask.body)
-    tip = choose_tip_source(body, ask.body, ask.joint)
+    tip = choose_tip_source(ask.body, ask.joint)
     seen = replace(ask, display=Display(has_trail=True))
     drawn = run.folder.scratch("bodies")
     drawn.mkdir()

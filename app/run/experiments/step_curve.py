@@ -12,9 +12,8 @@ from pandas import DataFrame
 from app.findings.comparison import ALIKE
 from app.run.ask import OnEvent, ShouldCancel
 from app.run.models import get_system
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from app.run.tasks import StepsAsk
 from conventions.names import short_names
 from conventions.rates import SAMPLE_RATE
@@ -65,10 +64,7 @@ def measure_step_curve(
     systems = [get_system(name, ask.weights) for name in ask.systems]
     record = RunRecord(kind="generated", point=FINGERTIP)
     points: list[StepPoint] = []
-    with (
-        ResultFolder(ask.out) as folder,
-        RunWriter(folder, record, on_event, should_cancel) as run,
-    ):
+    with writing_run(ask.out, record, on_event, should_cancel) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
             points += _points_of(system, speech, ask, run.share("numbers", part, number * part))

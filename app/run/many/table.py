@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -100,7 +99,7 @@ def write_tables(
         "clips": list(numbers),
         "measures": [dict(zip(HEADER, row, strict=True)) for row in rows],
         "clips_with_finding": findings,
-        "worst": [asdict(each) for each in worst_clips(of_systems)],
+        "worst": worst_clips(of_systems),
         "notes": list(notes),
         "left_out": dict(left_out),
     } | ({} if origin is None else {"provenance": dict(origin)})
@@ -134,30 +133,19 @@ def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[t
         yield (clip, "", "", *[""] * len(titles), why)
 
 
-@dataclass(frozen=True)
-class WorstClip:
-    """A clip of a system in which something stands out."""
+def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
+    """Those with most kinds of findings; of equal ones, the jerkiest first: of each the mean jerk
+    of the followed point in m/s^3."""
 
-    system: str
-    clip: str
-    kinds: list[str]
-    """Of findings."""
-    jerk: float
-    """Mean of the followed point's, m/s^3."""
+    def badness(each: dict[str, Any]) -> tuple[int, float]:
+        return len(each["kinds"]), each["jerk"]
 
-
-def worst_clips(of_systems: OfSystems) -> list[WorstClip]:
-    """Those with most kinds of findings; of equal ones, the jerkiest first."""
-
-    def badness(each: WorstClip) -> tuple[int, float]:
-        return len(each.kinds), each.jerk
-
-    found: list[WorstClip] = []
+    found: list[dict[str, Any]] = []
     for name, clips in of_systems.items():
         if name == REFERENCE_NAME:
             continue
         faulty = [
-            WorstClip(name, clip, kinds, told["numbers"].get(JERK, 0.0))
+            {"system": name, "clip": clip, "kinds": kinds, "jerk": told["numbers"].get(JERK, 0.0)}
             for clip, told in clips
             if (kinds := list(dict.fromkeys(told["findings"])))
         ]

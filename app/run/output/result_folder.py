@@ -49,10 +49,7 @@ def held_folder(folder: Path) -> Iterator[None]:
     except OSError as error:
         if not was_there:
             _remove_if_empty(folder)
-        reason = (error.strerror or type(error).__name__).lower()
-        raise RunError(
-            f"The folder {folder} cannot be written to ({reason}); choose another."
-        ) from error
+        raise _unwritable(folder, error) from error
     try:
         yield
     finally:
@@ -154,9 +151,7 @@ class ResultFolder:
             self._staging.mkdir(mode=0o700)
         except OSError as error:
             self._held.__exit__(None, None, None)
-            raise RunError(
-                f"The folder {self.out} cannot be written to ({_reason(error)}); choose another."
-            ) from error
+            raise _unwritable(self.out, error) from error
         return self
 
     def path(self, name: str, *, grows: bool = False) -> Path:
@@ -289,5 +284,6 @@ def _remove_unfinished(held: Path) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _reason(error: OSError) -> str:
-    return (error.strerror or type(error).__name__).lower()
+def _unwritable(folder: Path, error: OSError) -> RunError:
+    reason = (error.strerror or type(error).__name__).lower()
+    return RunError(f"The folder {folder} cannot be written to ({reason}); choose another.")

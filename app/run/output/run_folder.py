@@ -359,17 +359,6 @@ def is_run_zip(path: Path) -> bool:
     return 0 < found <= MAX_CLIPS
 
 
-def begun(ask: Ask, kind: Kind, title: str, settings: Mapping[str, str]) -> RunRecord:
-    """Of a run of which nothing is there yet, but what was asked for."""
-    return RunRecord(
-        kind=kind,
-        title=cut(title),
-        asked={key: each for key, each in told_of(ask).items() if each is not None},
-        settings={key: cut(value) for key, value in settings.items()},
-        point=ask.joint,
-    )
-
-
 def told_of(ask: Ask) -> dict[str, Any]:
     """All that was asked for and is of anybody's business, ready for JSON; of files their names."""
     return {key: _jsonable(each) for key, each in vars(ask).items() if key not in _OWN}

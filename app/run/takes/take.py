@@ -31,13 +31,13 @@ from conventions.names import SampleName, file_stem
 from conventions.rates import FPS
 from model.generation.again import (
     ENDING,
-    KeptError,
     KeptPerformance,
     load_performance,
     perform,
     save_performance,
 )
 from model.generation.base import System
+from model.generation.windows import GenerateOptions
 from model.motion.altered import filtered
 from model.motion.motion import Motion, load_motion
 from model.plan.editing import Gesture as Which
@@ -89,50 +89,46 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
         raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
     require_free_space(ask.out, int(_BYTES_A_SECOND * plan.duration_s))
     of = start.take.of if start.take else start.name
-    system_name, sample = row_of(of, asked.systems, asked.samples)
-    system = get_system(system_name, asked.weights)
+    sample = SampleName.parse(of)
+    system = get_system(sample.system, asked.weights)
     speech = load_speech(asked.speech or "", SpeechLimits(max_s=asked.max_speech_s))
     with ResultFolder(ask.out, is_kept=True) as folder:
+        options = options_of(asked, system, samples=1, first_sample=sample.number - 1)
+        before = _ready(asked, start, system, speech, options, plan, words, should_cancel)
+        if not ask.edits:
+            return MadeTake(0)
         try:
-            before = _ready(asked, start, system, speech, sample, plan, words, should_cancel)
-            if not ask.edits:
-                return MadeTake(0)
-            try:
-                done = edited(plan, ask.edits, words)
-            except PlanError as error:
-                offers = offers_for(plan, ask.edits[-1], words)
-                if len(ask.edits) > 1 or not offers:
-                    raise
-                return MadeTake(0, (str(error),), offers)
-            number = 1 + max(numbers, default=0)
-            name = f"{of}.take{number}"
-            row = rows_of([*(each.name for each in record.rows), name])[-1]
-            row.label = f"take {number}"
-            row.take = take = TakeOf(number=number, of=of, start=start.name)
-            alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
-            (row,) = alone.rows
-            run = _TakeWriter(folder, alone, on_event, should_cancel)
-            written = run.performed(name, done.plan)
-            beside = load_motion(_there(ask.out, record, of))
+            done = edited(plan, ask.edits, words)
+        except PlanError as error:
+            offers = offers_for(plan, ask.edits[-1], words)
+            if len(ask.edits) > 1 or not offers:
+                raise
+            return MadeTake(0, (str(error),), offers)
+        number = 1 + max(numbers, default=0)
+        name = f"{of}.take{number}"
+        row = rows_of([*(each.name for each in record.rows), name])[-1]
+        row.label = f"take {number}"
+        row.take = take = TakeOf(number=number, of=of, start=start.name)
+        alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
+        (row,) = alone.rows
+        run = _TakeWriter(folder, alone, on_event, should_cancel)
+        written = run.performed(name, done.plan)
+        beside = load_motion(_there(ask.out, record, of))
 
-            def on_piece(motion: Motion) -> None:
-                if asked.post_filter != "savgol":
-                    run.grow(name, motion, speech.num_frames, like=beside)
+        def on_piece(motion: Motion) -> None:
+            if asked.post_filter != "savgol":
+                run.grow(name, motion, speech.num_frames, like=beside)
 
-            options = options_of(
-                asked, system, samples=1, first_sample=sample - 1, conditions=(written,)
-            )
-            made = perform(system, speech, options, before, should_cancel, on_piece)
-            take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
-            row.files["windows"] = shown_file(name, ENDING)
-            save_performance(made, ask.out / row.files["windows"])
-            shown = filtered(made.motion, asked.post_filter)
-            run.motion(name, shown, f"{file_stem(name)}.npz")
-            _tell(ask.out, row, written, words)
-            run.file(ask.out / row.files["told"])
-            run.finish("")
-        except KeptError as error:
-            raise RunError(str(error)) from error
+        options = replace(options, conditions=(written,))
+        made = perform(system, speech, options, before, should_cancel, on_piece)
+        take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
+        row.files["windows"] = shown_file(name, ENDING)
+        save_performance(made, ask.out / row.files["windows"])
+        shown = filtered(made.motion, asked.post_filter)
+        run.motion(name, shown, f"{file_stem(name)}.npz")
+        _tell(ask.out, row, written, words)
+        run.file(ask.out / row.files["told"])
+        run.finish("")
     return MadeTake(number, done.notes)
 
 
@@ -141,7 +137,7 @@ def _ready(
     row: Row,
     system: System,
     speech: Speech,
-    sample: int,
+    options: GenerateOptions,
     plan: GesturePlan,
     words: Sequence[Word],
     should_cancel: ShouldCancel,
@@ -151,8 +147,8 @@ def _ready(
     if windows is not None:
         motion = load_motion(_there(ask.out, read_run(ask.out), row.name))
         return load_performance(windows, system, plan, motion)
-    one = {"samples": 1, "first_sample": sample - 1, "conditions": (plan,)}
-    made = perform(system, speech, options_of(ask, system, **one), None, should_cancel)
+    performed = replace(options, conditions=(plan,))
+    made = perform(system, speech, performed, None, should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
     save_performance(made, ask.out / row.files["windows"])
     _tell(ask.out, row, plan, words)
@@ -202,23 +198,9 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
 
 def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
     """With what its run was asked for, as far as takes are made by it."""
-    own = [row.name for row in record.rows if "performed" in row.files and row.take is None]
-    systems = tuple(dict.fromkeys(SampleName.parse(name).system for name in own))
     speech = file_of(ask.out, record.sound)
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)
     known = (*SAMPLING, "post_filter", "joint")
     told = {name: record.asked[name] for name in known if name in record.asked}
-    return replace(ask, speech=speech, systems=systems, **told)
-
-
-def row_of(name: str, systems: Sequence[str], samples: int) -> tuple[str, int]:
-    """System and sample of a row of a run.
-
-    Raises:
-        RunError: if the run has no such row.
-    """
-    for row in (SampleName(name), SampleName.parse(name)):
-        if row.system in systems and row.number <= samples:
-            return row.system, row.number
-    raise RunError("This run has no such motion; choose one that moves by a plan.")
+    return replace(ask, speech=speech, **told)

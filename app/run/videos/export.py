@@ -118,7 +118,7 @@ def _draw(
         return ask.out if is_first else ask.out.with_suffix(f".{view}{ask.out.suffix}")
 
     jobs = jobs_of(
-        *({"": read}, ask, body, choose_tip_source(body, ask.body, ask.joint)),
+        *({"": read}, ask, body, choose_tip_source(ask.body, ask.joint)),
         lambda _, view: named(view) if ask.ending == ".mp4" else None,
         *(ask.speech, (*stills, *sheet)),
         is_transparent=ask.background == "transparent",

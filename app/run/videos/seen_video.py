@@ -59,7 +59,7 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
         i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
     }
     body = get_body(ask.body)
-    tip = choose_tip_source(body, ask.body, seen.look.point)
+    tip = choose_tip_source(ask.body, seen.look.point)
     room = _Room.of(seen)
     with ResultFolder(ask.out) as folder:
         parts = folder.scratch("parts")

@@ -127,54 +127,45 @@ def draw_rows(
     body: Body,
     tip: TipSource,
     on_share: Callable[[float], None],
-    *,
-    folder: ResultFolder | None = None,
-    speech: Path | None = None,
-    frames: tuple[int, ...] = (),
-    on_file: OnFile = lambda *paths, **shown: None,
-) -> Snapshots:
-    """A video of each motion in each view, and poses for Figure 6 in the first view: on the way
-    where videos show the same, else drawn apart.
+    folder: ResultFolder,
+    speech: Path | None,
+    on_file: OnFile,
+) -> None:
+    """A video of each motion in each view.
 
     Args:
         motions: in register.
         on_share: told the share of all frames done; what it raises ends the work.
-        folder: where videos and their small pictures go; None draws poses alone.
-        frames: of the poses; none draws no pose.
-        on_file: told of each file as soon as it is whole.
+        on_file: told of each as soon as it is whole.
 
     Raises:
         BodyError, GLError, VideoError: as `draw_jobs`.
     """
-    view = ask.views[0]
+    first = ask.views[0]
 
-    def out(name: str, seen: View) -> Path | None:
-        ending = ".mp4" if seen == view else f".{seen}.mp4"
-        return folder and folder.path(f"{file_stem(name)}{ending}")
+    def out(name: str, view: View) -> Path:
+        return folder.path(f"{file_stem(name)}{'' if view == first else f'.{view}'}.mp4")
 
-    poses = replace(ask, display=Display(), framing="whole", close_ups=(), views=(view,))
-    jobs: dict[tuple[str, ...], RenderJob] = {}
-    jobs |= jobs_of(motions, ask, body, tip, out, speech) if folder else {}
-    apart = jobs_of(motions, poses, body, tip, lambda *_: None, None, frames) if frames else {}
-    are_on_the_way = folder and ask.display.is_plain and ask.framing == "whole"
-    pose_of: dict[str, tuple[str, ...]] = {}
-    for (name, _), job in apart.items():
-        pose_of[name] = (name, view) if are_on_the_way else (name, view, "pose")
-        jobs[pose_of[name]] = replace(jobs.get(pose_of[name], job), still_frames=frames)
+    def on_done(key: tuple[str, View]) -> None:
+        name, view = key
+        on_file(out(name, view), row=name if view == first else "", kind="video")
 
-    def on_done(key: tuple[str, ...]) -> None:
-        video = jobs[key].out
-        if video is not None and folder is not None:
-            row = key[0] if key[1] == view else ""  # which shows that of its first view
-            on_file(video, row=row, kind="video")
+    draw_jobs(jobs_of(motions, ask, body, tip, out, speech), on_share, on_done)
 
-    stills = draw_jobs(jobs, on_share, on_done)
-    if not frames:
-        return Snapshots()
-    pictures = {
-        name: stills[key][:, *jobs[key].settings.panels[0].box] for name, key in pose_of.items()
-    }
-    seen = apart[next(iter(motions)), view]
+
+def draw_poses(
+    motions: Mapping[str, Motion],
+    ask: Ask,
+    body: Body,
+    tip: TipSource,
+    on_share: Callable[[float], None],
+    frames: tuple[int, ...],
+) -> Snapshots:
+    """For Figure 6, the whole body in the first view; arguments and errors as of `draw_rows`."""
+    whole = replace(ask, display=Display(), framing="whole", close_ups=(), views=ask.views[:1])
+    jobs = jobs_of(motions, whole, body, tip, lambda *_: None, None, frames)
+    pictures = {name: each for (name, _), each in draw_jobs(jobs, on_share).items()}
+    seen = next(iter(jobs.values()))
     assert seen.stage is not None
     posed = {name: body_motion(motion) for name, motion in motions.items()}
     return Snapshots(frames, pictures, jerk_marks(body, posed, frames, seen.settings, seen.stage))
@@ -367,11 +358,9 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
     body = get_body(ask.body, ask.look)
     with ResultFolder(ask.out) as folder:
         draw_rows(
-            *(picture_motions(motions).motions, ask, body),
-            *(choose_tip_source(body, ask.body, record.point), reporter.share("video")),
-            folder=folder,
-            speech=speech,
-            on_file=add,
+            *(picture_motions(motions)[0], ask, body),
+            *(choose_tip_source(ask.body, record.point), reporter.share("video")),
+            *(folder, speech, add),
         )
         if len(motions) > 1:
             names = names_that_fit(list(motions), reporter)

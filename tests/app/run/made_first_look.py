@@ -10,12 +10,10 @@ from app.config import EXAMPLES
 from app.run.ask import TIP, Ask
 from app.run.body_motion import picture_motions
 from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
-from app.run.followed_point import choose_tip_source
-from app.run.models import get_body
-from app.run.output.result_folder import ResultFolder
+from app.run.followed_point import TipSource
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import do
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
 from model.measures.smoothness import derivative_magnitudes
@@ -30,7 +28,7 @@ LOOK_S = 6.7
 
 def make_first_look(out: Path) -> None:
     """What the best system makes of the beginning of an example, and the same with a tremble."""
-    tip = choose_tip_source(get_body(None), None)
+    tip = TipSource()
     with tempfile.TemporaryDirectory() as temporary:
         beginning = Path(temporary, SPEECH)
         waveform = load_speech(EXAMPLES / "three_reasons.wav").waveform
@@ -42,16 +40,16 @@ def make_first_look(out: Path) -> None:
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {STEADY: motion, TREMBLING: tremble(motion)}
     record = RunRecord(kind="given", point=TIP)
-    with ResultFolder(out) as folder, RunWriter(folder, record) as run:
+    with writing_run(out, record) as run:
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
             for name, each in motions.items()
         }
-        shown = picture_motions(motions).motions
+        shown, _ = picture_motions(motions)
         run.timeline(run.show(shown, speech, tip, ask.weights), NOTHING_SAID)
         run.find_plans(shown)
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
-        path = folder.path(FACTS)
+        path = run.folder.path(FACTS)
         path.write_text(json.dumps(facts, indent=1) + "\n")
         run.file(path)
         run.finish("")

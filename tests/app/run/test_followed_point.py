@@ -1,13 +1,11 @@
 """The followed point: each fingertip and each joint, of the open body and of one's own."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from app.errors import RunError
 from app.run.body_motion import body_motion
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, TIP_VERTICES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
@@ -15,7 +13,6 @@ from renderer.body.body import Body, load_body
 from tests.helpers import smooth_motion_example
 
 MOTION = smooth_motion_example(num_frames=12)
-OWN = Path("own.npz")  # the source asks only where the body came from
 
 
 @pytest.fixture(scope="module")
@@ -26,42 +23,42 @@ def body() -> Body:
 def test_every_joint_and_every_fingertip_beyond_its_last_joint_is_followed(body: Body) -> None:
     tracks = track_points(MOTION, open_body_skeleton())
     for joint, name in enumerate(JOINT_NAMES):
-        source = choose_tip_source(body, None, name)
+        source = TipSource(name)
         assert source.name == "joint"
         np.testing.assert_array_equal(source.track(MOTION), tracks.joints[:, joint])
     assert set(TIP_VERTICES) == set(FINGERTIP_NAMES)
     for tip, joint in zip(FINGERTIP_NAMES, FINGERTIP_JOINTS, strict=True):
-        source = choose_tip_source(body, None, tip)
+        source = TipSource(tip)
         beyond = np.linalg.norm(source.track(MOTION) - tracks.joints[:, joint], axis=1)
         assert source.name == "rigid"
         assert beyond == pytest.approx(beyond[0]) and 0.01 < beyond[0] < 0.04
 
 
 def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
-    elbow = choose_tip_source(body, OWN, "right_elbow")
+    elbow = TipSource("right_elbow", body)
     expected = body.joint_positions(body_motion(MOTION))[:, JOINT_NAMES.index("right_elbow")]
     np.testing.assert_array_equal(elbow.track(MOTION), expected)
     assert (elbow.name, elbow.title) == ("joint of the body", "Right elbow")
-    assert choose_tip_source(body, OWN).name == "vertex 7794"
-    assert choose_tip_source(body, OWN, "left_thumb").name == "vertex 5361"
+    assert TipSource(body=body).name == "vertex 7794"
+    assert TipSource("left_thumb", body).name == "vertex 5361"
     with pytest.raises(RunError, match=r"no point 'nose' to follow.*left_index.*right_wrist"):
-        choose_tip_source(body, None, "nose")
+        TipSource("nose")
 
 
 @pytest.mark.parametrize(
-    ("point", "own", "num_frames", "pieces"),
+    ("point", "is_own", "num_frames", "pieces"),
     [
-        ("right_middle", None, 4100, 2),
-        ("right_wrist", None, 4100, 2),
-        ("right_wrist", OWN, 4100, 2),
-        ("right_middle", OWN, 130, 9),
+        ("right_middle", False, 4100, 2),
+        ("right_wrist", False, 4100, 2),
+        ("right_wrist", True, 4100, 2),
+        ("right_middle", True, 130, 9),
     ],
 )
 def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
-    body: Body, point: str, own: Path | None, num_frames: int, pieces: int
+    body: Body, point: str, is_own: bool, num_frames: int, pieces: int
 ) -> None:
     motion = smooth_motion_example(num_frames)
-    source = choose_tip_source(body, own, point)
+    source = TipSource(point, body if is_own else None)
     told: list[None] = []
     track = source.track(motion, on_piece=lambda: told.append(None))
     assert (track.shape, len(told)) == ((num_frames, 3), pieces)
@@ -75,8 +72,8 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
         source.track(motion, on_piece=stop)
 
 
-def test_a_motion_is_followed_once_and_its_start_alone_where_that_is_enough(body: Body) -> None:
-    source = choose_tip_source(body, None)
+def test_a_motion_is_followed_once_and_its_start_alone_where_that_is_enough() -> None:
+    source = TipSource()
     start = source.track(MOTION, num_frames=5)
     assert start.shape == (5, 3)
     whole = source.track(MOTION)

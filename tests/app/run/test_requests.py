@@ -9,7 +9,7 @@ import pytest
 from app.errors import RunError
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource
 from app.run.upload_check import Given, refusal_of
 from app.run.videos.videos import displayed, marks_of
 from conventions.joints import JOINT_INDEX
@@ -20,7 +20,7 @@ from tests.app.fakes import made_motion
 from tests.model.made import made_waveform
 
 BODY = load_body()
-TIP = choose_tip_source(BODY, None)
+TIP = TipSource()
 MAX_S = 2.0
 
 

@@ -12,7 +12,6 @@ import pytest
 from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Event, Grown
 from app.run.many.opened import copied_run, opened
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
@@ -27,7 +26,7 @@ from app.run.output.run_folder import (
 )
 from app.run.pieces import HEADER
 from app.run.pipeline import do, record_of
-from app.run.run_writer import RunWriter, findings_told
+from app.run.run_writer import findings_told, writing_run
 from app.run.timeline import said_in
 from model.faults.evidence import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
@@ -101,8 +100,7 @@ def test_names_are_harmless_and_no_link_leads_out(tmp_path):
 def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_path):
     events: list[Event] = []
     motion = made_motion(37)
-    with ResultFolder(tmp_path, is_kept=True) as folder:
-        run = RunWriter(folder, RunRecord(**RECORD), events.append)
+    with writing_run(tmp_path, RunRecord(**RECORD), events.append, is_kept=True) as run:
         run.rows(NAMES)
         for start, end in pairwise([0, 10, 11, 37]):
             run.grow(NAMES[0], motion.part(slice(start, end)), 37)
@@ -114,8 +112,8 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
             assert (first.there.end, first.there.bytes) == (end, size) and second.there is None
         assert size == 3 * HEADER.size + 37 * 504
         for video, row in (("first.mp4", NAMES[0]), ("first.side.mp4", "")):
-            folder.path(video).touch()
-            run.file(folder.path(video), row=row, kind="video")
+            run.folder.path(video).touch()
+            run.file(run.folder.path(video), row=row, kind="video")
         assert run.record.rows[0].files["video"] == "first.mp4"
         run.motion(NAMES[0], motion, "first.npz")
         run.motion(NAMES[1], motion)
@@ -139,12 +137,11 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
         out = tmp_path / str(is_kept)
         with (
             pytest.raises(type(error)),
-            ResultFolder(out, is_kept=is_kept) as folder,
-            RunWriter(folder, RunRecord(**RECORD)) as run,
+            writing_run(out, RunRecord(**RECORD), is_kept=is_kept) as run,
         ):
             run.rows(["a"])
             run.motion("a", made_motion(8), "a.npz")
-            folder.path("half.npz").touch()
+            run.folder.path("half.npz").touch()
             raise error
         assert out.is_dir() == is_kept
     told = read_run(tmp_path / "True")
@@ -159,8 +156,7 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         right=(HandPhase(0.5, 1.0, "stroke", (0.2, -0.1, 0.3), "offer", "never"),),
         nods=(Nod(1.25, 6.0),),
     )
-    with ResultFolder(tmp_path, is_kept=True) as folder:
-        run = RunWriter(folder, RunRecord(**RECORD))
+    with writing_run(tmp_path, RunRecord(**RECORD), is_kept=True) as run:
         run.rows(NAMES[:2])
         assert run.performed(NAMES[0], plan) == plan
         run.find_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
@@ -207,12 +203,11 @@ def results(speech: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         reference=folder / "recorded.npz", title="made elsewhere", has_figures=False,
     )  # fmt: skip
     do(asked)
-    with ResultFolder(out, is_kept=True) as folder:
-        run = RunWriter(folder, read_run(out))
+    with writing_run(out, read_run(out), is_kept=True) as run:
         run.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
         run.timeline(json.loads((out / "timeline.json").read_text()), SAID)
-        folder.path("jitter.png").touch()
-        run.file(folder.path("jitter.png"))
+        run.folder.path("jitter.png").touch()
+        run.file(run.folder.path("jitter.png"))
         run.finish("Done.")
     return out
 

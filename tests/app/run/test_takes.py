@@ -14,7 +14,7 @@ from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
-from app.run.takes.take import MadeTake, TakeAsk, make_take, row_of
+from app.run.takes.take import MadeTake, TakeAsk, make_take
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures
@@ -281,9 +281,3 @@ def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
         make_take(asked, lambda event: None, never)
     drop_unfinished(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]
-
-
-def test_a_row_says_which_motion_it_is() -> None:
-    assert row_of("a/b.s2", ("a/x", "a/b"), 2) == ("a/b", 2)
-    with pytest.raises(RunError, match="no such motion"):
-        row_of("a/b.s3", ("a/x", "a/b"), 2)

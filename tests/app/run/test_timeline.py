@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource, choose_tip_source
 from app.run.timeline import (
     derivative_curve,
     heard_accents,
@@ -75,7 +75,7 @@ KINDS = ("raw", "savgol")
 
 
 def test_the_time_line_holds_every_motion_raw_and_filtered():
-    tip = choose_tip_source(load_body(), None)
+    tip = TipSource()
     speech = Speech(made_waveform(16_000 * 2), "sha")
     timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw", tip)
     assert timeline["duration_s"] == 2.0
@@ -140,7 +140,7 @@ def test_no_two_of_them_overlap_and_a_short_clip_is_all_of_one():
 def test_with_a_licensed_body_the_curves_follow_its_vertex_as_the_numbers_do(tmp_path):
     body_path, motion = tmp_path / "SMPLX_NEUTRAL.npz", smooth_motion_example(37)
     expanded_to_smplx(load_body(), body_path)
-    vertex = choose_tip_source(load_body(body_path), body_path)
-    rigid = choose_tip_source(load_body(), None)
+    vertex = choose_tip_source(body_path)
+    rigid = TipSource()
     curves = make_timeline(None, {"a": motion}, "raw", vertex)["curves"]["a"]["raw"]
     assert curves == point_curves(vertex.track(motion)) != point_curves(rigid.track(motion))

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Progress
 from app.run.body_motion import SOLE_M, body_motion, in_register, picture_motions, register_of
-from app.run.display import MAX_SHOWN, Display, Look, Mode, Seen, SeenBody, SeenPanel
+from app.run.display import MAX_SHOWN, Look, Mode, Seen, SeenBody, SeenPanel
 from app.run.examples import CLEAN
-from app.run.followed_point import choose_tip_source
+from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
-from app.run.pipeline import _draw_videos
+from app.run.pipeline import _draw_poses, _draw_videos
 from app.run.tasks import SeenAsk
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import NAME, draw_seen
@@ -96,9 +96,9 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.run.body_motion.MAX_FRAMES", 60)
     motion = load_motion(CLEAN)
-    pictured = picture_motions({"long": motion, "short": motion.part(slice(20))})
-    assert [each.num_frames for each in pictured.motions.values()] == [30, 20]
-    assert pictured.notes == ("Stage and videos show the first 1 s of long.",)
+    pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
+    assert [each.num_frames for each in pictured.values()] == [30, 20]
+    assert notes == ("Stage and videos show the first 1 s of long.",)
 
 
 class _Drawing(Exception):
@@ -120,27 +120,28 @@ def test_all_bodies_of_a_run_are_in_register(
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    ask, tip = Ask(out=tmp_path / "out", views=("front", "side")), choose_tip_source(body, None)
+    ask, tip = Ask(out=tmp_path / "out", views=("front", "side")), TipSource()
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
     rows: Any = SimpleNamespace(
         staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
     )
+    rows.drawn = {"a": motion}
     run: Any = Reporter(lambda event: None, lambda: False)
-    for is_plain in (True, False):
-        asked = replace(ask, framing="whole", display=Display(has_trail=not is_plain))
-        with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-            run.folder, run.file = folder, None
-            _draw_videos(asked, rows, run)
-        mine, theirs = (
-            body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
-        )
-        np.testing.assert_allclose(theirs, mine, atol=1e-4)
-        assert np.abs(np.median(mine[:, 0, [0, 2]], axis=0)).max() < 1e-4
-        assert jobs["a", "front"].stage == jobs[REFERENCE_NAME, "front"].stage
-        files = {job.out.name for job in jobs.values() if job.out}
-        assert files == {f"{n}{v}.mp4" for n in ("a", REFERENCE_NAME) for v in ("", ".side")}
-        posing = [job.out is not None for job in jobs.values() if job.still_frames]
-        assert posing == [is_plain, is_plain], "plain videos have the poses"
+    with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
+        run.folder, run.file = folder, None
+        _draw_videos(ask, rows, run)
+    mine, theirs = (
+        body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
+    )
+    np.testing.assert_allclose(theirs, mine, atol=1e-4)
+    assert np.abs(np.median(mine[:, 0, [0, 2]], axis=0)).max() < 1e-4
+    assert jobs["a", "front"].stage == jobs[REFERENCE_NAME, "front"].stage
+    files = {job.out.name for job in jobs.values()}
+    assert files == {f"{n}{v}.mp4" for n in ("a", REFERENCE_NAME) for v in ("", ".side")}
+    with pytest.raises(_Drawing):
+        _draw_poses(ask, rows, run)
+    assert [*jobs] == [("a", "front")], "of no more than a figure holds"
+    assert jobs["a", "front"].still_frames and jobs["a", "front"].out is None
 
 
 def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:

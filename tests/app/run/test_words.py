@@ -10,7 +10,7 @@ from app.config import EXAMPLES
 from app.errors import Cancelled
 from app.run.examples import CLEAN
 from app.run.pipeline import do
-from app.run.words import SpokenWords, given_words
+from app.run.words import SpokenWords
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
 
@@ -28,17 +28,15 @@ def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
         with SpokenWords(given, asked) as words:
             assert not words.need_speech
             words.begin(load_speech(SAID).waveform)
-            assert words.found(never) == (expected, ())
-        assert given_words(given) == expected
+            assert words.found(never) == (expected, ()) and words.given == expected
 
 
 def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
     tmp_path: Path,
 ) -> None:
     text = SAID.with_suffix(".txt")
-    assert given_words(text) == NOTHING_SAID  # not yet
     with SpokenWords(text, "recognise") as words:
-        assert words.need_speech
+        assert words.need_speech and words.given == NOTHING_SAID  # not yet
         words.begin(load_speech(SAID).waveform)
         said, notes = words.found(lambda: None)
     assert (said.origin, notes) == ("aligned", ())

@@ -7,9 +7,8 @@ from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.results.player import Showing
 from app.page.routes.media import Media
 from app.page.visitors.files import Job
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
 from model.speech.transcript import NOTHING_SAID, Transcript
@@ -37,13 +36,13 @@ def made_run(
     values = {"kind": "generated", "title": title, "point": "right_middle"}
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)
-    with ResultFolder(job / out, is_kept=True) as folder:
-        run = RunWriter(folder, RunRecord(**{**values, **changes}))
+    record = RunRecord(**{**values, **changes})
+    with writing_run(job / out, record, is_kept=True) as run:
         run.rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
         run.sound(made_waveform(round(16_000 * duration_s)))
         for name in jerk:
             run.motion(name, made_motion(8))
-            video = folder.path(f"{name.replace('/', '-')}.mp4")
+            video = run.folder.path(f"{name.replace('/', '-')}.mp4")
             video.touch()
             run.file(video, row=name, kind="video")
         worst = [

@@ -23,9 +23,8 @@ from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.page.results.tables import measures_table
 from app.run.ask import Ask
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from app.run.settings import NONE, differing, settings_of
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
@@ -39,8 +38,8 @@ EVIL = "<script>alert(1)</script>"
 
 def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
-    with ResultFolder(tmp_path / "results") as folder:
-        run = RunWriter(folder, RunRecord(kind="given", point="right_middle"))
+    record = RunRecord(kind="given", point="right_middle")
+    with writing_run(tmp_path / "results", record) as run:
         run.measured(diagnostics)
         return measures_table(run.record)
 

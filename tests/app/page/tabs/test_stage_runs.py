@@ -14,9 +14,8 @@ from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
 from app.page.visitors.files import Job
 from app.run.ask import Grown, OnEvent, Progress, ShouldCancel
 from app.run.display import Display, Seen
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import TakeOf, changed, read_run
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from app.run.takes.edits import MadeTake, TakeAsk, edits_of
 from app.run.tasks import SeenAsk, SeenVideo
 from model.plan.plan import GesturePlan, PlanError
@@ -192,10 +191,10 @@ class Editor:
         self.runner = TakesRunner(services, self.parts)
         said = Transcript((Word(0.2, 0.5, "you"),))
         self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
-        with ResultFolder(self.showing.folder, is_kept=True) as results:
-            run = RunWriter(results, read_run(self.showing.folder))
+        folder = self.showing.folder
+        with writing_run(folder, read_run(folder), is_kept=True) as run:
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
-        job = Job("me", "generate", folder / "run", COOKIE)
+        job = Job("me", "generate", folder.parent, COOKIE)
         services.kept.keep_run(job, {"": self.showing})
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:

@@ -11,9 +11,8 @@ from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, Step
 from app.run.ask import Ask, Grown, OnEvent, Progress, ShouldCancel
 from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
-from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RunRecord, changed
-from app.run.run_writer import RunWriter
+from app.run.run_writer import writing_run
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
@@ -42,9 +41,9 @@ class Measured:
         self.asked.append(request)
         on_event(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
-        with ResultFolder(request.out) as folder, RunWriter(folder, record) as run:
+        with writing_run(request.out, record) as run:
             run.note("<b> hears.")
-            figure = folder.path("steps.png")
+            figure = run.folder.path("steps.png")
             figure.write_bytes(b"0")
             run.file(figure)
             run.finish("Measured it.")
