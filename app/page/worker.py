@@ -80,12 +80,14 @@ class Worker:
         self._is_kept = is_kept
         self._is_closed = False
         self._turn = threading.Lock()
-        self._process: _Process | None = None
+        self._child: Child | None = None
+        self._is_fit = False
+        """Whether it can take another task."""
 
     def start(self) -> None:
         """So that the first visitor need not wait for that."""
         with self._turn:
-            self._fit()
+            self._ready()
 
     def do(
         self,
@@ -107,13 +109,13 @@ class Worker:
         else:
             raise Cancelled
         try:
-            return self._fit().do((task, request), self._limits, on_event, should_cancel)
+            return self._done_by(self._ready(), (task, request), on_event, should_cancel)
         finally:
             try:
                 if self._is_closed or not self._is_kept:
                     self._drop()
-                elif self._process is not None:
-                    self._fit()  # at once: the next visitor should find its models read
+                elif self._child is not None:
+                    self._ready()  # at once: the next visitor should find its models read
             finally:
                 self._turn.release()
 
@@ -122,65 +124,52 @@ class Worker:
         self._is_closed = True
         self._drop()
 
-    def _fit(self) -> _Process:
+    def _ready(self) -> Child:
         """The process, or another in its place."""
-        process = self._process
-        if process is None or not process.is_fit():
+        child = self._child
+        if child is None or not (self._is_fit and child.is_alive()):
             self._drop()
-            process = self._process = _Process(self._warm, self._niceness)
-        return process
+            needed = (str(path) for path in self._warm or () if path is not None)
+            child = self._child = Child("app.page.worker", *needed, is_log_handed_on=True)
+            if self._niceness:
+                os.setpriority(os.PRIO_PROCESS, child.pid, self._niceness)  # and what it starts
+            self._is_fit = True
+        return child
 
     def _drop(self) -> None:
-        process, self._process = self._process, None
-        if process is not None:
-            process.child.end()
+        child, self._child = self._child, None
+        if child is not None:
+            child.end()
 
-
-class _Process:
-    """One child, and what it was like at first."""
-
-    def __init__(self, warm: tuple[Path, Path | None] | None, niceness: int) -> None:
-        needed = (str(path) for path in warm or () if path is not None)
-        self.child = Child("app.page.worker", *needed, is_log_handed_on=True)
-        if niceness:
-            os.setpriority(os.PRIO_PROCESS, self.child.pid, niceness)  # and all that it starts
-        self._is_idle = True
-        self._grown = 0
-
-    def is_fit(self) -> bool:
-        """Whether it can take another task."""
-        return self._is_idle and self._grown < GROWN_BYTES and self.child.is_alive()
-
-    def do(
+    def _done_by(
         self,
+        child: Child,
         work: tuple[Task[Any, Found], Any],
-        limits: Limits,
         on_event: OnEvent,
         should_cancel: ShouldCancel,
     ) -> Found:
-        self._is_idle = False
-        self.child.forget()
+        limits, self._is_fit = self._limits, False
+        child.forget()
         started = told_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
         try:
-            self.child.send((pickle.dumps(work), limits.memory_bytes))
+            child.send((pickle.dumps(work), limits.memory_bytes))
             while True:
                 now = time.monotonic()
                 if stop_by is None and should_cancel():
                     stop_by = now + GRACE_S
-                    self.child.send(None)
+                    child.send(None)
                 if stop_by is not None and now > stop_by:
                     raise Cancelled
                 if now - started > limits.seconds:
                     raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
                 if now - told_at > limits.silent_s:
                     raise RunError(SILENT.format(seconds=limits.silent_s))
-                if not self.child.has_message(_POLL_S):
+                if not child.has_message(_POLL_S):
                     continue
-                kind, value = self.child.receive()
+                kind, value = child.receive()
                 if kind != "event":
-                    self._is_idle = True
                     return self._outcome(kind, value)
                 if value != news:
                     news, told_at = value, now
@@ -189,16 +178,19 @@ class _Process:
             if stop_by is not None:
                 raise Cancelled from error
             allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
-            raise RunError(self.child.ended().sentences(ENDED, allowed, AGAIN)) from error
+            raise RunError(child.ended().sentences(ENDED, allowed, AGAIN)) from error
 
     def _outcome(self, kind: str, value: Any) -> Any:
-        if kind == "done":
-            result, self._grown = value
-            return result
-        if kind == "cancelled":
-            raise Cancelled
-        if kind == "sentence":
-            raise RunError(value)
+        self._is_fit = True
+        match kind:
+            case "done":
+                result, grown = value
+                self._is_fit = grown < GROWN_BYTES
+                return result
+            case "cancelled":
+                raise Cancelled
+            case "sentence":
+                raise RunError(value)
         raise FaultElsewhere(value)
 
 

@@ -24,8 +24,8 @@ def worker() -> Iterator[Worker]:
 
 
 def pid_of(worker: Worker) -> int:
-    assert worker._process is not None
-    return worker._process.child.pid
+    assert worker._child is not None
+    return worker._child.pid
 
 
 def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_faults(
