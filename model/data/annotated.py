@@ -19,8 +19,16 @@ from model.data.recordings import DataError, copy_speed
 from model.plan.files import annotated_plan
 from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
-from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
-from model.plan.tracks import NUM_TRACKS, hand_tracks, tracks_of
+from model.plan.tracks import (
+    NUM_TRACKS,
+    TIERS,
+    Begun,
+    chains_of,
+    frames_of,
+    hand_tracks,
+    seen_together,
+    tracks_of,
+)
 from model.speech.encoder import PHONES, TOLD
 from model.speech.transcript import Transcript, TranscriptError, read_transcript
 

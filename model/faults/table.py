@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
-from model.faults import glitches, levels, posture, stillness, timing
+from model.faults import glitches, levels, posture
 from model.faults.evidence import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
 
 
@@ -24,8 +24,8 @@ class Fault:
 
 
 FAULTS: tuple[Fault, ...] = (
-    Fault("identical", WRONG, timing.identical, "reference", ("copied_face",)),
-    Fault("frozen", WRONG, stillness.freezes, explains=("copied_frames",)),
+    Fault("identical", WRONG, glitches.identical, "reference", ("copied_face",)),
+    Fault("frozen", WRONG, posture.freezes, explains=("copied_frames",)),
     Fault(
         "lying",
         WRONG,
@@ -34,8 +34,8 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault("swapped_sides", WRONG, posture.swapped_sides),
     Fault("lifted", WRONG, posture.lifted, "reference", of=("place",)),
-    Fault("time_shift", WRONG, timing.shifted_reference, "reference"),
-    Fault("time_shift", WRONG, timing.shifted_speech, "speech"),
+    Fault("time_shift", WRONG, glitches.shifted_reference, "reference"),
+    Fault("time_shift", WRONG, glitches.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
     Fault("joint_noise", MEASURED, glitches.joint_noise, of=("detail",)),
     Fault("seams", SEEN, glitches.seams),
@@ -52,18 +52,18 @@ FAULTS: tuple[Fault, ...] = (
     Fault("foot_slide", SEEN, posture.feet_slide, of=("place", "legs")),
     Fault("floating", SEEN, posture.feet_float, of=("place", "legs")),
     Fault("through_floor", SEEN, posture.feet_sink, of=("place", "legs")),
-    Fault("still_translation", SEEN, stillness.translation_never_changes, of=("place",)),
-    Fault("frozen_hand", SEEN, stillness.frozen_hands, of=("hands",)),
+    Fault("still_translation", SEEN, posture.translation_never_changes, of=("place",)),
+    Fault("frozen_hand", SEEN, posture.frozen_hands, of=("hands",)),
     Fault("finger_range", SEEN, posture.finger_range, of=("hands", "finger_angles")),
     Fault("hand_in_body", SEEN, posture.hand_in_body),
-    Fault("still_face", SEEN, stillness.still_face, of=("face",)),
-    Fault("copied_face", SEEN, stillness.copied_face, "reference", of=("face",)),
+    Fault("still_face", SEEN, posture.still_face, of=("face",)),
+    Fault("copied_face", SEEN, posture.copied_face, "reference", of=("face",)),
     Fault("jerk", SEEN, levels.JERK.search, explains=("high_frequency",), of=("detail",)),
     Fault("high_frequency", SEEN, levels.HIGH_FREQUENCY.search, of=("detail",)),
     Fault("amplitude", MEASURED, levels.AMPLITUDE.search),
     Fault("speed", MEASURED, levels.SPEED.search),
 )
-STILL = Fault("still", WRONG, stillness.nothing_moves)
+STILL = Fault("still", WRONG, posture.nothing_moves)
 """Looked for first: where nothing moves, nothing else is to be said."""
 
 

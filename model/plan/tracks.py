@@ -1,14 +1,19 @@
-"""A plan as numbers of each frame, as a network follows it.
+"""A plan as numbers of each frame: as tracks that a network follows, and as chains that are drawn.
 
-Of each hand ten: where its goals lead it (out, up, forward), a pulse where a phase ends, and which
-phase it is in; of the rest of the body nine.
+Of each hand ten tracks: where its goals lead it (out, up, forward), a pulse where a phase ends, and
+which phase it is in; of the rest of the body nine.
+
+Each tier is a chain of states, each of which begins at some frame with a mark (where a hand is to
+be, how deep a nod). A phase of a hand is a state; a nod, a blink, a look begin and are followed by
+the next. So a plan is drawn frame by frame: stay, or begin what.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
@@ -16,9 +21,12 @@ from model.plan.plan import (
     PHASES,
     SIDES,
     STILL,
+    Blink,
+    Brow,
     Gaze,
     GesturePlan,
     HandPhase,
+    Nod,
     Planted,
     Side,
     Smile,
@@ -146,3 +154,211 @@ def _while(
 ) -> Bool[np.ndarray, " T"]:
     """Frames whose middle lies in it."""
     return (time_s >= event.start_s) & (time_s < event.end_s)
+
+
+@dataclass(frozen=True)
+class Tier:
+    """A chain of states."""
+
+    name: str
+    states: tuple[str, ...]
+    units: tuple[float, ...] = ()
+    """What counts 1 of each number of a mark."""
+    beside: str = ""
+    """The tier that this one sees. Tiers are drawn in order: of one that comes later it sees what
+    was before the frame, of one that comes earlier what is now."""
+
+    @property
+    def seen(self) -> int:
+        """Numbers that tell where the chain is."""
+        return len(self.states) + 2 + len(self.units)
+
+
+_METRES = (0.2, 0.2, 0.2)
+TIERS: tuple[Tier, ...] = (
+    Tier("right", PHASES, _METRES, beside="left"),
+    Tier("left", PHASES, _METRES, beside="right"),
+    Tier("look", ("look",), (10.0, 5.0)),
+    Tier("nod", ("nod",), (4.0,)),
+    Tier("brow", ("brow",), (0.4,)),
+    Tier("blink", ("blink",)),
+    Tier("stand", ("both", "left", "right")),
+    Tier("left foot", ("step", "planted"), beside="right foot"),
+    Tier("right foot", ("step", "planted"), beside="left foot"),
+    Tier("smile", ("serious", "smile"), (0.3,)),
+)
+BY_NAME = {tier.name: tier for tier in TIERS}
+LONGEST_S = 8.0
+"""A state that lasts longer looks as if it lasted so long."""
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A state that begins."""
+
+    frame: int
+    state: int
+    mark: tuple[float, ...] = ()
+    """In the tier's units."""
+
+
+@dataclass(frozen=True)
+class ChainFrames:
+    """A tier's chain at some frames."""
+
+    seen: Float[np.ndarray, "T seen"]
+    """Where the chain is before the frame: state (one of them is 1), time in it twice, mark."""
+    seen_now: Float[np.ndarray, "T seen"]
+    """The same with what begins at the frame."""
+    event: Int[np.ndarray, " T"]
+    """0: it stays; else 1 + the state that begins."""
+    mark: Float[np.ndarray, "T units"]
+    """Of what begins."""
+
+
+def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
+    """All that begins, by tier; what a tier begins with is at frame 0."""
+    end_s = plan.duration_s
+    chains: dict[str, list[Begun]] = {}
+
+    def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
+        tier = BY_NAME[name]
+        scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.units, strict=True))
+        begun = Begun(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
+        chain = chains.setdefault(name, [])
+        if chain and chain[-1].frame >= begun.frame:
+            chain.pop()
+        chain.append(begun)
+
+    for side in SIDES:
+        for phase in without_gaps(plan.hand(side), end_s):
+            add(side, phase.start_s, phase.phase, phase.goal)
+        add(f"{side} foot", 0.0, "step")
+        for one in plan.planted:
+            if one.foot == side:
+                add(f"{side} foot", one.start_s, "planted")
+                if one.end_s < end_s - 0.5 / FPS:
+                    add(f"{side} foot", one.end_s, "step")
+    for name, begins in (
+        ("look", [(look.start_s, (look.yaw_deg, look.pitch_deg)) for look in plan.looks]),
+        ("nod", [(nod.time_s, (nod.depth_deg,)) for nod in plan.nods]),
+        ("brow", [(brow.time_s, (brow.height,)) for brow in plan.brows]),
+        ("blink", [(blink.time_s, ()) for blink in plan.blinks]),
+    ):
+        add(name, 0.0, name, (0.0,) * len(BY_NAME[name].units))
+        for start_s, mark in begins:
+            add(name, start_s, name, mark)
+    add("smile", 0.0, "serious", (0.0,))
+    for smile in plan.smiles:
+        add("smile", smile.start_s, "smile", (smile.size,))
+        if smile.end_s < end_s - 0.5 / FPS:
+            add("smile", smile.end_s, "serious", (0.0,))
+    add("stand", 0.0, "both")
+    for stand in plan.stands:
+        add("stand", stand.start_s, stand.leg)
+    return chains
+
+
+def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
+    """The plan that such chains tell; the inverse of `chains_of` but for the words and kinds of
+    gestures. What a tier begins with at frame 0 is where it is, no event."""
+
+    def spans(name: str) -> Iterator[tuple[Begun, float, float, tuple[float, ...]]]:
+        """What begins, its seconds, and its mark."""
+        chain, units = chains[name], BY_NAME[name].units
+        for one, two in zip(chain, [*chain[1:], None], strict=True):
+            stop = two.frame if two else num_frames
+            if stop > one.frame:
+                mark = tuple(m * unit for m, unit in zip(one.mark, units, strict=True))
+                yield one, one.frame / FPS, stop / FPS, mark
+
+    def points(name: str) -> list[tuple[float, tuple[float, ...]]]:
+        return [(start_s, mark) for one, start_s, _, mark in spans(name) if one.frame > 0]
+
+    def in_state(name: str, state: str) -> list[tuple[float, float, tuple[float, ...]]]:
+        number = BY_NAME[name].states.index(state)
+        return [(a, b, mark) for one, a, b, mark in spans(name) if one.state == number]
+
+    left, right = (
+        tuple(HandPhase(a, b, PHASES[one.state], _reachable(m)) for one, a, b, m in spans(side))
+        for side in SIDES
+    )
+    stands = [Stand(a, b, leg) for leg in SIDES for a, b, _ in in_state("stand", leg)]
+    return GesturePlan(
+        num_frames / FPS,
+        left,
+        right,
+        tuple(Nod(at, depth) for at, (depth,) in points("nod") if depth > 0),
+        tuple(Gaze(a, b, *mark) for _, a, b, mark in spans("look")),
+        tuple(Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")),
+        tuple(
+            Smile(a, b, float(np.clip(m[0], 0.0, 1.0))) for a, b, m in in_state("smile", "smile")
+        ),
+        tuple(Blink(at) for at, _ in points("blink")),
+        tuple(sorted(stands, key=lambda stand: stand.start_s)),
+        tuple(
+            Planted(a, b, side) for side in SIDES for a, b, _ in in_state(f"{side} foot", "planted")
+        ),
+    )
+
+
+def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"]) -> ChainFrames:
+    """A chain at some frames; it begins at frame 0."""
+    first = np.array([begun.frame for begun in chain])
+    states = np.array([begun.state for begun in chain])
+    marks = np.array([begun.mark for begun in chain], float).reshape(len(chain), -1)
+    now = np.searchsorted(first, frames, side="right") - 1
+    before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
+    begins = (now != before) & (frames > 0)
+    return ChainFrames(
+        seen=_seen(tier, states[before], frames - first[before], marks[before]),
+        seen_now=_seen(tier, states[now], frames - first[now], marks[now]),
+        event=np.where(begins, 1 + states[now], 0),
+        mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
+    )
+
+
+def _seen(
+    tier: Tier,
+    states: Int[np.ndarray, " T"],
+    lasted: Int[np.ndarray, " T"],
+    marks: Float[np.ndarray, "T units"],
+) -> Float[np.ndarray, "T seen"]:
+    seconds = np.minimum(lasted / FPS, LONGEST_S)
+    which = np.eye(len(tier.states))[states]
+    times = np.stack([seconds, np.log(seconds + 0.1)], axis=1)
+    return np.concatenate([which, times, marks], axis=1).astype(np.float32)
+
+
+def seen_together(
+    found: Mapping[str, ChainFrames],
+) -> dict[str, Float[np.ndarray, "T _"]]:
+    """What each tier's drawing depends on: its own chain, and the one beside it."""
+    drawn: set[str] = set()
+    seen = {}
+    for tier in TIERS:
+        own = found[tier.name].seen
+        if tier.beside:
+            other = found[tier.beside]
+            now = other.seen_now if tier.beside in drawn else other.seen
+            own = np.concatenate([own, now], axis=1)
+        seen[tier.name] = own
+        drawn.add(tier.name)
+    return seen
+
+
+def seen_of(tier: Tier, begun: Begun, frame: int) -> Float[np.ndarray, " seen"]:
+    """Where a chain is at a frame, after what began last: `_seen` of one frame, which is asked for
+    at every frame of every tier."""
+    seconds = min((frame - begun.frame) / FPS, LONGEST_S)
+    count = len(tier.states)
+    seen = np.zeros(tier.seen, np.float32)
+    seen[begun.state] = 1.0
+    seen[count : count + 2] = seconds, np.log(seconds + 0.1)
+    seen[count + 2 :] = begun.mark
+    return seen
+
+
+def _reachable(goal: Sequence[float]) -> tuple[float, float, float]:
+    out, up, forward = np.clip(goal, -0.99, 0.99).tolist()
+    return out, up, forward

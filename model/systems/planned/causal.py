@@ -32,8 +32,7 @@ from model.plan.plan import (
     Side,
 )
 from model.plan.style import Manner
-from model.plan.tiers import BY_NAME, Begun, plan_of
-from model.plan.tracks import tracks_of
+from model.plan.tracks import BY_NAME, Begun, plan_of, tracks_of
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90

@@ -19,7 +19,7 @@ from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
 from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
-from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
+from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead

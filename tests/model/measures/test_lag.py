@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.faults.timing import shifted_speech
+from model.faults.glitches import shifted_speech
 from model.measures.lag import find_lag, heard_of
 from model.motion.motion import Motion, in_step, load_motion
 from model.speech.audio import load_speech

@@ -6,18 +6,22 @@ import numpy as np
 import pytest
 
 from model.plan.plan import HANGING, PHASES, SIDES, GesturePlan, HandPhase, without_gaps
-from model.plan.tiers import (
+from model.plan.tracks import (
     BY_NAME,
     LONGEST_S,
+    NUM_TRACKS,
     TIERS,
     Begun,
+    at_rest,
+    body_track,
     chains_of,
     frames_of,
+    hand_tracks,
     plan_of,
     seen_of,
     seen_together,
+    tracks_of,
 )
-from model.plan.tracks import NUM_TRACKS, at_rest, body_track, hand_tracks, tracks_of
 from tests.model.plan.made import HIGH, LOW, REST, made_plan, phase
 
 FRAMES = 180

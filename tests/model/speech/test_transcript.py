@@ -9,7 +9,7 @@ from app.run.examples import CLEAN
 from model.motion.motion import load_motion
 from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import load_speech
-from model.speech.pronouncing import number_words, words_to_say
+from model.speech.listener import number_words, words_to_say
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
     MAX_TEXT,

@@ -14,8 +14,7 @@ from model.plan.editing import within_reach
 from model.plan.kinds import REST_PLACE
 from model.plan.plan import SIDES, STILL, HandPhase, PlanError
 from model.plan.style import Manner
-from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
-from model.plan.tracks import hand_tracks, tracks_of
+from model.plan.tracks import TIERS, chains_of, frames_of, hand_tracks, seen_together, tracks_of
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
