@@ -37,7 +37,9 @@ header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
 h1, header p { margin: 0; }
 h1 { font-size: 17px; }
 header .scroll { overflow-x: auto; }
-header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; }
+.dark { color-scheme: dark; }
+header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; white-space: nowrap; }
+header th:first-child { text-align: left; white-space: normal; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
 _SCRIPT = """
@@ -110,8 +112,8 @@ def player_alone(folder: Path, title: str = "") -> str:
             "<!doctype html>",
             f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<style>{style}{_STYLE}</style></head>",
-            f'<body><header>{head}</header><div class="lockstep" hidden></div>',
+            f'<style>{style}{_STYLE}</style></head><body class="columns folded">',
+            f'<header>{head}</header><div class="lockstep" hidden></div>',
             f'<script type="application/json" id="kept">{_in_html(content)}</script>',
             f"<script>{_SCRIPT}</script>",
             f'<script type="importmap">{_in_html({"imports": modules})}</script>',

@@ -178,7 +178,7 @@ def build_form(services: Services) -> FormParts:
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label="Speaker style",
-            info="Whose manner it takes on.",
+            info="Whose manner it has.",
             min_width=120,
         )
         of["seed"] = gr.Number(
@@ -186,7 +186,7 @@ def build_form(services: Services) -> FormParts:
             minimum=0,
             maximum=SEED_LIMIT,
             label=text.SEED_LABEL,
-            info="Same seed and speech, same motion.",
+            info="Same seed, same motion.",
             min_width=100,
         )
     of["samples"] = gr.Slider(
