@@ -361,8 +361,10 @@ def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_pl
 def test_the_worst_second_is_played_slowly_again_and_again(page: Page) -> None:
     bar, line = bar_of(page), page.locator("#player .worst-line")
     worst = bar.get_by_role("button", name="Worst second", exact=True)
+    before = bar.bounding_box()
     worst.click()
     expect(worst).to_have_attribute("aria-pressed", "true")
+    assert bar.bounding_box() == before
     rate, first = state(page, "rate", "loop")
     assert rate == 0.25 and first[1] - first[0] == pytest.approx(1.0)
     expect(line).to_contain_text(re.compile(r"1 of \d: (local|global|full),"))

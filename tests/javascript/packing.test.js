@@ -81,7 +81,8 @@ for (const [closeUp, number] of [["hands", 3], ["face", 2], ["both", 4], ["off",
 
     const [body, ...beside] = panels([0, 0, 900, 430], closeUp, SHOTS);
     assert.equal(beside.length, number - 1);
-    assert.ok(covered([body, ...beside].map(({ rect }) => rect), [900, 430]).every((times) => times === 1));
+    const times = closeUp === "hands" || closeUp === "off" ? 1 : 0; // over a face is some room
+    assert.ok(covered([body, ...beside].map(({ rect }) => rect), [900, 430]).every((count) => count >= times && count <= 1));
     assert.equal(body.rect[3], 430, "in a wide cell they take none of its height");
   });
 

@@ -1,6 +1,6 @@
 /** The gravest findings of a run beside its stage; each leads to where it is worst. */
 
-import { clockText, make } from "../dom.js";
+import { momentText, make } from "../dom.js";
 
 export class Findings {
   #player;
@@ -17,7 +17,7 @@ export class Findings {
       ...findings.map(({ name, sentence, at }) => {
         const row = rows.find((each) => each.name === name);
         const words = name ? [make("b", {}, `${row?.label ?? name}:`), " ", sentence] : [sentence];
-        const go = at === null ? null : make("button", { type: "button", class: "go", onclick: () => goTo(this.#player, at) }, `Show ${clockText(Math.round(at * 10) / 10).slice(0, -1)}`);
+        const go = at === null ? null : make("button", { type: "button", class: "go", onclick: () => goTo(this.#player, at) }, `Show ${momentText(at)}`);
         return make("li", {}, make("p", {}, ...words), ...(go ? [go] : []));
       }),
     );

@@ -1,6 +1,6 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { allow, clockText, drag, make, nameOf, WHOLE } from "../dom.js";
+import { allow, momentText, drag, make, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../stage/motion.js";
@@ -226,7 +226,7 @@ export class Timeline {
       const share = this.#share(at);
       const plot = this.#lanes.get(name)?.canvas.parentElement;
       if (!plot || share < 0 || share > 1) continue;
-      const label = `${clockText(at)}: ${sentence}`;
+      const label = `${momentText(at)}: ${sentence}`;
       const flag = make("button", { type: "button", class: "flag", title: label, "aria-label": label, onclick: () => goTo(this.#player, at), onpointerdown: (event) => event.stopPropagation() });
       flag.style.left = `${100 * share}%`;
       plot.append(flag);

@@ -69,7 +69,7 @@ export class WorstSeconds {
     allow(this.steps[1], this.#at !== this.#seconds.length - 1);
     const { name, jerk_m_s3, start_s } = this.#seconds[this.#at] ?? {};
     this.line.hidden = !isOn;
-    const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s, at a quarter of the speed` : "";
+    const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s` : "";
     if (this.told.textContent !== text) this.told.textContent = text;
   }
 }

@@ -3,15 +3,13 @@
 /** @typedef {[number, number, number, number]} Rect */
 
 const BODY_ASPECT = 0.6; // of somebody who gestures
-const PAIR_ASPECT = 1.1; // from which close-ups of two stand beside them
-const WIDE_ASPECT = 1.4; // from which the close-ups of one do
+const WIDE_ASPECT = 1.8; // from which close-ups stand beside bodies
 const SIDE_SHARE = 0.28; // of the width, of close-ups beside it
+const BUST_ASPECT = 1.2; // height to width of a face's close-up at most, or the end of its bust is seen
 const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
 
-/** Whether close-ups stand at the sides of a body rather than above or under it. */
+/** Whether close-ups stand at the sides of a body, or of two in one place, rather than above or under. */
 export const isWide = (width, height) => width > WIDE_ASPECT * height;
-/** The same of two in one place. */
-export const isPairWide = (width, height) => width >= PAIR_ASPECT * height;
 
 /** Columns and rows in which so many bodies are as large as they can be. */
 export function grid(count, width, height) {
@@ -64,7 +62,10 @@ export function panels([left, top, width, height], closeUp, closeUps) {
 function widePanels([left, top, width, height], closeUp, closeUps) {
   const [before, after] = { hands: [closeUps.hands.slice(0, 1), closeUps.hands.slice(1)], face: [closeUps.face, []], both: [closeUps.face, closeUps.hands] }[closeUp];
   const wide = Math.round(SIDE_SHARE * width);
-  const column = (shots, x) => cells(shots.length, wide, height, 1).map(([, y, w, h], i) => ({ ...shots[i], rect: [x, top + y, w, h] }));
+  const column = (shots, x) => cells(shots.length, wide, height, 1).map(([, y, w, h], i) => {
+    const tall = shots[i].view === "face" ? Math.min(h, Math.round(BUST_ASPECT * w)) : h;
+    return { ...shots[i], rect: [x, top + y + h - tall, w, tall] };
+  });
   const from = before.length ? left + wide : left;
   const to = left + width - (after.length ? wide : 0);
   return [{ view: null, rect: [from, top, to - from, height] }, ...column(before, left), ...column(after, to)];
@@ -74,7 +75,7 @@ function widePanels([left, top, width, height], closeUp, closeUps) {
 export function pairPanels([left, top, width, height], closeUp, closeUps) {
   const shots = [...(closeUp === "face" || closeUp === "both" ? closeUps.face : []), ...(closeUp === "hands" || closeUp === "both" ? closeUps.hands : [])];
   if (!shots.length) return { body: { rect: [left, top, width, height] }, sides: [[], []] };
-  if (!isPairWide(width, height)) {
+  if (!isWide(width, height)) {
     // Below: those of the first on the left half.
     const tall = Math.round(Math.min(width / 2 / shots.length, CLOSE_UP_SHARE * height));
     const row = cells(2 * shots.length, width, tall, 2 * shots.length);

@@ -18,7 +18,7 @@ import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { FPS, NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { axisCorners, boneCorners, inPanel, line, rigid } from "./bones.js";
-import { cells, grid, isPairWide, isWide, pairPanels, panels } from "./packing.js";
+import { cells, grid, isWide, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { isSoftware, Pace } from "./pace.js";
 import { readingOf } from "./reading.js";
@@ -31,13 +31,13 @@ const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
 const HEIGHTS_PX = [330, 760];
-const EDITED_PX = 250; // the least beside an editor
-const OPENING_PX = 270; // the least of an example
+const LOW_PX = 250; // the least of an example, beside an editor and on a phone
 const UNDER_PX = 12; // of the window, free under everything
-const UNDER_OPENING_PX = 60; // the controls of an example, or on a phone
+const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const TAG_PX = 34; // of a body's name, above its picture
+const CLOSE_UP_SIDE = 0.02; // of its width, free at either side: no arm goes over into another's
 const NAME_PX = 15; // of the same, under close-ups
 const LIST_PX = 400; // less from the left, and a list of files would not be seen whole
 const FINGERTIP_M = 0.008; // its radius
@@ -45,6 +45,7 @@ const FINGERTIP_M = 0.008; // its radius
 const EXPECTED = [[7, [1, 1, 1]], [5, [0.96, 0.62, 0.04]]]; // half of a mark of where a hand is to be, pixels, and its colour
 const SOON_FRAMES = 60; // that are shown next
 const VIEW = "front";
+const round = (value) => String(Math.round(10 * value) / 10);
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
 
 export class Stage {
@@ -457,8 +458,8 @@ export class Stage {
   get #isNamedBelow() {
     if (this.closeUp === "off") return false;
     const [width, height] = this.mode === "grid" ? this.#cells[0].cell.slice(2) : this.#size;
-    if (this.mode !== "grid") return !isPairWide(width, height - TAG_PX);
-    return this.closeUp !== "face" && this.#seen.length > 1 && !isWide(width, height - TAG_PX);
+    const isAlone = this.mode === "grid" && (this.closeUp === "face" || this.#seen.length < 2);
+    return !isAlone && !isWide(width, height - TAG_PX);
   }
 
   /** The room of two in one place. */
@@ -475,13 +476,15 @@ export class Stage {
     this.#showGhostLegend();
     const isOpening = !!this.element.closest(".opening");
     const isLive = !!this.element.closest(".live");
-    const timeline = this.#isNarrow ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
+    const isSmall = width < NARROW_PX;
+    const timeline = isSmall ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
     const { top, bottom } = this.view.getBoundingClientRect();
     const above = top + window.scrollY + UNDER_PX;
     const [usual, most] = HEIGHTS_PX;
-    const least = this.element.closest(".lockstep")?.querySelector(".editing.open") ? EDITED_PX : usual;
-    const beside = isLive ? above + UNDER_LIVE_PX : isOpening || this.#isNarrow ? above + UNDER_OPENING_PX : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
-    const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
+    const player = this.element.closest(".lockstep");
+    const least = isSmall || isOpening || player?.querySelector(".editing.open") ? LOW_PX : usual;
+    const beside = isLive ? above + UNDER_LIVE_PX : isSmall ? above + UNDER_SMALL_PX : isOpening ? above + UNDER_PX + player.querySelector(".controls").offsetHeight : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
+    const tall = Math.max(least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
     const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140)) - under;
@@ -671,7 +674,7 @@ export class Stage {
     for (const { cell, entry } of this.#cells) {
       if (!entry.shown) continue;
       const [left, top, w, h] = cell.map((part) => Math.round(part * density));
-      this.#castShadow(entry, level);
+      this.#painter.castShadow(entry.number, level.shadow, this.#framing);
       for (const panel of panels(this.#inside([left, top, Math.min(w, width - left), Math.min(h, height - top)], density), this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
     }
   }
@@ -690,16 +693,12 @@ export class Stage {
       flicker: this.#isSecond ? [[second, { shift, like: first }]] : [[first, {}]],
     }[this.mode];
     for (const [entry, options] of bodies) {
-      this.#castShadow(entry, level);
+      this.#painter.castShadow(entry.number, level.shadow, this.#framing);
       this.#drawPanel({ view: null, rect }, entry, moment, level, options);
     }
     for (const [i, entry] of [first, second].entries()) for (const panel of layout.sides[i]) this.#drawPanel(panel, entry, moment, level);
     Object.assign(this.#handle.style, { left: `${edge / density}px`, top: `${rect[1] / density}px`, height: `${rect[3] / density}px` });
     this.#handle.setAttribute("aria-valuenow", String(Math.round(100 * this.#wipe)));
-  }
-
-  #castShadow({ number }, { shadow }) {
-    this.#painter.castShadow(number, shadow, this.#framing);
   }
 
   /**
@@ -709,15 +708,19 @@ export class Stage {
    */
   #drawPanel(panel, entry, moment, level, told = {}) {
     const { like = entry, ...options } = told;
-    const aspect = panel.rect[2] / panel.rect[3];
+    const [left, top, wide, tall] = panel.rect;
+    const side = panel.view ? Math.round(CLOSE_UP_SIDE * wide) : 0;
+    const rect = [left + side, top, wide - 2 * side, tall];
+    const aspect = rect[2] / tall;
     const camera = this.#cameraOf(panel, like, moment, aspect);
     const matrix = lens(camera, aspect, this.#facts.camera);
     const mesh = panel.view ? level.close : level.mesh;
     const faces = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
-    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, faces, isWhole: mesh === 0, ground: this.#framing, heat, ...options });
-    this.#drawBones(panel, entry, matrix, options);
-    if (this.#look.get("hasTrail") && !options.ink && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
+    this.#painter.panel(rect, { matrix, eye: camera.eye, number: entry.number, faces, isWhole: mesh === 0, ground: this.#framing, heat, ...options });
+    this.#drawBones({ ...panel, rect }, entry, matrix, options);
+    const isTrailIn = !panel.view || panel.view === `${this.#look.get("point").split("_")[0]}_hand`;
+    if (this.#look.get("hasTrail") && !options.ink && isTrailIn) this.#drawTrail({ rect }, entry, moment, matrix, options);
   }
 
   /** Skeleton, axes and where hands are to be over the body; `clip` and `shift` as of Painter.panel. */
@@ -759,12 +762,6 @@ export class Stage {
   }
 
   // -------------------------------------------------------------- the trail
-
-  /** In the body's picture, and in the close-up of the point's own hand. */
-  #isTrailIn({ view }) {
-    const [side] = this.#look.get("point").split("_");
-    return view === null || view === `${side}_hand`;
-  }
 
   /** `options` are `clip` and `shift` of Painter.panel. */
   #drawTrail({ rect }, entry, moment, matrix, options) {
@@ -888,8 +885,4 @@ function settled(entry, world) {
 /** The colour of a motion, 0 to 1. */
 function inkOf({ color }) {
   return [1, 3, 5].map((at) => Number.parseInt(color.slice(at, at + 2), 16) / 255);
-}
-
-function round(value) {
-  return String(Math.round(10 * value) / 10);
 }
