@@ -1,6 +1,6 @@
 /** The gravest findings of a run beside its stage; each leads to where it is worst. */
 
-import { momentText, make } from "../dom.js";
+import { make, momentText } from "../dom.js";
 
 export class Findings {
   #player;

@@ -1,6 +1,6 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { allow, momentText, drag, make, nameOf, WHOLE } from "../dom.js";
+import { allow, drag, make, momentText, nameOf, WHOLE } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "../stage/motion.js";
