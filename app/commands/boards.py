@@ -53,7 +53,7 @@ def merge(
     name_file(out)
 
 
-def page(board: Board, out: Path, title: str = "Leaderboard") -> None:
+def page(board: Board, out: Path) -> None:
     """Write a leaderboard as a page that can be sorted.
 
     Args:
@@ -61,7 +61,7 @@ def page(board: Board, out: Path, title: str = "Leaderboard") -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    told = board_page(merged([read_board(board)]), title)
+    told = board_page(merged([read_board(board)]))
     with written_atomically(out) as part:
         part.write_text(told, encoding="utf-8")
     name_file(out)

@@ -71,7 +71,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     Raises:
         RunError, BodyError, WriteError: each with one sentence.
     """
-    from app.run.many.unpacked import unpacked_sets
+    from app.run.many.unpacked import unpack_sets
     from model.formats.read import ENDINGS
 
     is_file = request.out.suffix.lower() in FORMS
@@ -83,10 +83,9 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
         request.out.parent.mkdir(parents=True, exist_ok=True)
     else:
         request.out.mkdir(parents=True, exist_ok=True)
-    with (
-        tempfile.TemporaryDirectory(dir=request.out.parent if is_file else request.out) as staging,
-        unpacked_sets(packed, Path(staging)) as folders,
-    ):
+    beside = request.out.parent if is_file else request.out
+    with tempfile.TemporaryDirectory(dir=beside) as staging:
+        folders = unpack_sets(packed, Path(staging))
         found = list(_found(request.files, folders, ENDINGS))
         if is_file and len(found) != 1:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")

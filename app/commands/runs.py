@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import bars, name_file, say
+from app.commands.said import name_file, say
 from app.config import default_body
 from app.errors import RunError
 from app.flags import (
@@ -29,6 +29,7 @@ from app.flags import (
 from app.run.ask import SAMPLING, Ask
 from app.run.display import Display
 from app.run.output.run_folder import read_run
+from app.run.output.telling import Bars
 from app.run.tasks import (
     MEASURE_HEARING,
     MEASURE_STEPS,
@@ -164,7 +165,7 @@ def _do(task: Task, ask: Ask, files: Files = None) -> None:
     """Do it, and say what its folder says: its numbers, and what stands out."""
     if files is not None:
         use_family_files(vars(files))
-    with bars() as shown:
+    with Bars() as shown:
         task(ask, shown.take, lambda: False)
     record = read_run(ask.out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
@@ -183,7 +184,7 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
     """
     from app.run.many.speeches import generate_many
 
-    with bars() as shown, _told_if_stopped():
+    with Bars() as shown, _told_if_stopped():
 
         def on_done(folder: Path, share: float) -> None:
             shown.show("generate clips", share)
@@ -250,7 +251,7 @@ def _check_sets(ask: Ask) -> None:
 def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
     from app.run.many.motions import diagnose_folders
 
-    with bars() as shown, _told_if_stopped():
+    with Bars() as shown, _told_if_stopped():
         result = diagnose_folders(ask, partial(shown.show, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.told["left_out"], result.told["clips"]
@@ -330,7 +331,7 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     """
     from app.run.videos.export import render_motion
 
-    with bars() as shown:
+    with Bars() as shown:
         files, notes = render_motion(whole(RenderAsk, ask), shown.take)
     _finish(files, notes)
 

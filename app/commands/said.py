@@ -8,7 +8,6 @@ import logging
 import sys
 from pathlib import Path
 
-from app.run.output.telling import Bars
 from conventions.names import printable
 
 
@@ -31,8 +30,3 @@ class LogLines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         return "\n".join(map(printable, super().format(record).split("\n")))
-
-
-def bars() -> Bars:
-    """Of a command's work, where a person sees them."""
-    return Bars(is_shown=sys.stderr.isatty())

@@ -10,10 +10,11 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import bars, name_file, say
+from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import Count, File, written
+from app.run.output.telling import Bars
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
 
@@ -39,7 +40,7 @@ def export(
     body = body or default_body()
     read = read_plan(plan.absolute())
     try:
-        with bars() as shown:
+        with Bars() as shown:
             told = partial(shown.show, "draw the videos")
             workspace = export_study(read, out, weights, body, on_progress=told)
     except KeyboardInterrupt:

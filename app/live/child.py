@@ -20,7 +20,7 @@ import torch
 from app.errors import RunError, visitor_sentence
 from app.live.session import LiveSession, check_live, rehearse
 from app.live.sessions import NOT_THERE
-from app.live.sound import Microphone
+from app.live.sound import read_sound
 from app.run.ask import Ask
 from app.run.models import get_system
 from model.generation.base import System
@@ -71,7 +71,6 @@ class Place:
     address: str
     """Of the visitor; empty where it is not known."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    microphone: Microphone = field(default_factory=Microphone)
     ended: float = 0.0
 
 
@@ -100,7 +99,7 @@ class Performers:
                 case "open":
                     self._open(number, *told)
                 case "sound" if place is not None:
-                    place.session.put(place.microphone.check(told))
+                    place.session.put(read_sound(told))
                 case "lead" if place is not None:
                     place.session.lead(told)
                 case "close" if place is not None:

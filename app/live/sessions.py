@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.errors import RunError, without_folders
+from app.live.sound import Microphone
 from app.run.ask import Ask
 from processes.child import Child, Gone
 
@@ -27,6 +28,7 @@ class LiveSessions:
         self._lock = threading.RLock()
         self._numbers = itertools.count()
         self._ears: dict[int, Tell] = {}
+        self._microphones: dict[int, Microphone] = {}
         self._child: Child | None = None
 
     def wake(self) -> None:
@@ -45,10 +47,17 @@ class LiveSessions:
                 them as an object, and as text the sentence with which it ends, at once where it
                 cannot be.
         """
-        return self._ask(tell, "open", (told, cookie, address))
+        number = self._ask(tell, "open", (told, cookie, address))
+        self._microphones[number] = Microphone()
+        return number
 
     def put(self, number: int, content: bytes) -> None:
-        """Sound."""
+        """Sound, judged before it goes on: nobody can send more than the process takes.
+
+        Raises:
+            RunError: see `Microphone.check`.
+        """
+        self._microphones[number].check(content)
         self._send(number, "sound", content)
 
     def lead(self, number: int, told: object) -> None:
@@ -59,6 +68,7 @@ class LiveSessions:
         """The visitor has stopped or gone."""
         with self._lock:
             self._ears.pop(number, None)
+            self._microphones.pop(number, None)
             self._send(number, "close")
 
     def keep(self, token: str, cookie: str, folder: Path) -> Ask:

@@ -61,8 +61,8 @@ class Microphone:
         self._begun = self._watched_since = self._heard_at = clock()
         self._watched_samples = 0
 
-    def check(self, content: bytes) -> np.ndarray:
-        """The next sound, taken for what it is.
+    def check(self, content: bytes) -> None:
+        """Take the next sound for what it is.
 
         Raises:
             RunError: if it is no sound, too much or too fast, or if next to none has come lately.
@@ -87,4 +87,3 @@ class Microphone:
             if came_s < watched_s / 4:
                 raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
             self._watched_since, self._watched_samples = now, 0
-        return samples

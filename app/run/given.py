@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from model.measures.posture import FEET
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
-from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.audio import SpeechLimits, load_speech
 
 NO_SPEECH = (
     "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
@@ -55,7 +55,8 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     windows = _windows(ask, motions)
     shown = _shown(ask, motions)
     check_start(ask, min(motion.num_frames for motion in motions.values()))
-    speech = _read_speech(ask)
+    limits = SpeechLimits(channel=ask.channel)
+    speech = None if ask.speech is None else load_speech(ask.speech, limits)
     notes = apart(readings) + [note for each in readings.values() for note in each.notes]
     if speech is not None:
         words.begin(speech.waveform)
@@ -90,12 +91,6 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     )
 
 
-def _read_speech(ask: Ask) -> Speech | None:
-    if ask.speech is None:
-        return None
-    return load_speech(ask.speech, SpeechLimits(channel=ask.channel))
-
-
 def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
     """As many motions as a figure holds, the reference among them.
 
@@ -126,18 +121,14 @@ def _on_the_floor(motion: Motion) -> Motion:
     return replace(motion, trans=trans)
 
 
-def _check_names(names: Sequence[str]) -> None:
+def _files_of(ask: Ask) -> dict[str, Path]:
+    """By name, the reference last."""
+    names = names_of_motions(ask)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
     if REFERENCE_NAME in names:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
-
-
-def _files_of(ask: Ask) -> dict[str, Path]:
-    """By name, the reference last."""
-    names = names_of_motions(ask)
-    _check_names(names)
     files = dict(zip(names, ask.motions, strict=True))
     return files | {REFERENCE_NAME: ask.reference} if ask.reference else files
 

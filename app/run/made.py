@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from app.errors import RunError
-from app.run.ask import SAMPLING, Ask, Take, steps_of
+from app.run.ask import SAMPLING, Ask, steps_of
 from app.run.diagnostics import check_start, onsets_of
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body, get_system
@@ -36,7 +36,6 @@ from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, read_plan
 from model.plan.style import StyleWish, read_wish
 from model.speech.audio import Speech, SpeechLimits, load_speech
-from model.speech.transcript import Transcript
 from model.systems.registry import list_systems
 from renderer.draw.probe import choose_backend
 
@@ -94,7 +93,11 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         made = _made_in_turns(making, speech.num_frames, run, told, ask.post_filter == "none")
     else:
         name = systems[0].name
-        made = {name: told(name, _taken(ask.take, name, run))}
+        if ask.take.plan is not None:  # before the motion, of which one would be found
+            run.performed(name, read_plan(ask.take.plan))
+        run.note(LIVE_NOTE)
+        run.progress("motion", 1.0)
+        made = {name: told(name, load_motion(ask.take.motion))}
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: Version = "savgol" if ask.post_filter == "savgol" else "raw"
@@ -118,15 +121,6 @@ def row_names(ask: Ask, systems: Sequence[str]) -> list[str]:
     samples = range(1, ask.samples + 1)
     names = [str(SampleName(system, sample)) for system in systems for sample in samples]
     return [*names, REFERENCE_NAME] if ask.reference is not None else names
-
-
-def _taken(take: Take, name: str, run: RunWriter) -> Motion:
-    """Motion of a live session, and before it the plan for which one would be found."""
-    if take.plan is not None:
-        run.performed(name, read_plan(take.plan))
-    run.note(LIVE_NOTE)
-    run.progress("motion", 1.0)
-    return load_motion(take.motion)
 
 
 def _made_in_turns(
@@ -178,37 +172,26 @@ def _pieces_of(
     wish: StyleWish | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
-    """
+    """Of a system that plans by plans that are left beside its motions.
+
     Args:
         wish: what is done to every plan.
     """
     if _performs(system):
         said, _ = words.found(run.stop_if_asked)
-        options = _with_plans(system, speech, options, said, wish, run)
+        plans = options.conditions
+        if not plans:
+            plans = draw_conditions(system, speech, replace(options, words=said.words))
+        written: list[GesturePlan] = []
+        for sample, plan in enumerate(plans, start=1):
+            name = str(SampleName(system.name, sample))
+            if wish is not None:
+                styled = wish.done(plan, said.words)
+                run.note(*(f"{name}: {note}" for note in styled.notes))
+                plan = styled.plan
+            written.append(run.performed(name, plan))
+        options = replace(options, conditions=tuple(written))
     yield from motion_pieces(system, speech, options, run.should_cancel)
-
-
-def _with_plans(
-    system: System,
-    speech: Speech,
-    options: GenerateOptions,
-    said: Transcript,
-    wish: StyleWish | None,
-    run: RunWriter,
-) -> GenerateOptions:
-    """The options with the plans that the system performs, each left beside its motion."""
-    plans = options.conditions
-    if not plans:
-        plans = draw_conditions(system, speech, replace(options, words=said.words))
-    written: list[GesturePlan] = []
-    for sample, plan in enumerate(plans, start=1):
-        name = str(SampleName(system.name, sample))
-        if wish is not None:
-            styled = wish.done(plan, said.words)
-            run.note(*(f"{name}: {note}" for note in styled.notes))
-            plan = styled.plan
-        written.append(run.performed(name, plan))
-    return replace(options, conditions=tuple(written))
 
 
 def _windows(ask: Ask, systems: Sequence[System]) -> dict[str, Windowing]:

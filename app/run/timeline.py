@@ -18,7 +18,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.altered import smooth_motion
 from model.motion.motion import Motion
-from model.networks.speech_codes import heard_accents as heard
+from model.networks.speech_codes import heard_accents
 from model.plan.tier_files import Interval
 from model.speech.audio import Speech
 from model.speech.transcript import (
@@ -107,6 +107,7 @@ def make_timeline(
         of those that were not recorded.
     """
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
+    accents = heard_accents(speech, weights) if speech and weights else ()
     curves = {}
     for name, motion in motions.items():
         version: Version = "raw" if name == REFERENCE_NAME else shown
@@ -118,8 +119,8 @@ def make_timeline(
         "duration_s": round(max(longest_s(motions), speech.duration_s if speech else 0.0), 4),
         "fps": FPS,
         "peaks": [] if speech is None else waveform_peaks(waveform_of(speech, motions)),
-        "onsets_s": [] if speech is None else onset_times(speech),
-        "heard_accents": heard_accents(speech, weights) if speech and weights else [],
+        "onsets_s": [] if speech is None else np.round(onsets_of(speech), 3).tolist(),
+        "heard_accents": [(accent.time_s, accent.strength) for accent in accents],
         "point": tip.title,
         "curves": curves,
         "worst": worst_seconds(tracks),
@@ -176,11 +177,6 @@ def said_in(folder: Path) -> Transcript:
         return NOTHING_SAID
 
 
-def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:
-    """Time and strength of accents, as our speech encoder hears them, if its weights are there."""
-    return [(accent.time_s, accent.strength) for accent in heard(speech, weights)]
-
-
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:
     """The largest magnitude in each of at most ``num_peaks`` equal stretches, 0 to 100.
 
@@ -193,11 +189,6 @@ def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int
     peaks = np.maximum.reduceat(np.abs(waveform.astype(np.float64)), starts)
     loudest = peaks.max()
     return np.rint(100 * peaks / (loudest if loudest > 0 else 1.0)).astype(int).tolist()
-
-
-def onset_times(speech: Speech) -> list[float]:
-    """Seconds at which sounds begin, as BeatAlign counts them."""
-    return np.round(onsets_of(speech), 3).tolist()
 
 
 def point_curves(track: np.ndarray) -> dict[str, Curve]:

@@ -121,11 +121,8 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         )
     if len(note) > MAX_NOTE:
         raise RunError(f"A note has at most {MAX_NOTE} letters; this one has {len(note)}.")
-    return [_entry(told, where, name, note) for name in where["systems"] if _is_taken(name, wanted)]
-
-
-def _is_taken(name: str, wanted: set[str]) -> bool:
-    return name in wanted or name == REFERENCE_NAME
+    taken = wanted | {REFERENCE_NAME}
+    return [_entry(told, where, name, note) for name in where["systems"] if name in taken]
 
 
 def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:
@@ -196,7 +193,7 @@ _DISTRIBUTION = "Distribution"
 _FIRST = {row.key for row in MEASURES if row.is_first or row.title == "Power above 5 Hz"}
 
 
-def board_page(entries: Sequence[Entry], title: str = "Leaderboard") -> str:
+def board_page(entries: Sequence[Entry]) -> str:
     """The whole page: a table for each test, by the template beside this file.
 
     Args:
@@ -213,7 +210,6 @@ def board_page(entries: Sequence[Entry], title: str = "Leaderboard") -> str:
     style, script = ((folder / f"board.{kind}").read_text("utf-8") for kind in ("css", "js"))
     tests = [list(of) for _, of in groupby(entries, lambda entry: entry.test)]
     return env.get_template("board.html").render(
-        title=title,
         style=style,
         script=script,
         tables=[_table(of) for of in tests],

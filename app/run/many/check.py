@@ -14,13 +14,13 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.many.pairing import Samples, paired_files, some_of
-from app.run.many.unpacked import stem_of, unpacked_sets
-from app.run.output.result_folder import held_folder, remove_unfinished
+from app.run.many.unpacked import stem_of, unpack_sets
+from app.run.output.result_folder import ResultFolder
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
 from model.formats.read import ENDINGS, read_any_motion
 from model.motion.motion import load_motion
-from model.storage.files import file_sha256, written_atomically
+from model.storage.files import file_sha256
 from model.storage.npz import MotionError
 
 SAMPLES = 5
@@ -61,9 +61,9 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
             "--check genea holds a set against the recorded test clips, for names and lengths; "
             "give them, too (--reference BEAT2's folder, or one of the recorded clips)."
         )
-    remove_unfinished(out)
     sets = [(path, ENDINGS) for path in (*folders, reference)]
-    with held_folder(out), unpacked_sets(sets, out) as opened:
+    with ResultFolder(out) as results:
+        opened = unpack_sets(sets, results.scratch("sets"))
         recorded = opened.get(reference, reference)
         named = {_name_of(path): opened.get(path, path) for path in folders}
         if len(named) < len(folders) or REFERENCE_NAME in named:
@@ -72,8 +72,8 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
             if not folder.is_dir():
                 raise RunError(f"{folder} is no folder or archive; --check takes whole sets.")
         found = {name: _checked(folder, recorded) for name, folder in named.items()}
-        with written_atomically(out / "check.md") as temporary:
-            temporary.write_text("\n".join(_lines(found)) + "\n", "utf-8")
+        results.path("check.md").write_text("\n".join(_lines(found)) + "\n", "utf-8")
+        results.publish()
     return found
 
 

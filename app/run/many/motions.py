@@ -26,8 +26,8 @@ from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.speeches import do_jobs, stamp_of
 from app.run.many.table import draw_spread, mean_of_samples, write_tables
-from app.run.many.unpacked import UnpackLimits, unpack_sets, unpacked_sets
-from app.run.output.result_folder import held_folder, remove_unfinished
+from app.run.many.unpacked import UnpackLimits, unpack_sets
+from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
@@ -92,8 +92,8 @@ def diagnose_folders(
         JobsError: if those who measure are lost.
     """
     check_weights(ask.emage_weights, ask.reference)
-    remove_unfinished(ask.out)
-    with held_folder(ask.out), unpacked_sets(sets_of(ask), ask.out) as folders:
+    with ResultFolder(ask.out, is_kept=True) as results:
+        folders = unpack_sets(sets_of(ask), results.scratch("sets"))
         return _diagnose_sets(in_folders(ask, folders), on_progress, pool or JobPool(1))
 
 

@@ -18,7 +18,7 @@ from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
 from app.run.ask import Ask, Done, absolute
 from app.run.many.table import write_tables
-from app.run.output.result_folder import held_folder, remove_unfinished
+from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from conventions.names import REFERENCE_NAME, printable
 from model.sampling.samplers import clip_seed
@@ -244,7 +244,6 @@ def _do_clip(
     from app.run import pipeline
 
     (ask.out / RUN).unlink(missing_ok=True)  # of other files, which are about to go
-    remove_unfinished(ask.out)
     if do is None:
         pipeline.do(ask)
     else:

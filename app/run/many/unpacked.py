@@ -10,8 +10,6 @@ from __future__ import annotations
 import gzip
 import lzma
 import os
-import secrets
-import shutil
 import stat
 import struct
 import tarfile
@@ -27,7 +25,7 @@ from typing import IO, cast
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
-from app.run.output.result_folder import UNFINISHED, list_bytes, require_free_space
+from app.run.output.result_folder import list_bytes, require_free_space
 from app.run.upload_check import PACKED
 from conventions.names import printable
 from model.storage.files import write_error
@@ -57,35 +55,18 @@ class UnpackLimits:
     file_bytes: int = MAX_FILE_BYTES
 
 
-@contextmanager
-def unpacked_sets(
-    sets: Sequence[tuple[Path, tuple[str, ...]]], out: Path
-) -> Iterator[dict[Path, Path]]:
-    """Folders in place of those sets that are archives, by the archive's path, for the block.
-
-    They lie in ``out``, where all who measure see them, each under the name of its zip.
-
-    Args:
-        sets: zips and folders, each with the endings of the files that are wanted of it.
-        out: is there, and held by the caller.
-
-    Raises:
-        RunError: as `unpacked`.
-    """
-    staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
-    try:
-        yield unpack_sets(sets, staging)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
 def unpack_sets(
     sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: UnpackLimits | None = None
 ) -> dict[Path, Path]:
-    """The same below a folder, where they stay.
+    """Folders in place of those sets that are archives, by the archive's path: below ``top``, each
+    under the name of its archive.
 
     Args:
+        sets: archives and folders, each with the endings of the files that are wanted of it.
         together: limits of all of them; by default each has its own.
+
+    Raises:
+        RunError: as `unpacked`.
     """
     folders: dict[Path, Path] = {}
     for path, endings in sets:

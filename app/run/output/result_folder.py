@@ -267,17 +267,6 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
         )
 
 
-def remove_unfinished(out: Path) -> None:
-    """Remove what killed runs left, of whatever machine.
-
-    Raises:
-        RunError: if another command is at work there.
-    """
-    if out.is_dir():
-        with held_folder(out):
-            _remove_unfinished(out)
-
-
 def _remove_unfinished(held: Path) -> None:
     """Whoever is at work in a folder holds it, so that all of this is of killed runs."""
     for staging in held.glob(f"{UNFINISHED}*"):

@@ -62,7 +62,11 @@ class Bars:
     """One for each thing that is at work, below one another, on a terminal or in a notebook's cell;
     use it as a context."""
 
-    def __init__(self, *, is_shown: bool, stays: bool = True) -> None:
+    def __init__(self, *, is_shown: bool | None = None, stays: bool = True) -> None:
+        """
+        Args:
+            is_shown: by default where a person sees them.
+        """
         self._is_shown, self._stays = is_shown, stays
         self._bars: dict[str, Any] = {}
 
@@ -83,7 +87,7 @@ class Bars:
                 total=100,
                 desc=printable(title),
                 bar_format=form,
-                disable=not self._is_shown,
+                disable=None if self._is_shown is None else not self._is_shown,
                 leave=self._stays,
             )
         bar = self._bars[title]

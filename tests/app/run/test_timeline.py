@@ -1,7 +1,6 @@
 """What is drawn under the bodies: curves, peaks, the worst seconds, words and accents."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from app.run.followed_point import TipSource, choose_tip_source
 from app.run.timeline import (
     derivative_curve,
-    heard_accents,
     make_timeline,
     point_curves,
     tiers_of,
@@ -99,9 +97,9 @@ def test_phones_and_accents_are_handed_on_and_those_that_are_heard_told_with_the
     assert told["phones"] == [(0.2, 0.3, "N"), (0.3, 0.6, "OW1")]
     assert told["accents"] == [(0.31, 0.8)]
     speech = load_speech(ROOT / "examples" / "the_huge_box.wav")
-    heard = heard_accents(speech, BUNDLED_WEIGHTS)
+    line = make_timeline(speech, {"a": made_motion(8)}, "raw", TipSource(), BUNDLED_WEIGHTS)
+    heard = line["heard_accents"]
     assert heard and all(0 < at < speech.duration_s and 0 <= much <= 1 for at, much in heard)
-    assert heard_accents(speech, Path("nowhere")) == []
 
 
 def point(num_frames: int, **trembles: float) -> np.ndarray:
