@@ -95,12 +95,12 @@ def percents(found: Number) -> str:
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"
 
 
-def number(value: float, form: str = ".2f") -> str:
+def number(value: float, form: str = "z.2f") -> str:
     """With a true minus sign."""
     return f"{value:{form}}".replace("-", "\N{MINUS SIGN}")
 
 
-def limits(found: Number, form: str = ".2f") -> str:
+def limits(found: Number, form: str = "z.2f") -> str:
     """From and to; one participant alone gives none."""
     _, low, high = found.limits
     if not math.isfinite(high - low):

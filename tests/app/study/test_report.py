@@ -86,6 +86,7 @@ def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path, pairwise, proto
     assert "Three &lt;systems&gt; &amp; a study" in page and "<systems>" not in page
     assert {row["first"] for row in rows if row["first"]} == set(SYSTEMS)
     assert table.count("\\\\") == 1 + len(SYSTEMS)
+    assert ("Krippendorff" in page) == (protocol != "matched")
 
 
 def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_same_files(
@@ -145,8 +146,11 @@ def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_pat
     page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
     assert "this is beyond chance" not in page
+    assert "2 of 2 participants count;" in page
     page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
     assert "(95 % interval unknown)" in plain(page)
+    assert "1 of 1 participant counts;" in page
+    assert re.search(r"1 of \d+ lists? was used", page)
     words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(inf|nan)\b", words)
 
@@ -183,6 +187,7 @@ def test_the_sentence_of_a_pair_follows_its_numbers():
     close = plain(say("pair", pair_of(15, 13), False))
     assert close.endswith("this does not tell them apart (p = .851 after Holm).")
     assert "evenly" in say("pair", pair_of(5, 5), False)
+    assert "has 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
 
 
 def test_the_sentence_of_a_match_follows_its_numbers():
@@ -206,6 +211,14 @@ def test_headline_and_power_say_who_came_first_and_how_surely():
     assert f"a side that {percent(share)} of participants lean to; at Holm's strictest" in said
     (weak,) = analyse_participants(made_participants(key, 4, ALIKE), key)
     assert headline(weak) == "realism: global, local and rival are not told apart."
+
+
+@pytest.mark.parametrize("is_ranking", [True, False])
+def test_equal_means_have_no_winner(is_ranking: bool) -> None:
+    what = "rank" if is_ranking else "rating"
+    gap = Number(f"mean_{what}_gap", "local", "global", 0.0, -1.0, 1.0, p_holm=1.0)
+    told = f"local and global have the same mean {what} (Wilcoxon, p = 1.000 after Holm)."
+    assert plain(say("mean_gap", gap, is_ranking)) == told
 
 
 def test_agreement_is_told_by_krippendorffs_marks() -> None:
