@@ -184,7 +184,7 @@
       words.consent.heading,
       paragraph(study.consent || words.consent.text),
       paragraph(said.map((name) => fill(words.consent[name], study)).join("\n")),
-      paragraph(fill(words.consent.length, { minutes: study.minutes, pages: study.lists[list].length })),
+      paragraph(`${fill(words.consent.length, { minutes: study.minutes, pages: study.lists[list].length })}\n${words.consent[study.postTo ? "sent" : "stored"]}`),
       make("label", { className: "agree", htmlFor: "agree" }, box, make("span", {}, words.consent.agree)),
       make("div", { className: "actions next" }, start)
     );
@@ -499,9 +499,8 @@
     const order = () => draft.values[question.id] || [];
     const buttons = shown.map((video, index) => button(names[index], () => choose(video), {}));
     const undo = button(words.buttons.undo, () => set([]), { className: "undo" });
-    const note = make("p", { className: "hint" }, words.progress.order);
     const element = makeFieldset(question.text, "ranks", ...buttons, undo);
-    element.append(note);
+    element.append(make("p", { className: "hint" }, words.progress.order));
 
     function choose(video) {
       if (order().includes(video)) return set(order().filter((other) => other !== video));
@@ -523,8 +522,7 @@
         else delete one.dataset.rank;
         one.setAttribute("aria-label", rank ? `${names[index]}: ${rank}` : names[index]);
       });
-      undo.hidden = order().length === 0;
-      note.hidden = order().length === shown.length;
+      undo.disabled = order().length === 0;
     }
 
     refresh();
@@ -579,12 +577,12 @@
       keep("about", about);
     }
     const toWhom = (known, unknown) => fill(study.contact ? known : unknown, study);
-    const asks = postTo ? text.post : toWhom(text.file_to, text.file);
-    const message = make("p", { role: "status" }, isSent() ? text.sent : asks);
-    const told = about.saved && `${fill(text.saved, { file: about.saved })} ${isSent() ? "" : toWhom(text.saved_to, text.saved_for)}`;
-    const download = button(words.buttons.download, saveFile, { className: postTo || about.saved ? "" : "main" });
-    const send = postTo && !isSent() ? button(words.buttons.send, sendAnswers, { className: "main" }) : null;
     const isOver = isSent() || Boolean(about.saved);
+    const asks = postTo ? text.post : toWhom(text.file_to, text.file);
+    const saved = about.saved && `${fill(text.saved, { file: about.saved })} ${toWhom(text.saved_to, text.saved_for)}`;
+    const message = make("p", { role: "status" }, isSent() ? text.sent : saved || asks);
+    const download = button(words.buttons.download, saveFile, { className: postTo || isOver ? "" : "main" });
+    const send = postTo && !isSent() ? button(words.buttons.send, sendAnswers, { className: isOver ? "" : "main" }) : null;
 
     async function sendAnswers() {
       send.disabled = true;
@@ -596,8 +594,7 @@
     sheet(
       text.heading,
       paragraph(text.text),
-      about.saved && !postTo ? null : message,
-      told ? make("p", { role: "status" }, told) : null,
+      message,
       isOver || !study.returnTo ? null : paragraph(text.then),
       actions(send, download, isOver ? backLink() : null),
       // Only now: whoever starts anew can no longer reach the answers of the one before.
