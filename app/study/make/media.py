@@ -63,7 +63,7 @@ def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
         write_wav(wav, waveform)
         loudness = measure_loudness(wav)
         if loudness < SILENT_LUFS:
-            raise RunError(f"The excerpt of clip {clip!r} is silent; choose another `start_s`.")
+            raise RunError(f"The excerpt of clip {clip!r} is silent; take a longer or another one.")
         gain_db = TARGET_LUFS - loudness
         limit = 10 ** (PEAK_DBFS / 20)
         level = f"volume={gain_db:.3f}dB,alimiter=limit={limit:.4f}:level=false,aresample=48000"

@@ -128,9 +128,8 @@ def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
         for what, frames in lengths.items():
             if frames < wanted:
                 raise RunError(
-                    f"Clip {clip.name!r}: {what} has {max(frames, 0) / FPS:.1f} s from `start_s` "
-                    f"on, less than `length_s` = {plan.length_s:g}; choose a shorter length or an "
-                    "earlier start."
+                    f"Clip {clip.name!r}: {what} has {max(frames, 0) / FPS:.1f} s to show, less "
+                    f"than the {plan.length_s:g} s of a video; choose fewer seconds."
                 )
         return wanted
     if len(set(lengths.values())) > 1:

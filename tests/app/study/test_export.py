@@ -208,7 +208,7 @@ def _lengthen(folder: Path) -> None:
             lambda folder: write_wav(folder / "garden.wav", np.zeros(8_000, np.float32)),
             *("", "is silent"),
         ),
-        (bool, "length_s = 3", "less than `length_s` = 3"),
+        (bool, "length_s = 3", "less than the 3 s of a video"),
     ],
 )
 def test_bad_input_gives_one_sentence_and_no_bundle(inputs, tmp_path, spoil, settings, words):
