@@ -425,8 +425,9 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     expect(page.locator("#analysis-report .downloads")).to_contain_text("results")
     for look in (LOOKS[0], LOOKS[3]):
         turn_to(page, look)
-        expect_fit(page, researcher)
-    researcher.click()
+        expect_fit(page, page.locator("#study-researcher"))
+    expect(researcher).to_be_hidden()
+    researcher.evaluate("button => button.form.submit()")
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
     page.go_back()
 
