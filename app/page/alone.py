@@ -16,6 +16,7 @@ from pathlib import Path
 
 from app import text
 from app.errors import RunError
+from app.page.parts import markup
 from app.page.results.player import Showing
 from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
@@ -100,7 +101,7 @@ def player_alone(folder: Path, title: str = "") -> str:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
-        head += f"<b>{escape(first.verdict.numbers)}</b> {escape(first.verdict.judgement)}"
+        head += markup.verdict(first.verdict.numbers, first.verdict.judgement)
     if (path := next(iter(runs.values())) / PROVENANCE).is_file():
         head += f"<p>{text.WEIGHTS.format(are=escape(str(json.loads(path.read_bytes())[ARE])))}</p>"
     files |= {name: make() for name, (make, _) in OF_STAGES.items()}

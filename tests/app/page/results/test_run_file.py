@@ -85,7 +85,7 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     html = show(folder).html
     assert html == player_alone(folder)
     head = html.split("<header>")[1].split("</header>")[0]
-    assert "<h1>made elsewhere</h1>" in head and "jerk in m/s³: a 9.0, b 99." in head
+    assert "<h1>made elsewhere</h1>" in head and " in m/s³: a 9.0, b 99." in head
     assert "an example" in head and "Weights: the authors&#x27; own &amp; new." in head
 
 
