@@ -23,13 +23,13 @@ from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
 from app.page.alone import player_alone
 from app.run.ask import TIP, Ask
+from app.run.bodies import TipSource
 from app.run.diagnostics import measure_motions, onsets_of
-from app.run.followed_point import TipSource
+from app.run.made import make_plan
 from app.run.many.table import titled
 from app.run.output.run_folder import RunRecord, row_files
 from app.run.output.telling import Bars
 from app.run.pipeline import do
-from app.run.planning import make_plan
 from app.run.run_writer import writing_run
 from app.run.tasks import RenderAsk
 from app.run.videos.export import render_motion

@@ -18,8 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from processes.ended import Ended, memory_kills
-from processes.logs import ChildLog
+from processes.ended import ChildLog, Ended, memory_kills
 
 _ENDS_WITHIN_S = 5.0
 """A process whose channel is closed has ended, or is about to."""

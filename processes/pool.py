@@ -12,8 +12,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
 from processes.cluster import do_by_cluster
+from processes.ended import WorkerLog, log_to
 from processes.job import Job, JobsError, use_one_thread
-from processes.logs import WorkerLog, log_to
 
 MAX_BREAKS = 3
 """Worker processes that may end abruptly one after another without any job done between."""

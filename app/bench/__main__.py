@@ -15,7 +15,7 @@ import tyro
 
 from app.bench import runs
 from app.config import BUNDLED_WEIGHTS
-from app.run.body_motion import body_motion
+from app.run.bodies import body_motion
 from app.run.models import warming_up
 from app.run.output.provenance import versions
 

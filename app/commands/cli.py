@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
 from app import text
-from app.commands import boards, runs, studies
+from app.commands import runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
 from app.commands.said import LogLines, say
@@ -30,9 +30,9 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "plan": runs.plan,
     "hearing": runs.hearing,
     "mechanism": runs.mechanism,
-    "leaderboard add": boards.add,
-    "leaderboard merge": boards.merge,
-    "leaderboard page": boards.page,
+    "leaderboard add": runs.leaderboard_add,
+    "leaderboard merge": runs.leaderboard_merge,
+    "leaderboard page": runs.leaderboard_page,
     "doctor": doctor,
     "study export": studies.export,
     "study check": studies.check,

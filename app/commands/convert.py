@@ -146,7 +146,7 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
 
 
 def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
-    from app.run.body_motion import body_motion
+    from app.run.bodies import body_motion
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically

@@ -1,5 +1,5 @@
 """Commands that make motion or measure it: generate, diagnose, steps, hearing, mechanism, plan,
-render."""
+render; and the leaderboard of what was measured."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from app.flags import (
 )
 from app.run.ask import SAMPLING, Ask
 from app.run.display import Display
+from app.run.many.board import board_page, entries_of, merged, read_board, write_board
 from app.run.output.run_folder import read_run
 from app.run.output.telling import Bars
 from app.run.tasks import (
@@ -42,6 +43,7 @@ from app.run.tasks import (
     Task,
 )
 from conventions.views import CLOSE_UPS
+from model.storage.files import written_atomically
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
@@ -302,7 +304,7 @@ def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")
     Args:
         is_empty: draw nothing: leave the tiers to be annotated by hand.
     """
-    from app.run.planning import find_plan, is_motion, make_plan
+    from app.run.made import find_plan, is_motion, make_plan
 
     asked = whole(Ask, ask)
     source = asked.speech or Path()
@@ -334,6 +336,60 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     with Bars() as shown:
         files, notes = render_motion(whole(RenderAsk, ask), shown.take)
     _finish(files, notes)
+
+
+Board = Annotated[Positional[Path], arg(metavar="BOARD.json")]
+
+
+def leaderboard_add(
+    board: Board,
+    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")],
+    systems: Names = (),
+    note: str = "",
+) -> None:
+    """Take what `diagnose` left of whole sets into a leaderboard.
+
+    A leaderboard is one JSON file. Entries of the same clips, recorded motion and encoders stand in
+    one table.
+
+    Args:
+        board: made if it is not there.
+        results: folders that `diagnose` has left.
+        systems: take these only.
+        note: stands beside the numbers.
+    """
+    known = read_board(board) if board.exists() else []
+    new = [entries_of(folder, note, list(systems)) for folder in results]
+    entries = merged([known, *new])
+    write_board(entries, board)
+    say(f"{len(entries) - len(known)} of {len(entries)} entries are new.")
+    name_file(board)
+
+
+def leaderboard_merge(
+    boards: Annotated[Positional[tuple[Path, ...]], arg(metavar="BOARD.json")], out: Path
+) -> None:
+    """Put leaderboards together.
+
+    Args:
+        out: where.
+    """
+    write_board(merged(read_board(path) for path in boards), out)
+    name_file(out)
+
+
+def leaderboard_page(board: Board, out: Path) -> None:
+    """Write a leaderboard as a page that can be sorted.
+
+    Args:
+        out: ends in .html.
+    """
+    if out.suffix.lower() != ".html":
+        raise RunError(f"{out.name} must end in .html.")
+    told = board_page(merged([read_board(board)]))
+    with written_atomically(out) as part:
+        part.write_text(told, encoding="utf-8")
+    name_file(out)
 
 
 @contextmanager

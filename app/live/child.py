@@ -19,8 +19,7 @@ import torch
 
 from app.errors import RunError, visitor_sentence
 from app.live.session import LiveSession, check_live, rehearse
-from app.live.sessions import NOT_THERE
-from app.live.sound import read_sound
+from app.live.sessions import NOT_THERE, read_sound
 from app.run.ask import Ask
 from app.run.models import get_system
 from model.generation.base import System

@@ -17,7 +17,7 @@ import numpy as np
 
 from app.errors import RunError
 from app.run.ask import Ask
-from app.run.followed_point import TipSource
+from app.run.bodies import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names

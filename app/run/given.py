@@ -10,14 +10,13 @@ import numpy as np
 
 from app.errors import RunError
 from app.run.ask import MAX_COMPARED, Ask
-from app.run.body_motion import SOLE_M, picture_motions
+from app.run.bodies import SOLE_M, choose_tip_source, picture_motions
 from app.run.diagnostics import check_start, onsets_of
-from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
+from app.run.output.provenance import names_of_motions
 from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import ending_of, row_files
 from app.run.run_writer import Rows, RunWriter
-from app.run.settings import names_of_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics

@@ -1,27 +1,28 @@
-"""Rows of a run that systems make from speech."""
+"""What systems make of speech: the rows of a run, or a plan without its motion; and the plan of a
+motion without its speech."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
 from app.run.ask import SAMPLING, Ask, steps_of
+from app.run.bodies import choose_tip_source
 from app.run.diagnostics import check_start, onsets_of
-from app.run.followed_point import choose_tip_source
 from app.run.models import get_body, get_system
-from app.run.output.provenance import origin_of
+from app.run.output.provenance import origin_of, title_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
 from app.run.output.telling import Reporter
 from app.run.run_writer import Rows, RunWriter
-from app.run.settings import title_of
 from app.run.timeline import make_timeline
 from app.run.videos.videos import names_that_fit
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
-from model.formats.read import read_any_motion
+from model.formats.read import ENDINGS, Assumptions, read_any_motion
 from model.generation.base import System, Windowing
 from model.generation.windows import (
     GenerateOptions,
@@ -31,12 +32,14 @@ from model.generation.windows import (
     one_thread,
 )
 from model.motion.altered import filtered
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames, load_motion, put_together
-from model.plan.files import read_plan_file
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.files import check_ending, read_plan_file, write_plan_file
+from model.plan.found import found_plan
+from model.plan.plan import GesturePlan, Noted, read_plan
 from model.plan.style import StyleWish, read_wish
 from model.speech.audio import Speech, SpeechLimits, load_speech
-from model.systems.registry import list_systems
+from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
@@ -308,3 +311,56 @@ def _needed_bytes(ask: Ask, num_frames: int, num_systems: int) -> int:
     pixels = ask.size**2 * (len(ask.views) + len(ask.close_ups) / 2) * 2
     video_bytes = 0.012 * pixels * num_frames if ask.has_video else 0.0
     return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)
+
+
+MAX_SPEECH_S = 3600.0
+
+
+def is_motion(path: Path) -> bool:
+    """Whether a file's ending is that of a motion."""
+    return path.suffix.lower() in ENDINGS
+
+
+def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
+    """Find the plan that a motion seems to follow and write it; what was changed to read it.
+
+    Raises:
+        MotionError, PlanError, WriteError: each with one sentence for the person who asked.
+    """
+    check_ending(out)
+    (told or Assumptions()).check([motion])
+    read = read_any_motion(motion, told)
+    write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
+    return list(read.notes)
+
+
+def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
+    """Draw a plan of speech and write it to the file ``ask.out``; with it what its style could not
+    do.
+
+    Args:
+        is_empty: of the speech's length with nothing in it, to be filled in by hand.
+
+    Raises:
+        RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
+        WriteError: each with one sentence for the person who asked.
+    """
+    ask.check()
+    check_ending(ask.out)
+    if is_empty and ask.style is not None:
+        raise RunError("An empty plan has no style; leave one of the two out.")
+    sound = ask.speech or Path()
+    speech = load_speech(sound, SpeechLimits(max_s=MAX_SPEECH_S, channel=ask.channel))
+    if is_empty:
+        plan = GesturePlan(speech.duration_s)
+        write_plan_file(plan, ask.out, sound)
+        return Noted(plan)
+    wish = None if ask.style is None else read_wish(ask.style)
+    system = get_system(usual_planner(), ask.weights)
+    with SpokenWords(ask.transcript, ask.words) as words:
+        words.begin(speech.waveform)
+        said, _ = words.found(lambda: None)
+    (plan,) = draw_conditions(system, speech, options_of(ask, system, words=said.words))
+    edited = Noted(plan) if wish is None else wish.done(plan, said.words)
+    write_plan_file(edited.plan, ask.out, sound)
+    return edited

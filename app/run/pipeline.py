@@ -16,7 +16,7 @@ from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
 from app.run.ask import Ask, Done, OnEvent, ShouldCancel
-from app.run.body_motion import body_motion, in_register
+from app.run.bodies import body_motion, in_register
 from app.run.diagnostics import (
     figure6_of,
     jitter_of,
@@ -26,10 +26,9 @@ from app.run.diagnostics import (
 from app.run.given import NO_SPEECH, as_read, given_rows
 from app.run.made import made_rows
 from app.run.models import nothing_draws
-from app.run.output.provenance import PROVENANCE
+from app.run.output.provenance import PROVENANCE, settings_of, title_of
 from app.run.output.run_folder import RunRecord, cut, read_run, told_of
 from app.run.run_writer import Rows, RunWriter, writing_run
-from app.run.settings import settings_of, title_of
 from app.run.timeline import said_in
 from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
 from app.run.words import SpokenWords

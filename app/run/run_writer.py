@@ -17,8 +17,7 @@ from app.findings.measure_rows import numbers_of
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.ask import Grown, OnEvent, ShouldCancel
-from app.run.body_motion import Register, register_of
-from app.run.followed_point import TipSource
+from app.run.bodies import Register, TipSource, register_of
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     MAX_ROWS,

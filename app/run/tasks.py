@@ -37,12 +37,12 @@ class Task:
 DRAW_BEHIND = Task("app.run.videos.videos", "draw_behind")
 DRAW_SEEN = Task("app.run.videos.seen_video", "draw_seen")
 MAKE_TAKE = Task("app.run.takes.take", "make_take")
-MEASURE_HEARING = Task("app.run.experiments.hearing", "measure_hearing")
+MEASURE_HEARING = Task("app.run.experiments", "measure_hearing")
 MEASURE_SETS = Task("app.run.many.motions", "measure_sets")
-MEASURE_STEPS = Task("app.run.experiments.step_curve", "measure_step_curve")
+MEASURE_STEPS = Task("app.run.experiments", "measure_step_curve")
 RUN = Task("app.run.pipeline", "do")
 RENDER = Task("app.run.videos.export", "render_motion")
-SHOW_MECHANISM = Task("app.run.experiments.mechanism", "show_mechanism")
+SHOW_MECHANISM = Task("app.run.experiments", "show_mechanism")
 WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from app.run.ask import NUM_SECONDS
+from app.run.bodies import TipSource
 from app.run.diagnostics import onsets_of
-from app.run.followed_point import TipSource
 from app.run.output.run_folder import Text, file_of, read_run
 from conventions.names import REFERENCE_NAME, Version
 from conventions.rates import FPS, SAMPLE_RATE

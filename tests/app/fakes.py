@@ -29,7 +29,7 @@ from app.run.ask import (
     Progress,
     ShouldCancel,
 )
-from app.run.followed_point import TipSource
+from app.run.bodies import TipSource
 from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run

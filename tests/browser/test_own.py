@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs.own_motion import CLIP_LABEL, TAB
-from app.run.body_motion import in_register
+from app.run.bodies import in_register
 from app.run.examples import CLEAN, slide
 from conventions.joints import HANDS
 from model.formats.judged import RELAXED_HANDS

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 from app import text
 from app.page.tabs import live, own_motion
 from app.run import display
-from app.run.body_motion import body_motion
+from app.run.bodies import body_motion
 from app.run.display import Seen
 from app.run.pieces import frames_message
 from model.motion.altered import exaggerate, smooth_motion

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from app.run.body_motion import body_motion
+from app.run.bodies import body_motion
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.statistics.answers import collect

@@ -18,8 +18,8 @@ from app.page.results.result_parts import ResultParts
 from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
 from app.run.ask import NUM_SECONDS
+from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.output.run_folder import RunRecord, colors_of
-from app.run.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from conventions.names import REFERENCE_NAME, short_names
 
 MAX_VIDEOS = 12

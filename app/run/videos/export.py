@@ -10,8 +10,7 @@ from PIL import Image
 
 from app.errors import RunError
 from app.run.ask import OnEvent, ShouldCancel
-from app.run.body_motion import body_motion
-from app.run.followed_point import choose_tip_source
+from app.run.bodies import body_motion, choose_tip_source
 from app.run.models import get_body
 from app.run.output.telling import Reporter
 from app.run.tasks import MARKERS_ENDING, MAX_STILLS, SHEET_POSES, RenderAsk

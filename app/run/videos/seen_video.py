@@ -10,9 +10,8 @@ import numpy as np
 
 from app.errors import RunError
 from app.run.ask import Ask, OnEvent, ShouldCancel
-from app.run.body_motion import MAX_FRAMES, body_motion, in_register
+from app.run.bodies import MAX_FRAMES, body_motion, choose_tip_source, in_register
 from app.run.display import Seen, SeenPanel
-from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter

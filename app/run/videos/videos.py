@@ -15,9 +15,8 @@ from scipy import ndimage
 
 from app.errors import RunError
 from app.run.ask import MAX_COMPARED, Ask, Grown, OnEvent, ShouldCancel
-from app.run.body_motion import body_motion, picture_motions
+from app.run.bodies import TipSource, body_motion, choose_tip_source, picture_motions
 from app.run.display import FULL_SPEED_M_S, Display
-from app.run.followed_point import TipSource, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run

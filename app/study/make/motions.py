@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from app.errors import RunError
-from app.run.body_motion import body_motion
+from app.run.bodies import body_motion
 from app.run.models import get_body, get_system
 from app.run.takes.edits import as_long_as
 from app.study.design.plan import Clip, Condition, Plan

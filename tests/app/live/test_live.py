@@ -17,12 +17,11 @@ from scipy.spatial.transform import Rotation
 from app.errors import RunError
 from app.live import child as module
 from app.live import session as limits
-from app.live import sound as sounds
+from app.live import sessions as sounds
 from app.live.child import Performers, live_ask
 from app.live.minute import KEPT_FRAMES, LastMinute, performed
 from app.live.session import LiveSession, check_live, told_plan, why_less
-from app.live.sessions import LiveSessions
-from app.live.sound import MAX_SOUND_BYTES, Microphone, read_sound
+from app.live.sessions import MAX_SOUND_BYTES, LiveSessions, Microphone, read_sound
 from app.run.ask import Ask
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from app.config import EXAMPLES
 from app.run.ask import TIP, Ask
-from app.run.body_motion import picture_motions
+from app.run.bodies import TipSource, picture_motions
 from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
-from app.run.followed_point import TipSource
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import do
 from app.run.run_writer import writing_run

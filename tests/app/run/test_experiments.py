@@ -13,9 +13,17 @@ from PIL import Image
 
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
-from app.run.experiments.hearing import HearingAsk, measure_hearing
-from app.run.experiments.mechanism import NAMES, VIDEO, MechanismAsk, show_mechanism
-from app.run.experiments.step_curve import MAX_S, StepsAsk, measure_step_curve
+from app.run.experiments import (
+    MAX_S,
+    NAMES,
+    VIDEO,
+    HearingAsk,
+    MechanismAsk,
+    StepsAsk,
+    measure_hearing,
+    measure_step_curve,
+    show_mechanism,
+)
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from model.diagnostics import diagnose
@@ -243,7 +251,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
         lengths.append(speech.num_frames)
         raise Cancelled
 
-    monkeypatch.setattr("app.run.experiments.step_curve.generate_motion", watched)
+    monkeypatch.setattr("app.run.experiments.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     ask = StepsAsk(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(Cancelled):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.body_motion import body_motion
-from app.run.followed_point import TipSource
+from app.run.bodies import TipSource, body_motion
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, TIP_VERTICES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points

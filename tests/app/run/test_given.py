@@ -13,14 +13,14 @@ from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Stage
+from app.run.bodies import TipSource
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
-from app.run.followed_point import TipSource
+from app.run.output.provenance import names_of_motions
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
-from app.run.settings import names_of_motions
 from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
 from model.measures.point import Spectrum

@@ -21,7 +21,7 @@ from app.run.ask import (
     Progress,
     Take,
 )
-from app.run.body_motion import register_of
+from app.run.bodies import register_of
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message

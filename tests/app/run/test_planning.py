@@ -10,8 +10,8 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.run.ask import Ask
+from app.run.made import make_plan
 from app.run.pipeline import do
-from app.run.planning import make_plan
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file

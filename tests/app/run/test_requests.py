@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.run.bodies import TipSource
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
-from app.run.followed_point import TipSource
 from app.run.upload_check import Given, refusal_of
 from app.run.videos.videos import displayed, marks_of
 from conventions.joints import JOINT_INDEX

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.run.followed_point import TipSource, choose_tip_source
+from app.run.bodies import TipSource, choose_tip_source
 from app.run.timeline import (
     derivative_curve,
     make_timeline,

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from app.errors import Cancelled, RunError
 from app.run.ask import Ask, Progress
-from app.run.body_motion import SOLE_M, body_motion, in_register, picture_motions, register_of
+from app.run.bodies import SOLE_M, TipSource, body_motion, in_register, picture_motions, register_of
 from app.run.display import MAX_SHOWN, Look, Mode, Seen, SeenBody, SeenPanel
 from app.run.examples import CLEAN
-from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_poses, _draw_videos
@@ -94,7 +93,7 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
 
 
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.run.body_motion.MAX_FRAMES", 60)
+    monkeypatch.setattr("app.run.bodies.MAX_FRAMES", 60)
     motion = load_motion(CLEAN)
     pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]

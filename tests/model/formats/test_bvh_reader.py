@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.run.body_motion import body_motion
+from app.run.bodies import body_motion
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES
 from model.formats.read import read_any_motion, read_told
 from model.storage.npz import MotionError

@@ -23,9 +23,9 @@ from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.page.results.tables import measures_table
 from app.run.ask import Ask
+from app.run.output.provenance import NONE, differing, settings_of
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import writing_run
-from app.run.settings import NONE, differing, settings_of
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
 from model.speech.transcript import Transcript, Word

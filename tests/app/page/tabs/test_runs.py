@@ -212,8 +212,8 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
 def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why_it_kept_less(
     keeps, live, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("app.live.sound.AHEAD_S", 10.0)  # nobody waits for sound here
-    monkeypatch.setattr("app.live.sound.WATCHED_S", 1e9)
+    monkeypatch.setattr("app.live.sessions.AHEAD_S", 10.0)  # nobody waits for sound here
+    monkeypatch.setattr("app.live.sessions.WATCHED_S", 1e9)
     ready: list[Any] = []
     number = live.open(LIVE, "mine", ready.append)
     own = ready[0]["token"]

@@ -10,7 +10,7 @@ import pytest
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
 from app.run.ask import Ask, Grown, OnEvent, Progress, ShouldCancel
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NAMES, MechanismAsk, show_mechanism
+from app.run.experiments import NAMES, MechanismAsk, show_mechanism
 from app.run.output.run_folder import RunRecord, changed
 from app.run.run_writer import writing_run
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS

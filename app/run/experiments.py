@@ -1,0 +1,435 @@
+"""Runs of their own. Does it hear: several speeches with several seeds, and what each decides;
+where a system is deaf, the bodies of one seed move alike, whatever the speech. The paper's argument
+on a body: equal noise on local and on global rotations of one motion. Quality against time: what
+steps of a sampler buy, and what they cost on this machine."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pandas import DataFrame
+
+from app.errors import RunError
+from app.findings.comparison import ALIKE
+from app.run.ask import TIP, OnEvent, ShouldCancel
+from app.run.bodies import choose_tip_source
+from app.run.display import Display
+from app.run.made import options_of
+from app.run.models import get_body, get_system
+from app.run.output.run_folder import RunRecord
+from app.run.run_writer import RunWriter, writing_run
+from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk
+from app.run.videos.videos import jobs_of
+from conventions.names import file_stem, short_names
+from conventions.rates import SAMPLE_RATE
+from model.evaluation.judges import calm_over_lively, manner_of
+from model.formats.read import read_any_motion
+from model.generation.base import System
+from model.generation.windows import GenerateOptions, generate_motion
+from model.measures.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
+from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
+from model.measures.smoothness import derivative_magnitudes, mean_over_time
+from model.motion.altered import noisy_motions
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, save_motion
+from model.motion.tracks import moving_chain, track_points
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.transcript import NOTHING_SAID
+from renderer.figures.curves import (
+    HEARING,
+    STEPS,
+    HearingRow,
+    draw_error_growth,
+    draw_hearing,
+    draw_step_curve,
+)
+from renderer.figures.style import MAX_SYSTEMS
+from renderer.video.compose import compose_videos
+from renderer.video.workers import draw_jobs
+
+HEARD_S = 60.0
+"""Of each speech; the rest is not heard."""
+COMPARED = "Compared {count} system{s}."
+_NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
+_COLUMNS = ("same_speech", "same_noise", "neither", "by_speech", "by_noise")
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Motions of one system, by speech and seed."""
+
+    grid: Grid
+    guidance: float | None = None
+    """With which it heard its speech; None where that is not known."""
+    by_speaker: Grid = field(default_factory=dict)
+    """Of the first speech, by speaker and seed."""
+
+
+def measure_hearing(
+    ask: HearingAsk,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> None:
+    """Generate each speech with each seed, or read what is in the folder; leave numbers, the
+    figure, what the numbers say as notes, and what was generated.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
+            sentence.
+    """
+    ask.check()
+    record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
+    with writing_run(ask.out, record, on_event, should_cancel) as run:
+        if ask.is_of_motions:
+            of_system = {name: _Made(grid) for name, grid in _read_grids(ask.speeches[0]).items()}
+        else:
+            of_system = _generated(ask, _speeches(ask), run.share("numbers"))
+            for system, made in of_system.items():
+                for (speech, seed), motion in made.grid.items():
+                    path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
+                    save_motion(motion, path)
+                    run.file(path)
+        run.share("numbers")(1.0)
+        told = {
+            system: _heard_numbers(system, made, ask.speakers) for system, made in of_system.items()
+        }
+        labels = short_names(told)
+        run.note(*(_heard_sentence(labels[system], numbers) for system, numbers in told.items()))
+        table = [
+            (system, part, *shares.values())
+            for system, numbers in told.items()
+            for part, shares in numbers["parts"].items()
+        ]
+        run.table("hearing", told, [("system", "part", *_COLUMNS), *table])
+        _draw_hearing(told, of_system, run)
+        run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
+
+
+def _speeches(ask: HearingAsk) -> dict[str, Speech]:
+    """By name; no more of each than is heard."""
+    limits = SpeechLimits(max_s=ask.max_speech_s)
+    whole = {path.stem: load_speech(path, limits) for path in ask.speeches}
+    heard = int(HEARD_S * SAMPLE_RATE)
+    return {
+        name: replace(speech, waveform=speech.waveform[:heard]) for name, speech in whole.items()
+    }
+
+
+def _generated(
+    ask: HearingAsk, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
+) -> dict[str, _Made]:
+    systems = [get_system(name, ask.weights) for name in dict.fromkeys(ask.systems)]
+    first, seeds, speakers = next(iter(speeches)), range(ask.seeds), ask.speakers or ()
+    wanted = len(systems) * len(seeds) * (len(speeches) + len(speakers))
+    done = itertools.count()
+
+    def moved(system: System, speech: str, **asked: Any) -> Motion:
+        on_share(next(done) / wanted)
+        options = options_of(ask, system, **asked)
+        (motion,) = generate_motion(system, speeches[speech], options)
+        return motion
+
+    return {
+        system.name: _Made(
+            {(name, seed): moved(system, name, seed=seed) for name in speeches for seed in seeds},
+            options_of(ask, system).guidance,
+            {
+                (speaker, seed): moved(system, first, speaker=speaker, seed=seed)
+                for speaker in speakers
+                for seed in seeds
+            },
+        )
+        for system in systems
+    }
+
+
+def _read_grids(folder: Path) -> dict[str, Grid]:
+    """Motions of a folder, by what their names say."""
+    grids: dict[str, dict[tuple[str, int], Motion]] = {}
+    for path in sorted(folder.glob("*.npz")):
+        named = _NAMED.fullmatch(path.name)
+        if named is None:
+            raise RunError(
+                f"{path.name} must be called SYSTEM__SPEECH__SEED.npz or SPEECH__SEED.npz, with two"
+                " underscores between, so that it is known what it was made of."
+            )
+        grid = grids.setdefault(named["system"] or folder.name, {})
+        grid[named["speech"], int(named["seed"])] = read_any_motion(path).motion
+    if not 1 <= len(grids) <= MAX_SYSTEMS:
+        raise RunError(f"{folder} must hold 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
+    return dict(grids)
+
+
+def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
+    """Of one system, as ``hearing.json`` has them."""
+
+    def shares(found: Decided) -> dict[str, float]:
+        return {column: getattr(found, column) for column in _COLUMNS}
+
+    try:
+        told = {
+            "guidance": made.guidance,
+            "arm_rotations_same_noise": arm_rotations_same_noise(made.grid),
+            "parts": {part: shares(found) for part, found in decided(made.grid).items()},
+        }
+        if speakers is None:
+            return told
+        calm, lively = (
+            [motion for (who, _), motion in made.by_speaker.items() if who == speaker]
+            for speaker in speakers
+        )
+        compared = {
+            "calm": speakers[0],
+            "lively": speakers[1],
+            "manner": manner_of(made.by_speaker),
+            "calm_over_lively": calm_over_lively(calm, lively),
+        }
+    except ValueError as error:
+        raise RunError(f"{system}: {error}") from error
+    return {**told, "speakers": compared}
+
+
+def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
+    """What the numbers say of the arms, for a person."""
+    arms = numbers["parts"]["arms"]
+    is_more = arms["by_speech"] > arms["by_noise"]
+    hears = "It hears: speech decides more" if is_more else "It hears little: speech decides less"
+    told = (
+        f"{system}: speech decides {_percent(arms['by_speech'])} of the arms' speed and"
+        f" chance {_percent(arms['by_noise'])}; with the same noise and other speech their"
+        f" rotations correlate {numbers['arm_rotations_same_noise']:.2f}."
+    )
+    if "speakers" not in numbers:
+        return f"{told} {hears} than chance."
+    both = numbers["speakers"]
+    calm, manner = both["calm"], both["manner"]
+    return (
+        f"{told} Of {calm} and {both['lively']}, the speaker decides"
+        f" {_percent(manner['by_speaker'])} of the arms' speed; with the same noise and"
+        f" speech their rotations correlate {manner['arm_rotations_same_noise']:.2f}, and"
+        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast. {hears} than chance."
+    )
+
+
+def _draw_hearing(
+    told: Mapping[str, Mapping[str, Any]], of_system: Mapping[str, _Made], run: RunWriter
+) -> None:
+    rows = [
+        HearingRow(
+            system,
+            {key: arm_speed(motion) for key, motion in of_system[system].grid.items()},
+            {
+                part: (shares["by_speech"], shares["by_noise"])
+                for part, shares in numbers["parts"].items()
+            },
+        )
+        for system, numbers in told.items()
+    ]
+    run.figure("hearing", lambda: draw_hearing(rows), HEARING)
+
+
+def _percent(share: float) -> str:
+    return f"{min(max(share, 0.0), 1.0):.0%}"
+
+
+NAMES: tuple[str, str] = ("local noise", "global noise")
+"""Of the two bodies: where the noise is."""
+DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
+_DRAWN = 0.85
+"""Share of the work that is done when both bodies are drawn."""
+
+
+def show_mechanism(
+    ask: MechanismAsk,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> None:
+    """Move two bodies, leave both for a player with what the noise does, and draw them beside each
+    other where a video is asked for.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    ask.check()
+    (motion,) = ask.motions
+    if not moving_chain(ask.joint):
+        raise RunError(f"No rotation moves the {ask.joint}; follow a joint further from it.")
+    ask.told.check([motion])
+    found = read_any_motion(motion, ask.told, ask.body)
+    growth = measure_error_growth(
+        found.motion, open_body_skeleton(), ask.joint, ask.noise_rad, seed=ask.seed
+    )
+    noisy = dict(zip(NAMES, noisy_motions(found.motion, ask.noise_rad, ask.seed), strict=True))
+    record = RunRecord(kind="given", point=TIP)
+    with writing_run(ask.out, record, on_event, should_cancel, is_kept=ask.is_kept) as run:
+        tip = choose_tip_source(ask.body, TIP)
+        run.note(*found.notes, *_growth_told(growth, ask.noise_rad))
+        run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
+        _draw_growth(ask, growth, run)
+        if ask.has_video:
+            _draw_bodies(ask, found.motion, noisy, run)
+        run.finish(DRAWN.format(noise=ask.noise_rad))
+
+
+def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None:
+    """How far points along the chain are moved."""
+    spreads = DataFrame(
+        {
+            "point": growth.points,
+            "local": growth.local_spread_m,
+            "global": growth.global_spread_m,
+            "predicted_local": growth.predicted_local_spread_m,
+            "predicted_global": growth.predicted_global_spread_m,
+        }
+    )
+    said = growth_sentence(growth, ask.noise_rad)
+    run.figure("error_growth", lambda: draw_error_growth(spreads), said)
+
+
+def _draw_bodies(
+    ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
+) -> None:
+    body = get_body(ask.body)
+    tip = choose_tip_source(ask.body, ask.joint)
+    seen = replace(ask, display=Display(has_trail=True))
+    drawn = run.folder.scratch("bodies")
+    drawn.mkdir()
+    paths = {name: drawn / f"{number}.mp4" for number, name in enumerate(noisy)}
+
+    def out(name: str, _: object) -> Path:
+        return paths[name]
+
+    # The noise moves no camera.
+    jobs = jobs_of(noisy, seen, body, tip, out, staged=[clean])
+    draw_jobs(jobs, run.share("video", _DRAWN))
+    video = run.folder.path(VIDEO)
+    compose_videos(
+        list(paths.values()),
+        [f"{ask.noise_rad:g} rad of noise on {name}" for name in noisy],
+        video,
+        ask.speech,
+        on_progress=run.share("video", 1.0 - _DRAWN, _DRAWN),
+    )
+    run.file(video)
+
+
+def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
+    """What the experiment shows, and what it does not."""
+    jerk = growth.jerk_m_s3
+    yield growth_sentence(growth, noise_rad)
+    yield (
+        f"Its jerk is {jerk['local']:.0f} m/s³ with noise on local rotations, {jerk['global']:.0f} "
+        f"on global ones and {jerk['clean']:.0f} without noise."
+    )
+    yield (
+        "Equal noise is an assumption: how much a trained network errs in either form has to be "
+        "measured."
+    )
+
+
+MAX_S = 10.0
+"""Of the speech: time a frame does not depend on its length."""
+MEASURED = "Measured {count} motions."
+
+
+@dataclass(frozen=True)
+class StepPoint:
+    """One system with one number of steps."""
+
+    system: str
+    steps: int
+    ms_per_frame: float
+    """By the clock, one motion at a time, with the features of the speech."""
+    tip_jerk_m_s3: float
+    distance_cm: float
+    """Mean distance of all joints to where the same system, with the same noise, has them with the
+    most steps that were tried."""
+
+
+def measure_step_curve(
+    ask: StepsAsk,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> None:
+    """Generate with each system and number of steps; leave the table, the plot, and what they say
+    as notes.
+
+    Raises:
+        Cancelled: when ``should_cancel`` said so.
+        RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
+    """
+    ask.check()
+    whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
+    speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
+    systems = [get_system(name, ask.weights) for name in ask.systems]
+    record = RunRecord(kind="generated", point=TIP)
+    points: list[StepPoint] = []
+    with writing_run(ask.out, record, on_event, should_cancel) as run:
+        part = 1 / len(systems)
+        for number, system in enumerate(systems):
+            points += _points_of(system, speech, ask, run.share("numbers", part, number * part))
+        run.share("numbers")(1.0)
+        run.note(*_step_sentences(points))
+        told = list(map(asdict, points))
+        run.table("steps", told, [told[0], *(point.values() for point in told)])
+        run.figure("steps", lambda: draw_step_curve(DataFrame(points)), STEPS)
+        run.finish(MEASURED.format(count=len(points)))
+
+
+def _points_of(
+    system: System, speech: Speech, ask: StepsAsk, on_share: Callable[[float], None]
+) -> list[StepPoint]:
+    """From few steps to many."""
+    counts = sorted(set(ask.counts), reverse=True)  # the most first: others are compared to it
+    speaker = ask.speaker or next(iter(system.speakers))
+    generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
+    found: list[StepPoint] = []
+    most: np.ndarray | None = None
+    for done, count in enumerate(counts):
+        on_share(done / len(counts))
+        options = GenerateOptions(speaker, seed=ask.seed, steps=count)
+        started = time.perf_counter()
+        (motion,) = generate_motion(system, speech, options)
+        seconds = time.perf_counter() - started
+        positions, jerk = _places_and_jerk(motion)
+        most = positions if most is None else most
+        apart = ((positions - most) ** 2).sum(-1) ** 0.5
+        found.append(
+            StepPoint(
+                system=system.name,
+                steps=count,
+                ms_per_frame=1e3 * seconds / motion.num_frames,
+                tip_jerk_m_s3=jerk,
+                distance_cm=100 * float(apart.mean()),
+            )
+        )
+    return found[::-1]
+
+
+def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
+    tracks = track_points(motion, open_body_skeleton())
+    tip = tracks.point(TIP)
+    return tracks.joints, float(mean_over_time(derivative_magnitudes(tip, 3)))
+
+
+def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
+    """Of each system the fewest steps that are as calm as the most."""
+    for system, label in short_names(dict.fromkeys(point.system for point in points)).items():
+        of_it = [each for each in points if each.system == system]
+        most = of_it[-1]
+        calm = ALIKE * most.tip_jerk_m_s3
+        least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
+        yield (
+            f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
+            f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
+            f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
+        )
