@@ -270,10 +270,9 @@ class _Skeleton:
     def _fingers(self, wrist: int, side: str, ahead: np.ndarray) -> Found:
         """By names with numbers, else by chains: of a name, or the thumb's starts nearest and the
         others' in a row."""
-        below = [at for at in range(wrist + 1, wrist + self._sizes[wrist])]
         found: Found = {}
         for finger, (spelling, _) in _FINGER_NAMES.items():
-            for at in below:
+            for at in range(wrist + 1, wrist + self._sizes[wrist]):
                 number = re.search(rf"{spelling}[a-z]*0?([123])(?!\d)", self._labels[at])
                 if number:
                     found.setdefault(f"{side}_{finger}{number[1]}", [at])

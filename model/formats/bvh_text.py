@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from model.motion.motion import check_length
-from model.storage.npz import MAX_FILE_BYTES, MotionError
+from model.storage.npz import MotionError, check_size
 
 MAX_JOINTS = 400
 MAX_WORD = 200
@@ -51,8 +51,7 @@ def read_text(path: Path) -> Text:
     Raises:
         MotionError: for what is no BVH; it names the line and the reason.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise MotionError(f"{path.name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
+    check_size(path)
     try:
         return _Reader(path.name, path.read_text("latin-1")).read()
     except OSError as error:

@@ -18,6 +18,7 @@ from model.formats.numbers import (
     SET_NAMES,
     WIDTHS,
     Draft,
+    Shape,
     are_positions,
     laid_out,
     shape_of,
@@ -26,9 +27,9 @@ from model.formats.read import Assumption
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
-    MAX_FILE_BYTES,
     Header,
     MotionError,
+    check_size,
     opened_archive,
     read_array,
     read_headers,
@@ -172,11 +173,7 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
     Raises:
         MotionError: as `model.formats.read.read_any_motion`.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise MotionError(
-            f"{path.name} has {path.stat().st_size / 2**20:.0f} MiB; at most"
-            f" {MAX_FILE_BYTES // 2**20} MiB are read. Cut it first."
-        )
+    check_size(path)
     try:
         array = read_npy_file(path)
     except OSError as error:
@@ -205,7 +202,7 @@ def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "")
         return _of_columns(array, COLUMNS[width], name, told)
     if shape is None:
         raise MotionError(f"{named} has the shape {array.shape}; {_READS}.")
-    return _of_rotations(array, name, told)
+    return _of_rotations(array, shape, name, told)
 
 
 def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, str]) -> Draft:
@@ -238,9 +235,7 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
     return draft
 
 
-def _of_rotations(array: np.ndarray, name: str, told: dict[str, str]) -> Draft:
-    shape = shape_of(array.shape)
-    assert shape is not None
+def _of_rotations(array: np.ndarray, shape: Shape, name: str, told: dict[str, str]) -> Draft:
     check_length(shape.frames, name)
     draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
     rows = _one_of(draft, shape.rows(array))
@@ -403,10 +398,10 @@ class _Archive:
             others = tuple(each for each in found if each)
             why = f"`{found['']}`, beside {', '.join(others)}"
             self.choice = Assumption("motion", printable(found[""]), why, "likely", others)
-        for own in (False, True):
+        for own in (False, True):  # what is beside no other motion, then what is beside this one
             for key in self.headers:
                 prefix, plain = _split(key)
-                if (prefix == before) == own and (own or prefix not in found or not prefix):
+                if prefix == before if own else prefix not in found or not prefix:
                     self.plain[plain] = key
         return found[before]
 

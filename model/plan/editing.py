@@ -37,12 +37,14 @@ from model.plan.plan import (
     Gaze,
     GesturePlan,
     HandPhase,
+    Moment,
     Nod,
     Noted,
     Phase,
     PlanError,
     Side,
     Smile,
+    Span,
     Stand,
     without_gaps,
 )
@@ -311,27 +313,23 @@ def _ending_at(phases: Sequence[HandPhase], end_s: float) -> int | None:
     return near if near is not None and abs(phases[near].end_s - end_s) < SAME_S else None
 
 
-Body = Nod | Gaze | Brow | Smile | Blink | Stand
 _LISTS: dict[type, str] = {
     Nod: "nods", Gaze: "looks", Brow: "brows", Smile: "smiles", Blink: "blinks", Stand: "stands",
 }  # fmt: skip
 
 
-def with_event(plan: GesturePlan, event: Body) -> Noted:
+def with_event(plan: GesturePlan, event: Span | Moment) -> Noted:
     """The plan with a nod, look, brow, smile, blink or stand; a span cuts others of its list."""
-    name = _LISTS[type(event)]
-    end_s = getattr(event, "end_s", getattr(event, "time_s", 0.0))
-    start_s = getattr(event, "start_s", end_s)
+    name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
         raise PlanError(
             f"The speech goes from 0 to {plan.duration_s:.2f} s; got {start_s:g} to {end_s:g} s."
         )
-    events = list(getattr(plan, name))
-    if hasattr(event, "start_s"):
+    events = getattr(plan, name)
+    if isinstance(event, Span):
         events = [part for one in events for part in _around_span(one, start_s, end_s)]
-    events.append(event)
-    events.sort(key=lambda one: getattr(one, "start_s", getattr(one, "time_s", 0.0)))
-    return Noted(replace(plan, **{name: tuple(events)}))
+    in_time = sorted((*events, event), key=lambda one: one.start_s)
+    return Noted(replace(plan, **{name: tuple(in_time)}))
 
 
 def _around_span(event: Any, start_s: float, end_s: float) -> list[Any]:

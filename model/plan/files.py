@@ -7,8 +7,6 @@ labels can be: a tier for each phase, short labels, no places; what was made of 
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import re
@@ -31,6 +29,7 @@ from model.plan.plan import (
     Gaze,
     GesturePlan,
     HandPhase,
+    Moment,
     Nod,
     Noted,
     Phase,
@@ -38,6 +37,7 @@ from model.plan.plan import (
     Planted,
     Side,
     Smile,
+    Span,
     Stand,
     plan_of_json,
 )
@@ -51,6 +51,7 @@ from model.plan.tier_files import (
     textgrid_tiers,
 )
 from model.storage.files import bytes_within, written_atomically
+from model.storage.harmless import csv_text
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS
@@ -101,10 +102,8 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     return tuple(tiers)
 
 
-def _row(event: Any, label: str) -> Interval:
-    """Of a span, or of a moment."""
-    start_s = getattr(event, "start_s", getattr(event, "time_s", 0.0))
-    return Interval(round(start_s, 4), round(getattr(event, "end_s", start_s), 4), label)
+def _row(event: Span | Moment, label: str) -> Interval:
+    return Interval(round(event.start_s, 4), round(event.end_s, 4), label)
 
 
 def _numbered(*numbers: float) -> str:
@@ -543,9 +542,5 @@ def markers_of(plan: GesturePlan) -> tuple[Marker, ...]:
 
 def markers_csv(plan: GesturePlan) -> str:
     """The same as a table: ``frame``, ``time_s``, ``name``."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("frame", "time_s", "name"))
-    for marker in markers_of(plan):
-        table.writerow((marker.frame, f"{marker.time_s:.4f}", marker.name))
-    return text.getvalue()
+    rows = [(each.frame, f"{each.time_s:.4f}", each.name) for each in markers_of(plan)]
+    return csv_text([("frame", "time_s", "name"), *rows], "\n")

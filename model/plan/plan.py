@@ -11,7 +11,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -54,11 +54,32 @@ class _FromJson:
 
 
 @dataclass(frozen=True)
-class HandPhase(_FromJson):
-    """What one hand does from one time to another."""
+class Span(_FromJson):
+    """What lasts."""
 
     start_s: float
     end_s: float
+
+
+@dataclass(frozen=True)
+class Moment(_FromJson):
+    """What happens at once."""
+
+    time_s: float
+
+    @property
+    def start_s(self) -> float:
+        return self.time_s
+
+    @property
+    def end_s(self) -> float:
+        return self.time_s
+
+
+@dataclass(frozen=True)
+class HandPhase(Span):
+    """What one hand does from one time to another."""
+
     phase: Phase
     goal: tuple[float, float, float]
     """Out, up, forward: where the wrist is at the end, in metres; a hold may give way a little."""
@@ -69,20 +90,16 @@ class HandPhase(_FromJson):
 
 
 @dataclass(frozen=True)
-class Nod(_FromJson):
-    """The head goes down and up again."""
+class Nod(Moment):
+    """The head goes down, to its lowest point, and up again."""
 
-    time_s: float
-    """Of the lowest point."""
     depth_deg: float
 
 
 @dataclass(frozen=True)
-class Gaze(_FromJson):
+class Gaze(Span):
     """Where the eyes and the head are directed."""
 
-    start_s: float
-    end_s: float
     yaw_deg: float
     """To the body's left positive; 0 is the listener."""
     pitch_deg: float
@@ -90,46 +107,37 @@ class Gaze(_FromJson):
 
 
 @dataclass(frozen=True)
-class Brow(_FromJson):
+class Brow(Moment):
     """The brows rise and fall, or frown."""
 
-    time_s: float
     height: float
     """0 to 1, below 0 a frown."""
 
 
 @dataclass(frozen=True)
-class Smile(_FromJson):
+class Smile(Span):
     """A smile of one size."""
 
-    start_s: float
-    end_s: float
     size: float
     """0 to 1."""
 
 
 @dataclass(frozen=True)
-class Blink(_FromJson):
+class Blink(Moment):
     """The lids shut for a moment."""
-
-    time_s: float
 
 
 @dataclass(frozen=True)
-class Stand(_FromJson):
+class Stand(Span):
     """On which leg the body stands."""
 
-    start_s: float
-    end_s: float
     leg: Leg
 
 
 @dataclass(frozen=True)
-class Planted(_FromJson):
+class Planted(Span):
     """A foot that stays where it is."""
 
-    start_s: float
-    end_s: float
     foot: Side
 
 
@@ -146,7 +154,7 @@ class GesturePlan(_FromJson):
     smiles: tuple[Smile, ...] = ()
     blinks: tuple[Blink, ...] = ()
     stands: tuple[Stand, ...] = ()
-    planted: tuple[Planted, ...] = field(default=())
+    planted: tuple[Planted, ...] = ()
 
     def __post_init__(self) -> None:
         """
@@ -272,7 +280,7 @@ def _check(name: str, event: Any) -> None:
         raise PlanError(f"One of its {name} has a number that is not finite.")
     if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
         raise PlanError(f"One of its {name} has a goal farther than {REACH_M:g} m from the chest.")
-    if "end_s" in numbers and not event.start_s < event.end_s:
+    if isinstance(event, Span) and not event.start_s < event.end_s:
         raise PlanError(
             f"One of its {name} goes from {event.start_s:g} to {event.end_s:g} s; it must end "
             "after it begins."

@@ -6,7 +6,6 @@ holds the mono result and one block, whatever the file's rate, channels or lengt
 would read and resample wave files as well, holds all of a file at its own rate, in this process.
 """
 
-import hashlib
 import io
 import re
 import struct
@@ -23,7 +22,7 @@ from jaxtyping import Float, Float32, Float64
 
 from conventions.names import counted, printable
 from conventions.rates import FPS, SAMPLE_RATE
-from model.storage.files import written_atomically
+from model.storage.files import file_sha256, written_atomically
 
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""
@@ -194,8 +193,7 @@ def _checked_sha256(path: Path, name: str, limits: SpeechLimits) -> str:
                 f"{name} has {size / 2**20:.0f} MiB; at most {limits.max_bytes / 2**20:.0f} MiB "
                 "are read, so save it as FLAC or MP3."
             )
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_sha256(path)
     except OSError as error:
         raise SpeechError(f"{name} could not be read: {error.strerror or error}.") from error
 

@@ -31,6 +31,19 @@ class MotionError(ValueError):
     """A motion or motion file that cannot be used; the message is one sentence for a person."""
 
 
+def check_size(path: Path) -> None:
+    """
+    Raises:
+        MotionError: if it is too large a file to be opened.
+    """
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise MotionError(
+            f"{path.name} has {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
+            "read. Cut it first."
+        )
+
+
 @contextmanager
 def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     """The archive at ``path``, open.
@@ -42,12 +55,7 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     if not path.is_file():
         kind = "is a folder, not a motion file" if path.is_dir() else "does not exist"
         raise MotionError(f"{path.name} {kind}; give a BEAT2 motion file (.npz).")
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise MotionError(
-            f"{path.name} has {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
-            "read. Cut it first."
-        )
+    check_size(path)
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive

@@ -15,9 +15,20 @@ from app.run.ask import Ask
 from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Gesture, Hands, NoTimeError
-from model.plan.files import ENDINGS, plan_in
-from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, Noted, PlanError, Side
-from model.plan.style import LIMITS, excited, style_of, with_style
+from model.plan.files import check_ending, plan_in
+from model.plan.plan import (
+    SIDES,
+    Blink,
+    Gaze,
+    GesturePlan,
+    Moment,
+    Nod,
+    Noted,
+    PlanError,
+    Side,
+    Span,
+)
+from model.plan.style import LIMITS, StyleWish
 from model.speech.transcript import Word
 from model.storage.checked import why
 
@@ -259,9 +270,8 @@ def _look(plan: GesturePlan, told: Values, words: Said) -> Noted:
 
 
 def _remove(plan: GesturePlan, told: Values, words: Said) -> Noted:
-    def off(event: Any) -> float:
-        at = event.start_s if hasattr(event, "start_s") else event.time_s
-        return abs(at - told["at"])
+    def off(event: Span | Moment) -> float:
+        return abs(event.start_s - told["at"])
 
     events = getattr(plan, told["list"])
     nearest = min(events, key=off, default=None)
@@ -272,21 +282,15 @@ def _remove(plan: GesturePlan, told: Values, words: Said) -> Noted:
 
 
 def _style(plan: GesturePlan, told: Values, words: Said) -> Noted:
-    wish = style_of(plan)
-    wish = replace(wish, **{name: value for name, value in told.items() if name != "excite"})
-    if "excite" in told:
-        wish = excited(wish, told["excite"])
-    return with_style(plan, wish, words)
+    numbers = {name: value for name, value in told.items() if name != "excite"}
+    return StyleWish(numbers, excite=told.get("excite", 0.0)).done(plan, words)
 
 
 def _plan(plan: GesturePlan, told: Values, words: Said) -> Noted:
     """Another plan in place of this one, as long as the speech."""
-    ending = Path(told["name"]).suffix
-    if ending.lower() not in {each.lower() for each in ENDINGS}:
-        raise RunError(
-            f"A plan comes as {', '.join(ENDINGS)}; this file ends in {ending[:12] or 'nothing'!r}."
-        )
-    read = plan_in(told["text"].encode("utf-8", "replace"), f"plan{ending.lower()}")
+    name = f"plan{printable(Path(told['name']).suffix.lower())[:12]}"
+    check_ending(Path(name))
+    read = plan_in(told["text"].encode("utf-8", "replace"), name)
     return Noted(as_long_as(read.plan, plan.duration_s), read.notes)
 
 

@@ -321,10 +321,3 @@ def test_diffsheg_rows_of_the_upper_body(tmp_path: Path):
     assert (found[:, rest] == 0).all() and len(rest) == 11
     np.testing.assert_array_equal(reading.motion.expressions, MOTION.expressions)
     assert {"legs", "place"} <= reading.lacks
-
-
-def test_200_megabytes_are_refused_before_they_are_read(tmp_path: Path):
-    path = tmp_path / "theirs.npz"
-    with path.open("wb") as file:
-        file.truncate(200 * 10**6)
-    assert "191 MiB; at most 160 MiB" in refusal(path)
