@@ -64,6 +64,14 @@ def test_any_tree_of_a_person_is_known_by_its_form_and_points_as_in_the_file(
     np.testing.assert_allclose(found[:, joints], WANTED[:, joints], atol=3e-3)
 
 
+def test_numbers_in_names_say_which_joint_of_a_finger_it_is(tmp_path: Path):
+    """Where a bone of the palm, which has none, stands before them."""
+    less = str.maketrans({"1": "", "2": "1", "3": "2"})
+    names = [JOINT_NAMES[j].translate(less) if j in HANDS else JOINT_NAMES[j] for j in WHOLE]
+    told = read(tmp_path, text_of(WHOLE, names)).of("joints")
+    assert told is not None and "; 10 have no place, " in told.why
+
+
 def test_lengths_are_told_otherwise(tmp_path: Path):
     half = read(tmp_path, text_of(scale=50.0), "units=cm").motion
     np.testing.assert_allclose(joints_of(half)[:, 0], WANTED[:, 0] / 2, atol=1e-3)
