@@ -15,9 +15,9 @@ from app import text
 from app.commands import runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
-from app.commands.said import LogLines, say
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
+from app.run.output.telling import LogLines, say
 from model.systems.registry import left_out
 
 PROGRAM = "python -m app"

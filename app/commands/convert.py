@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import name_file, say
 from app.config import default_body
 from app.errors import RunError, sentence_of
 from app.flags import File
 from app.run.ask import Assumed
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
+from app.run.output.telling import name_file, say
 from conventions.names import printable
 from model.formats.read import Assumptions
 

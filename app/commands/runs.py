@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import name_file, say
 from app.config import default_body
 from app.errors import RunError
 from app.flags import (
@@ -30,7 +29,7 @@ from app.run.ask import SAMPLING, Ask
 from app.run.display import Display
 from app.run.many.board import board_page, entries_of, merged, read_board, write_board
 from app.run.output.run_folder import read_run
-from app.run.output.telling import Bars
+from app.run.output.telling import Bars, name_file, say
 from app.run.tasks import (
     MEASURE_HEARING,
     MEASURE_STEPS,

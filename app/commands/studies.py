@@ -10,11 +10,10 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import Count, File, written
-from app.run.output.telling import Bars
+from app.run.output.telling import Bars, name_file, say
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from processes import cluster
+from processes import pool
 from processes.job import JobsError
 from processes.pool import JobPool
 from tests.helpers import ROOT
@@ -108,6 +108,6 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
 
 
 def test_without_a_scheduler_a_sentence_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_S", 1)
+    monkeypatch.setattr(pool, "CONNECT_S", 1)
     with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         JobPool(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))

@@ -1,19 +1,18 @@
-"""How a run tells of itself: progress, notes, whether it shall stop; and bars of what goes on."""
+"""How a run tells of itself: progress, notes, whether it shall stop; and what a person is told on a
+terminal: sentences and bars on standard error, files for a script on standard output."""
 
 from __future__ import annotations
 
+import io
+import logging
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from app import text
 from app.errors import Cancelled
-from app.run.ask import (
-    Event,
-    OnEvent,
-    Progress,
-    ShouldCancel,
-    Stage,
-)
+from app.run.ask import Event, OnEvent, Progress, ShouldCancel, Stage
 from conventions.names import printable
 
 
@@ -98,3 +97,24 @@ class Bars:
         """Show how far a stage of a run is."""
         if isinstance(event, Progress):
             self.show(text.STAGE_NAMES[event.stage], event.fraction)
+
+
+def say(sentence: str) -> None:
+    """One line for a person."""
+    sys.stderr.write(f"{printable(sentence)}\n")
+
+
+def name_file(path: Path) -> None:
+    """One line for a script, which gets the very name; a terminal gets what it does not obey."""
+    out = sys.stdout
+    if isinstance(out, io.TextIOWrapper):
+        out.reconfigure(errors="surrogateescape")  # a name may be no text at all
+    out.write(f"{printable(str(path)) if out.isatty() else path}\n")
+    out.flush()
+
+
+class LogLines(logging.Formatter):
+    """Lines of the log that no terminal obeys."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return "\n".join(map(printable, super().format(record).split("\n")))

@@ -19,8 +19,15 @@ from app.live import child as module
 from app.live import session as limits
 from app.live import sessions as sounds
 from app.live.child import Performers, live_ask
-from app.live.minute import KEPT_FRAMES, LastMinute, performed
-from app.live.session import LiveSession, check_live, told_plan, why_less
+from app.live.session import (
+    KEPT_FRAMES,
+    LastMinute,
+    LiveSession,
+    check_live,
+    performed,
+    told_plan,
+    why_less,
+)
 from app.live.sessions import MAX_SOUND_BYTES, LiveSessions, Microphone, read_sound
 from app.run.ask import Ask
 from app.run.models import get_system
@@ -124,7 +131,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
 
 
 def test_memory_does_not_grow(session, clock, monkeypatch):
-    monkeypatch.setattr("app.live.minute.KEPT_FRAMES", 60)
+    monkeypatch.setattr("app.live.session.KEPT_FRAMES", 60)
 
     def held() -> int:
         return len(session.minute) + len(session._features._sound) + len(session._live._speech)

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.findings.measure_rows import MEASURES
 from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders
-from app.run.many.table import cells_of, interval
+from app.run.many.table import LEAST_CLIPS, cells_of, draw_spread, interval
 from app.run.pipeline import do
+from conventions.names import REFERENCE_NAME
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
 from model.formats.read import read_any_motion
@@ -213,3 +215,29 @@ def test_an_interval_holds_the_mean():
     mean, low, high = interval([1.0, 2.0, 3.0, 4.0])
     assert mean == 2.5 and 1.0 <= low < mean < high <= 4.0
     assert interval([2.0]) == (2.0, 2.0, 2.0)
+
+
+def numbers(clips: int, systems: list[str]) -> list[dict]:
+    told = [row.key for row in MEASURES if not row.group.startswith("Beat")]
+    return [
+        {"systems": {name: {"numbers": dict.fromkeys(told, 1.0 + k)} for name in systems}}
+        for k in range(clips)
+    ]
+
+
+def test_few_clips_have_no_figure(tmp_path: Path):
+    systems = ["a", REFERENCE_NAME]
+    assert draw_spread(tmp_path, systems, numbers(LEAST_CLIPS - 1, systems)) == ((), [])
+    files, said = draw_spread(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    assert [path.name for path in files] == [
+        f"distributions.{e}" for e in ("png", "svg", "pdf", "txt")
+    ]
+    assert all(path.is_file() for path in files) and not said
+    text = (tmp_path / "distributions.svg").read_text()
+    assert "Slide on the ground" in text and "BeatAlign" not in text
+
+
+def test_systems_beyond_the_styles_are_named(tmp_path: Path):
+    systems = [f"system {k}" for k in range(12)] + [REFERENCE_NAME]
+    files, said = draw_spread(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    assert files and "system 11" in said[0]
