@@ -198,13 +198,19 @@ def do_by_cluster(
     failed: dict[str, Exception] = {}
     try:
         # A key of its own for each call: Dask would take equal keys of two callers for one job.
-        running = {client.submit(_do, job, key=_key(job), pure=False): job for job in jobs}
+        running = {
+            client.submit(_do, job, key=f"{job.name}-{time.time_ns()}", pure=False): job
+            for job in jobs
+        }
         for future in as_completed(running, loop=client.loop):
             job = running[future]
             try:
                 future.result()
             except CancelledError as error:  # of all that are left
-                raise _gone(scheduler) from error
+                raise JobsError(
+                    f"The Dask scheduler at {scheduler} is gone; start one again and give the same "
+                    "command, which goes on with what is not done."
+                ) from error
             except Exception as error:
                 failed[job.name] = _told(error, job)
             else:
@@ -228,10 +234,6 @@ def _is_no_lost_connection(record: logging.LogRecord) -> bool:
     lost = (CommClosedError, OSError, TimeoutError, CancelledError, asyncio.CancelledError)
     error = record.exc_info[1] if record.exc_info else None
     return not (isinstance(error, lost) or str(record.msg).startswith(_GIVEN_UP))
-
-
-def _key(job: Job) -> str:
-    return f"{job.name}-{time.time_ns()}"
 
 
 def _do(job: Job) -> None:
@@ -259,10 +261,3 @@ def _told(error: Exception, job: Job) -> Exception:
             "say how."
         )
     return error
-
-
-def _gone(scheduler: str) -> JobsError:
-    return JobsError(
-        f"The Dask scheduler at {scheduler} is gone; start one again and give the same command, "
-        "which goes on with what is not done."
-    )
