@@ -156,7 +156,7 @@ def _step(diagnostics: Diagnostics) -> str:
     """How late each motion is."""
     found = {name: versions.raw.lag for name, versions in _with_reference(diagnostics).items()}
     told = [
-        f"{name} {lag.lag_s:+z.2f} s ({lag.lag_low_s:+z.2f} to {lag.lag_high_s:+z.2f}, by its"
+        f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
         f" {lag.lag_ground})"
         for name, lag in found.items()
         if lag is not None and lag.is_known

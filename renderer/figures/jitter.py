@@ -253,7 +253,7 @@ def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
             parts.append(f"No {title} of {', '.join(lacking)}: too short, or nothing moved.")
     if sheet.window_advance == 0:
         parts += [
-            f"The {part} of {name} jerk anew every {frames} frames."
+            f"Jerk of {name} repeats every {frames} frames, most in the {part}."
             for name, (frames, part) in sheet.periods.items()
         ]
         without = [name for name in sheet.jitter if name not in sheet.periods]
