@@ -20,13 +20,19 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX, JOINT_NAMES
+from conventions.joints import FINGERTIP_NAMES, JOINT_NAMES
 from conventions.rates import FPS
 from model.measures.smoothness import derivative_magnitudes, mean_over_time
-from model.motion.kinematics import RestSkeleton
+from model.motion.kinematics import (
+    RestSkeleton,
+    fingertip_positions,
+    global_from_local,
+    joint_positions_from_global,
+    local_from_global,
+)
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.motion.tracks import moving_chain, point_words
+from model.motion.tracks import POINT_NAMES, moving_chain, point_words
 
 NOISE_RAD = 0.02
 """About 1.1 degrees about each axis."""
@@ -82,24 +88,31 @@ def measure_error_growth(
     chain = moving_chain(point)
     if not chain:
         raise ValueError(f"No rotation moves the {point}; follow a joint further from it.")
-    bones = _bones(point, chain, skeleton)
-    local_rot = motion.local_rotations()[:MAX_FRAMES, list(chain)].double()
-    global_rot = _composed(local_rot)
-    clean = _points(global_rot, bones)
+    skeleton = RestSkeleton(skeleton.rest_joints.double(), skeleton.tip_offsets.double())
+    joints = list(chain)
+    local_rot = motion.local_rotations()[:MAX_FRAMES].double()
+    global_rot = global_from_local(local_rot)
+    clean = _points(global_rot, point, skeleton)
     generator = torch.Generator().manual_seed(seed)
     moved_local, moved_global, recovered, jerks = [], [], [], []
     for _ in range(DRAWS):
-        turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
+        turn = torch.zeros(local_rot.shape[:-1], dtype=torch.float64)
+        turn[:, joints] = (
+            noise_rad * torch.randn((len(turn), len(chain), 3), generator=generator).double()
+        )
         noise = matrix_from_axis_angle(turn)
         noisy_global = global_rot @ noise
-        by_form = [_points(_composed(local_rot @ noise), bones), _points(noisy_global, bones)]
+        by_form = [
+            _points(rotations, point, skeleton)
+            for rotations in (global_from_local(local_rot @ noise), noisy_global)
+        ]
         for moved, points in zip((moved_local, moved_global), by_form, strict=True):
             moved.append((points - clean).square().sum(-1).mean(0))
         jerks.append([_mean_jerk(points[:, -1]) for points in by_form])
-        back = geodesic_angle(_decomposed(noisy_global), local_rot)[:, 1:]
-        recovered.append(back.square().mean() / turn[:, 1:].square().sum(-1).mean())
+        back = geodesic_angle(local_from_global(noisy_global), local_rot)[:, joints[1:]]
+        recovered.append(back.square().mean() / turn[:, joints[1:]].square().sum(-1).mean())
     jerk_local, jerk_global = np.mean(jerks, axis=0)
-    predicted_local, predicted_global = _predicted(clean, bones, noise_rad)
+    predicted_local, predicted_global = _predicted(clean, noise_rad)
     return ErrorGrowth(
         points=(*(JOINT_NAMES[joint] for joint in chain[1:]), point),
         local_spread_m=torch.stack(moved_local).mean(0).sqrt().numpy(),
@@ -126,46 +139,24 @@ def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
     )
 
 
-def _bones(point: str, chain: tuple[int, ...], skeleton: RestSkeleton) -> Float[Tensor, "chain 3"]:
-    """From each joint of the chain to the next, and from the last to the point; rest pose."""
-    rest = skeleton.rest_joints.double()
-    if point in FINGERTIP_NAMES:
-        end = rest[chain[-1]] + skeleton.tip_offsets[FINGERTIP_NAMES.index(point)].double()
-    else:
-        end = rest[JOINT_INDEX[point]]
-    stations = torch.cat([rest[list(chain)], end[None]])
-    return stations.diff(dim=0)
-
-
-def _composed(local_rot: Float[Tensor, "T chain 3 3"]) -> Float[Tensor, "T chain 3 3"]:
-    """Global rotations along one chain."""
-    world = [local_rot[:, 0]]
-    for index in range(1, local_rot.shape[1]):
-        world.append(world[-1] @ local_rot[:, index])
-    return torch.stack(world, dim=1)
-
-
-def _decomposed(global_rot: Float[Tensor, "T chain 3 3"]) -> Float[Tensor, "T chain 3 3"]:
-    """Local rotations along one chain."""
-    relative = global_rot[:, :-1].transpose(-1, -2) @ global_rot[:, 1:]
-    return torch.cat([global_rot[:, :1], relative], dim=1)
-
-
 def _points(
-    global_rot: Float[Tensor, "T chain 3 3"], bones: Float[Tensor, "chain 3"]
+    global_rot: Float[Tensor, "T 55 3 3"], point: str, skeleton: RestSkeleton
 ) -> Float[Tensor, "T chain 3"]:
-    """Ends of the bones in metres, the pelvis at the origin."""
-    return (global_rot @ bones[..., None]).squeeze(-1).cumsum(dim=1)
+    """Of the joints after the pelvis on the way to a point, and of it; the pelvis at the origin."""
+    joints = joint_positions_from_global(global_rot, skeleton)
+    points = torch.cat([fingertip_positions(global_rot, joints, skeleton), joints], dim=1)
+    way = [len(FINGERTIP_NAMES) + joint for joint in moving_chain(point)[1:]]
+    return points[:, [*way, POINT_NAMES.index(point)]] - joints[:, :1]
 
 
 def _predicted(
-    points: Float[Tensor, "T chain 3"], bones: Float[Tensor, "chain 3"], noise_rad: float
+    points: Float[Tensor, "T chain 3"], noise_rad: float
 ) -> tuple[Float[Tensor, " chain"], Float[Tensor, " chain"]]:
     """Closed-form spread of every point for local and for global noise."""
     joints = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], dim=1)
     squared_lever = (points[:, :, None] - joints[:, None]).square().sum(-1).mean(0)
     local = squared_lever.tril().sum(-1)  # a joint moves what comes after it only
-    world = bones.square().sum(-1).cumsum(0)
+    world = squared_lever.diagonal().cumsum(0)
     return noise_rad * (2 * local).sqrt(), noise_rad * (2 * world).sqrt()
 
 
