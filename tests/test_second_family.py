@@ -94,7 +94,6 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
     cast = partial(Cast, (system,))
     table = measuring.evaluate(cast, data, clips, seeds=2, kept=tmp_path)
     assert table["motion"][DRAWN]["tip_jerk_m_s3"]["mean"] > 0
-    assert table["by_depth"][DRAWN]["jerk_m_s3"][-1] > 0
 
 
 def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):

@@ -1,7 +1,6 @@
 """The protocol ``motion``: each clip measured, every system's motion beside the recorded one, kept
 on disk; and intervals over all of them, the evaluation's table."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +19,6 @@ from model.evaluation.frechet import window_diversity
 from model.evaluation.judges import (
     FewClips,
     SpeakerJudge,
-    coupling,
     frame_loudness,
     matched,
     mean_of,
@@ -29,7 +27,6 @@ from model.evaluation.judges import (
 from model.evaluation.tables import (
     Estimate,
     bootstrap,
-    bootstrap_difference,
     bootstrap_of,
     bootstrap_ratio,
 )
@@ -37,7 +34,12 @@ from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats, differences, face, hearing
 from model.measures.differences import l1_to_mean
-from model.measures.face import face_and_hands, face_measures
+from model.measures.face import (
+    face_and_hands,
+    face_measures,
+    lagged_correlation,
+    wrist_speed,
+)
 from model.measures.hearing import SILENCE_S, speed_in_silence
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -61,9 +63,9 @@ MOTION_MEASURES = (
 
 def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
-) -> tuple[dict[str, float], list[float]]:
+) -> dict[str, float]:
     """Smoothness (raw), wander, diversity within the clip, and the error of the face, as far as a
-    clip is long enough; and its jerk by depth."""
+    clip is long enough."""
     found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
@@ -73,7 +75,7 @@ def clip_measures(
     numbers["l1_to_mean_m"] = l1_to_mean(joints)
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
         numbers["face_mse"] = face_error(motion, recorded)
-    return numbers, found["jerk_by_depth_m_s3"]
+    return numbers
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
@@ -117,7 +119,6 @@ def face_error(motion: Motion, recorded: Motion) -> float:
 
 
 RECORDED = "recorded"
-KINDS = ("right", "shifted", "foreign")
 RATIOS = (
     "tip_jerk_m_s3",
     "tip_path_m_s",
@@ -128,7 +129,7 @@ RATIOS = (
     "seam_jerk_ratio",
 )
 """Measures that are also given over those of the recorded clips."""
-ROWS_FORMAT = 2
+ROWS_FORMAT = 3
 """Raised whenever `save_rows` writes something else."""
 PAIRWISE_FRAMES = 300
 """Of each clip: the first 10 s."""
@@ -139,8 +140,6 @@ class ClipRow:
     """One row's numbers on one clip, averaged over noise seeds."""
 
     measures: dict[str, float]
-    jerk_by_depth: list[float]
-    couplings: dict[str, float]
     arrays: dict[str, np.ndarray]
     """``positions``: of each noise seed, rooted joints of the beginning, for the pairwise
     distances; ``windows`` of the first (`differences.windows_of`); and by distance the codes of
@@ -172,12 +171,25 @@ class ClipContext:
         return beats.speech_onsets(self.sound)
 
     @cached_property
-    def loudness(self) -> dict[str, np.ndarray]:
-        """Of each kind of speech, dB for each frame."""
-        own = frame_loudness(self.sound, self.recorded.num_frames)
-        foreign = frame_loudness(self.foreign, self.recorded.num_frames)
-        shifted = np.roll(own, round(face.SHIFT_S * FPS))
-        return dict(zip(KINDS, (own, shifted, foreign), strict=True))
+    def loudness(self) -> np.ndarray:
+        """Of the clip's speech, dB for each frame."""
+        return frame_loudness(self.sound, self.recorded.num_frames)
+
+    def wrists_with_loudness(self, positions: Sequence[np.ndarray]) -> dict[str, float]:
+        """How far their speed goes with the clip's own speech, and how much less with the same at
+        another time and with the foreign one: the choice of a lag raises it above 0 for any two."""
+        others = {
+            "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
+            "foreign": frame_loudness(self.foreign, self.recorded.num_frames),
+        }
+        own, *wrong = (
+            float(np.mean([lagged_correlation(wrist_speed(joints), track) for joints in positions]))
+            for track in (self.loudness, *others.values())
+        )
+        found = {"wrists_loudness": own}
+        for name, value in zip(others, wrong, strict=True):
+            found |= {f"wrists_loudness_{name}": value, f"wrists_loudness_less_{name}": own - value}
+        return found
 
     def row(
         self,
@@ -192,16 +204,13 @@ class ClipContext:
             more: measures that were found on other motions.
         """
         positions = [rooted_positions(motion) for motion in motions]
-        measured = [
-            clip_measures(m, self.recorded, p) for m, p in zip(motions, positions, strict=True)
-        ]
         numbers = [
-            one
+            clip_measures(motion, self.recorded, joints)
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
-            | face_measures(motion, self.loudness["right"])
+            | face_measures(motion, self.loudness)
             | face_and_hands(motion, joints)
             | (matched(self.cast.matching, motion, *self.heard) if self.cast.matching else {})
-            for (one, _), joints, motion in zip(measured, positions, motions, strict=True)
+            for joints, motion in zip(positions, motions, strict=True)
         ]
         arrays = {
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
@@ -212,40 +221,31 @@ class ClipContext:
             found = [codes for codes in judged if codes is not None]
             if len(found) == len(motions):
                 arrays[name] = np.concatenate(found)
-        return ClipRow(
-            measures=mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more),
-            jerk_by_depth=np.mean([by_depth for _, by_depth in measured], 0).tolist(),
-            couplings={
-                kind: float(np.mean([coupling(p, track) for p in positions]))
-                for kind, track in self.loudness.items()
-            },
-            arrays=arrays,
-        )
+        measures = mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more)
+        return ClipRow(measures | self.wrists_with_loudness(positions), arrays)
 
 
 def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
-    """Write a clip's rows, whole or not at all: numbers as JSON, arrays as they are."""
-    told = {name: vars(row) | {"arrays": list(row.arrays)} for name, row in rows.items()}
+    """Write a clip's rows, whole or not at all."""
     arrays = {
-        f"{place}.{key}": array
-        for place, row in enumerate(rows.values())
-        for key, array in row.arrays.items()
+        f"{name}|{part}|{key}": value
+        for name, row in rows.items()
+        for part, found in vars(row).items()
+        for key, value in found.items()
     }
-    text = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    with written_atomically(path) as part:
-        np.savez(part, rows=text, **arrays)  # type: ignore[arg-type]
+    with written_atomically(path) as file:
+        np.savez(file, **arrays)
 
 
 def load_rows(path: Path) -> dict[str, ClipRow]:
     """What `save_rows` wrote."""
+    rows: dict[str, ClipRow] = {}
     with np.load(path, allow_pickle=False) as archive:
-        told = json.loads(archive["rows"].tobytes())
-        return {
-            name: ClipRow(
-                **numbers | {"arrays": {key: archive[f"{k}.{key}"] for key in numbers["arrays"]}}
-            )
-            for k, (name, numbers) in enumerate(told.items())
-        }
+        for place, value in archive.items():
+            name, part, key = place.split("|")
+            row = rows.setdefault(name, ClipRow({}, {}))
+            getattr(row, part)[key] = value if part == "arrays" else float(value)
+    return rows
 
 
 @dataclass(frozen=True)
@@ -319,13 +319,9 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
 
     Returns:
         ``motion``: measures by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
-        against each other, where there is that distance;
-        ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
-        ``coupling``: of wrists and loudness.
+        against each other, where there is that distance.
     """
     motion: dict[str, dict[str, dict]] = {}
-    by_depth: dict[str, dict[str, list[float]]] = {}
-    couplings = {}
     recorded = [rows[RECORDED] for rows in clips]
     judged = _judged(recorded)
     for name in clips[0]:
@@ -359,20 +355,11 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
                 if measure in judged:
                     columns[measure] = frechet.distance(judged[measure], features)
         motion[name] = {measure: vars(interval) for measure, interval in columns.items()}
-        jerk = np.mean([row.jerk_by_depth for row in rows], axis=0)
-        by_depth[name] = {"jerk_m_s3": jerk.tolist()}
-        couplings[name] = _contrast([row.couplings for row in rows])
     floors = {
         f"{measure}_floor": vars(frechet.split_half_floor(features))
         for measure, features in judged.items()
     }
-    return {
-        "motion": motion,
-        **floors,
-        "by_depth": by_depth,
-        "coupling": couplings,
-        "settings": settings(),
-    }
+    return {"motion": motion, **floors, "settings": settings()}
 
 
 def settings() -> dict[str, float]:
@@ -426,12 +413,3 @@ def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:
     """Codes of all clips, by distance; those that a clip lacks are left out."""
     names = [name for name in frechet.ENCODERS if all(name in row.arrays for row in rows)]
     return {name: [row.arrays[name] for row in rows] for name in names}
-
-
-def _contrast(rows: Sequence[dict[str, float]]) -> dict[str, dict]:
-    values = {kind: [row[kind] for row in rows] for kind in KINDS}
-    result = {kind: vars(bootstrap(values[kind])) for kind in KINDS}
-    for kind in KINDS[1:]:
-        difference = bootstrap_difference(values["right"], values[kind])
-        result[f"right_minus_{kind}"] = vars(difference)
-    return result

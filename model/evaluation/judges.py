@@ -33,7 +33,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.face import lagged_correlation, wrist_speed
+from model.measures.face import wrist_speed
 from model.measures.hearing import (
     LEAST_FRAMES,
     SILENCE_S,
@@ -129,14 +129,6 @@ def frame_loudness(
     energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
     total = np.diff(energy[edges.clip(max=len(waveform))])
     return 10 * np.log10(total / np.diff(edges) + 1e-6)
-
-
-def coupling(positions: Float[np.ndarray, "T 55 3"], loudness: Float[np.ndarray, " T2"]) -> float:
-    """How far the speed of the wrists goes with the loudness of speech: their correlation at the
-    best lag within half a second, both smoothed over 0.3 s. The choice of the lag raises it above
-    0 for any two signals: compare with shifted speech.
-    """
-    return lagged_correlation(wrist_speed(positions), loudness)
 
 
 RECORDINGS = 6

@@ -64,11 +64,6 @@ def bootstrap_ratio(values: Sequence[float], reference: Sequence[float]) -> Esti
     return interval_of(float(a.mean() / b.mean()), a[index].mean(axis=1) / b[index].mean(axis=1))
 
 
-def bootstrap_difference(values: Sequence[float], reference: Sequence[float]) -> Estimate:
-    """Mean difference within clips."""
-    return bootstrap([a - b for a, b in zip(values, reference, strict=True)])
-
-
 COLUMNS = {
     "fmd": "FMD",
     "fed": "FED",
@@ -86,6 +81,11 @@ COLUMNS = {
     "matched_arms": "of arms alone",
     "matched_face": "of the jaw",
     "arm_speed_heard": "arm speed with that heard, r",
+    "wrists_loudness": "wrist speed with loudness, r",
+    "wrists_loudness_shifted": "shifted",
+    "wrists_loudness_foreign": "foreign",
+    "wrists_loudness_less_shifted": "right less shifted",
+    "wrists_loudness_less_foreign": "right less foreign",
     "face_mse": "face MSE",
     "blinks_per_min": "blinks a minute",
     "brow_std": "brow raise, std",
@@ -127,64 +127,38 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
     return str(Estimate(**columns[measure])) if measure in columns else "-"
 
 
-def _markdown(headings: list[str], rows: list[list[str]]) -> list[str]:
-    lines = [headings, ["---"] * len(headings), *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines] + [""]
-
-
 def as_markdown(table: dict) -> str:
-    """The parts of the table one below the other, systems in columns so that they stay narrow."""
+    """Systems in columns, so that they stay narrow."""
     rows = table["motion"]
-    lines = _markdown(
-        [f"{len(table['clips'])} test clips", *map(harmless.markdown, rows)],
-        [
-            [heading, *(_cell(columns, measure) for columns in rows.values())]
-            for measure, heading in COLUMNS.items()
-            if any(measure in columns for columns in rows.values())
-        ],
-    )
+    heads = [f"{len(table['clips'])} test clips", *map(harmless.markdown, rows)]
+    cells = [
+        [heading, *(_cell(columns, measure) for columns in rows.values())]
+        for measure, heading in COLUMNS.items()
+        if any(measure in columns for columns in rows.values())
+    ]
+    lines = ["| " + " | ".join(row) + " |" for row in (heads, ["---"] * len(heads), *cells)]
     for measure, heading in COLUMNS.items():
         if f"{measure}_floor" in table:
             floor = Estimate(**table[f"{measure}_floor"])
-            lines += [f"{heading} of recorded halves against each other: {floor}", ""]
+            lines += ["", f"{heading} of recorded halves against each other: {floor}"]
     for sentence in table["left_out"]:
-        lines += [sentence, ""]
-    kinds = ["right", "shifted", "foreign", "right_minus_shifted", "right_minus_foreign"]
-    lines += _markdown(
-        ["wrist speed with loudness, correlation", *(kind.replace("_", " ") for kind in kinds)],
-        [
-            [harmless.markdown(name), *(_cell(columns, kind) for kind in kinds)]
-            for name, columns in table["coupling"].items()
-        ],
-    )
-    jerks = {name: row["jerk_m_s3"] for name, row in table["by_depth"].items()}
-    lines += _markdown(
-        ["jerk_m_s3 by depth", *map(str, range(len(next(iter(jerks.values())))))],
-        [[harmless.markdown(name), *(f"{one:.3g}" for one in row)] for name, row in jerks.items()],
-    )
-    return "\n".join(lines)
+        lines += ["", sentence]
+    return "\n".join([*lines, ""])
 
 
 def as_csv(table: dict) -> str:
-    """One line for each value: part, row, measure, mean, low, high."""
-    lines: list[list[object]] = [["part", "row", "measure", "mean", "low", "high"]]
-    for part in ("motion", "coupling"):
-        for row, columns in table[part].items():
-            for measure, value in columns.items():
-                lines.append([part, row, measure, value["mean"], value["low"], value["high"]])
-    for floor in (f"{measure}_floor" for measure in COLUMNS):
-        if floor in table:
-            value = table[floor]
-            lines.append(["motion", "recorded", floor, value["mean"], value["low"], value["high"]])
-    for row, columns in table["by_depth"].items():
-        for measure, values in columns.items():
-            for depth, value in enumerate(values):
-                lines.append(["by_depth", row, f"{measure}_{depth}", value, "", ""])
-    return harmless.csv_text(lines, line_end="\n")
+    """One line for each value: row, measure, mean, low, high."""
+    floors = {f"{m}_floor": table[f"{m}_floor"] for m in COLUMNS if f"{m}_floor" in table}
+    lines = [
+        [row, measure, value["mean"], value["low"], value["high"]]
+        for row, columns in [*table["motion"].items(), ("recorded", floors)]
+        for measure, value in columns.items()
+    ]
+    return harmless.csv_text([["row", "measure", "mean", "low", "high"], *lines], line_end="\n")
 
 
 def as_latex(table: dict) -> str:
-    """The part ``motion`` as a tabular: measures in rows, systems in columns."""
+    """As a tabular: measures in rows, systems in columns."""
     rows = table["motion"]
     lines = [
         r"\begin{tabular}{l" + "r" * len(rows) + "}",

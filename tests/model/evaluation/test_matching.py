@@ -10,7 +10,6 @@ import torch
 from model.evaluation.clips import read_recording
 from model.evaluation.judges import (
     MEASURES,
-    coupling,
     frame_loudness,
     matched,
     pieces,
@@ -125,17 +124,6 @@ def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
         found = matched(bundled, motion, own, foreign)
         assert found["matched_face"] > 0.9
         assert found["matched"] > 0.5  # far from what it finds in the corpus
-
-
-def test_coupling_is_high_for_wrists_that_move_when_it_is_loud():
-    rng = np.random.default_rng(0)
-    loudness = np.convolve(rng.standard_normal(900), np.ones(15) / 15, "same")
-    step = np.clip(1 + 2 * loudness, 0, None)[6:, None, None] / 30  # the motion leads by 0.2 s
-    positions = np.cumsum(np.repeat(step, 55, 1) * np.array([1.0, 0, 0]), 0)
-    others = np.roll(loudness, 120), np.resize(rng.standard_normal(100), 900)
-    assert coupling(positions, loudness) > 0.95
-    assert max(coupling(positions, other) for other in others) < 0.5
-    assert coupling(np.zeros((90, 55, 3)), loudness) == 0  # what does not move follows nothing
 
 
 def test_loudness_is_in_decibels_by_frame_and_silent_after_the_end():
