@@ -301,7 +301,7 @@ class PriorNetwork(ConditionedNetwork):
         expression: Float[Tensor, "B T expression_dim"] | None = None,
         beside: Float[Tensor, "B T width"] | None = None,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1, told what `model.systems.globaldiff.network` is, and tokens of what
+        """Clean components x_1, told what `model.systems.globaldiff.system` is, and tokens of what
         else is known of each frame, which are added to the speech's (``beside``)."""
         tokens = self.hear(speech, has_speech)
         if beside is not None:

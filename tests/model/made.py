@@ -21,7 +21,7 @@ from model.storage.checkpoint import save_weights
 from model.systems.face.config import ExpressionConfig, FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
-from model.systems.globaldiff.network import MotionNetwork
+from model.systems.globaldiff.system import MotionNetwork
 from model.training.config import TrainConfig
 from tests.helpers import smooth_motion_example
 

@@ -24,7 +24,7 @@ from model.systems.asynfusion.network import (
     face_tensors,
     read_streams,
 )
-from model.systems.asynfusion.sampling import NUM_STEPS, flow_times, noise_of
+from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_of
 from model.training import losses
 from model.training.parallel import Draws
 from model.training.targets import (

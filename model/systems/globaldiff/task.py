@@ -19,7 +19,7 @@ from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
-from model.systems.globaldiff.network import MotionNetwork, make_network
+from model.systems.globaldiff.system import MotionNetwork, make_network
 from model.training import losses
 from model.training.losses import geometric_terms, positions_of, weighted
 from model.training.parallel import Draws, compiled

@@ -16,8 +16,7 @@ from tools.command import called
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
 from tools.corpus.layout import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig, open_body_rig
-from tools.corpus.report.drawing import draw_gestures
-from tools.corpus.report.page import report_page
+from tools.corpus.report.page import draw_gestures, report_page
 from tools.corpus.report.realism import MeasuredClip, measure_clip
 
 

@@ -15,7 +15,7 @@ from model.systems.asynfusion.network import (
     DualBranchNetwork,
     FeatureBuffer,
 )
-from model.systems.asynfusion.sampling import (
+from model.systems.asynfusion.system import (
     WAYS,
     flow_times,
     noise_of,

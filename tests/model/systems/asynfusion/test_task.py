@@ -10,7 +10,7 @@ from model.data.prepared import prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
 from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
-from model.systems.asynfusion.sampling import flow_times
+from model.systems.asynfusion.system import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
     make_task,

@@ -16,7 +16,7 @@ from model.systems.globaldiff.config import (
     NetworkConfig,
     presets,
 )
-from model.systems.globaldiff.network import MotionNetwork
+from model.systems.globaldiff.system import MotionNetwork
 from model.systems.registry import family_of
 from model.training.loop import differing_fields
 from tests.model.made import TINY_NETWORK, shaken
