@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from tools.command import called
 from tools.corpus.build import CorpusError, build_corpus
-from tools.corpus.people.voice import VoiceError
+from tools.corpus.people.speaker import VoiceError
 
 
 def make(out: Path, hours: float, seed: int, workers: int = os.cpu_count() or 1) -> None:

@@ -13,8 +13,7 @@ from processes.pool import JobPool
 from tools.corpus.clip import CorpusClip, make_clip
 from tools.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speaker import SPEAKERS, Speaker
-from tools.corpus.people.voice import require_flite
+from tools.corpus.people.speaker import SPEAKERS, Speaker, require_flite
 from tools.corpus.words.grammar import Split
 
 FORMAT = 3  # raised whenever the same seed gives other bytes

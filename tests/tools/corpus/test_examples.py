@@ -10,7 +10,7 @@ from model.plan.files import annotated_plan
 from model.speech.audio import load_speech
 from tests.tools.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
 from tools.corpus.layout import ClipPaths
-from tools.corpus.people.voice import VoiceError, require_flite, words_of
+from tools.corpus.people.speaker import VoiceError, require_flite, words_of
 
 EXAMPLES = EXAMPLE.parent
 NUMBER = re.compile(r"-?\d+\.?\d*")

@@ -23,8 +23,7 @@ from tools.corpus.gesture.gestures import (
 from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
 from tools.corpus.gesture.plan import HandPlan, make_plan
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.speaker import SPEAKERS
-from tools.corpus.people.voice import words_of
+from tools.corpus.people.speaker import SPEAKERS, words_of
 from tools.corpus.words.prosody import Phrase, SpokenWord, Utterance
 
 PEOPLE = {s.name: s for s in SPEAKERS}

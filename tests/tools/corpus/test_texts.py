@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from tools.corpus.people.voice import words_of
+from tools.corpus.people.speaker import words_of
 from tools.corpus.words.grammar import (
     AFTER_A_QUESTION,
     END_MARKS,

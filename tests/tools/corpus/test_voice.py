@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from conventions.rates import SAMPLE_RATE
-from tools.corpus.people.speaker import SPEAKERS
-from tools.corpus.people.voice import (
+from tools.corpus.people.speaker import (
     PAUSE,
+    SPEAKERS,
     FliteVoice,
     Phone,
     VoiceError,

@@ -18,8 +18,7 @@ from tools.corpus.body.signals import (
     smooth_line,
 )
 from tools.corpus.body.trunk import Trunk
-from tools.corpus.people.speaker import Speaker
-from tools.corpus.people.voice import PAUSE
+from tools.corpus.people.speaker import PAUSE, Speaker
 from tools.corpus.words.prosody import Utterance
 
 FINE = 4  # the mouth is computed at 120 frames a second

@@ -7,8 +7,7 @@ from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
 from conventions.rates import SAMPLE_RATE
-from tools.corpus.people.speaker import Speaker
-from tools.corpus.people.voice import PAUSE, Phone, say, words_of
+from tools.corpus.people.speaker import PAUSE, Phone, Speaker, say, words_of
 from tools.corpus.words.grammar import Split, talk
 
 FUNCTION_WORDS = frozenset(
