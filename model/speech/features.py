@@ -241,12 +241,8 @@ class RunningVoice:
 class CausalMel:
     """`MelEncoder` for sound that arrives in blocks. What it has said never changes."""
 
-    def __init__(self, voice_of: Callable[[Hops], Voice] | None = None) -> None:
-        """
-        Args:
-            voice_of: what voice is heard as of the next hops; by default that of a `RunningVoice`.
-        """
-        self._voice_of = voice_of or RunningVoice().voice
+    def __init__(self) -> None:
+        self._voice = RunningVoice()
         self._sound = np.zeros(0, np.float32)
         self._first_hop = 0
         """Of the sound that is kept."""
@@ -271,7 +267,7 @@ class CausalMel:
         before = min(1, start)  # the hop that onset and steadiness of the first are seen from
         found = analysed(self._sound, start - before, start + hops)
         new = Hops(*(values[before:] for values in vars(found).values()))
-        columns = columns_of(found, self._voice_of(new))[before:]
+        columns = columns_of(found, self._voice.voice(new))[before:]
         self._next_hop += hops
         self._drop_before(self._next_hop - _KEPT_BEFORE)
         silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'

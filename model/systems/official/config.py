@@ -99,17 +99,14 @@ def part_of(path: Path) -> Part | None:
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
 
 
-def require_speech(path: Path | None = None) -> Path:
+def require_speech() -> Path:
     """The folder of a speech model, or the file of features, by which the networks hear.
-
-    Args:
-        path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
 
     Raises:
         EncoderError: if neither names anything that is there.
     """
     named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
-    path = path or (Path(named) if named else None)
+    path = Path(named) if named else None
     if path is None or not path.exists():
         found = "none was named" if path is None else f"there is no {path}"
         raise EncoderError(

@@ -63,16 +63,10 @@ def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
     return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
 
 
-def official_encoder(path: Path | None = None) -> OfficialEncoder:
-    """The encoder that hears by the speech model in a folder, or has features from a file.
-
-    Args:
-        path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
-    """
-    source = require_speech(path)
-    if source.is_dir():
-        return OfficialEncoder(_by_model(source))
-    return OfficialEncoder(_prepared(source))
+def official_encoder() -> OfficialEncoder:
+    """The encoder that hears by the speech model in a folder, or has features from a file."""
+    source = require_speech()
+    return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 
 def _by_model(folder: Path) -> Hear:

@@ -1,6 +1,7 @@
 """What the authors' networks hear, window by window."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,17 @@ def _save_tiny(folder: Path, kind: str, **sizes: int) -> Path:
     return folder
 
 
+@pytest.fixture
+def encoder_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], OfficialEncoder]:
+    """By a folder or file that is named."""
+
+    def named(path: Path) -> OfficialEncoder:
+        monkeypatch.setenv("OFFICIAL_FEATURES", str(path))
+        return official_encoder()
+
+    return named
+
+
 def test_windows_survive_the_way_through_frames():
     windows = made("windows", (3, 60, 5))
     frames = by_frame(windows)
@@ -64,8 +76,8 @@ def test_windows_begin_where_the_authors_script_has_them():
 
 
 @pytest.mark.parametrize("kind", ["WavLM", "Hubert"])
-def test_a_model_hears_each_window_on_its_own(tmp_path, kind):
-    encoder = official_encoder(_save_tiny(tmp_path, kind))
+def test_a_model_hears_each_window_on_its_own(tmp_path, kind, encoder_of):
+    encoder = encoder_of(_save_tiny(tmp_path, kind))
     waveform = made_waveform(WINDOW_SAMPLES + STEP_SAMPLES)
     features = torch.from_numpy(encoder.encode(waveform, 112))
     second = waveform[STEP_SAMPLES:]
@@ -74,13 +86,13 @@ def test_a_model_hears_each_window_on_its_own(tmp_path, kind):
     louder = torch.from_numpy(encoder.encode(4 * second, 60))
     torch.testing.assert_close(alone, louder, atol=1e-3, rtol=0)  # each at the same level
     (tmp_path / "preprocessor_config.json").write_text('{"do_normalize": false}')
-    raw = torch.from_numpy(official_encoder(tmp_path).encode(second, 60))
+    raw = torch.from_numpy(encoder_of(tmp_path).encode(second, 60))
     assert (raw - alone).abs().max() > 1e-3
 
 
-def test_models_that_the_networks_do_not_know_are_told(tmp_path):
+def test_models_that_the_networks_do_not_know_are_told(tmp_path, encoder_of):
     with pytest.raises(EncoderError, match=r"holds no config.json of a speech model"):
-        official_encoder(tmp_path)
+        encoder_of(tmp_path)
     for config in (
         {"model_type": "whisper", "hidden_size": 1024},
         {"model_type": "wavlm", "hidden_size": 768},
@@ -88,18 +100,17 @@ def test_models_that_the_networks_do_not_know_are_told(tmp_path):
         (tmp_path / "config.json").write_text(json.dumps(config))
         told = f"holds a {config['model_type']} of width {config['hidden_size']}; the authors'"
         with pytest.raises(EncoderError, match=told):
-            official_encoder(tmp_path)
+            encoder_of(tmp_path)
     (tmp_path / "config.json").write_text('{"model_type": "wavlm", "hidden_size": 1024}')
     pytest.importorskip("transformers", reason="transformers is not installed")
     with pytest.raises(EncoderError, match=r"The speech model in .* cannot be loaded"):
-        official_encoder(tmp_path)
+        encoder_of(tmp_path)
 
 
-def test_prepared_features_are_those_of_one_speech(tmp_path, monkeypatch):
+def test_prepared_features_are_those_of_one_speech(tmp_path, encoder_of):
     windows = made("windows", (3, 60, SPEECH_DIM)).numpy()
     np.savez(tmp_path / "clip.npz", features=windows)
-    monkeypatch.setenv("OFFICIAL_FEATURES", str(tmp_path / "clip.npz"))
-    encoder = official_encoder()
+    encoder = encoder_of(tmp_path / "clip.npz")
     features = torch.from_numpy(encoder.encode(made_waveform(80_000), 150))
     np.testing.assert_array_equal(of_window(features[52:112]), windows[1])
     with pytest.raises(EncoderError, match=r"features of 3 windows, and this speech needs 6"):
@@ -107,7 +118,7 @@ def test_prepared_features_are_those_of_one_speech(tmp_path, monkeypatch):
     with pytest.raises(EncoderError, match="and this speech needs 1"):
         encoder.encode(made_waveform(100), 3)
     np.save(tmp_path / "two.npy", windows[:2])
-    assert official_encoder(tmp_path / "two.npy").encode(made_waveform(100), 3).shape == (3, 2048)
+    assert encoder_of(tmp_path / "two.npy").encode(made_waveform(100), 3).shape == (3, 2048)
 
 
 @pytest.mark.parametrize(
