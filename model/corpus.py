@@ -2,7 +2,7 @@
 
 import sys
 
-from tools.corpus.__main__ import main
+from tools.corpus.build import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -213,11 +213,7 @@ def evaluate(
     ]
     todo = sum(not job.is_done() for job in jobs)
     with tqdm(total=todo, desc="clips", unit="clip") as bar:
-
-        def on_done(name: str) -> None:
-            bar.update()
-
-        for error in pool.do_all(jobs, on_done).values():
+        for error in pool.do_all(jobs, lambda _: bar.update()).values():
             raise error
     rows = [load_rows(files[name]) for name in names]
     return {

@@ -5,7 +5,6 @@ What is trained, and how, is asked of the family that the system belongs to; the
 """
 
 import argparse
-import dataclasses
 import logging
 import sys
 from pathlib import Path
@@ -31,10 +30,9 @@ def main(arguments: list[str] | None = None) -> int:
         default=usual_systems("training")[0],
         help=f"one of {', '.join(_trained())}",
     )
-    parser.add_argument("--steps", type=int, help="instead of the config's number")
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings",
-        help="another value of one of the config's fields, e.g. network.width=64; can be repeated",
+        help="another value of one of the config's fields, e.g. steps=500; can be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--helpers",
@@ -49,7 +47,6 @@ def main(arguments: list[str] | None = None) -> int:
         metavar="DIR",
         help="begin with the weights of this folder and a fresh optimizer",
     )
-    parser.add_argument("--random-seed", type=int, default=0, help="another training of its kind")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--no-compile", action="store_true", help="never compile the step")
     parser.add_argument("--resume", action="store_true", help="go on from the state in --out")
@@ -61,9 +58,6 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         family = family_of(args.system)
         config = family.config(args.config, args.system)
-        config = dataclasses.replace(config, random_seed=args.random_seed)
-        if args.steps is not None:
-            config = dataclasses.replace(config, steps=args.steps)
         for setting in args.settings:
             config = with_setting(config, setting)
         with joined_processes() as shard:

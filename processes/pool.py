@@ -43,7 +43,7 @@ class JobPool:
     """A job that fails holds up no other; else its error is raised at once, but by a cluster."""
 
     def do_all(
-        self, jobs: Sequence[Job], on_done: Callable[[str], None] = lambda name: None
+        self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
     ) -> dict[str, Exception]:
         """Do every job that is not done yet.
 
@@ -67,7 +67,9 @@ class JobPool:
             return self._do_here(waiting, on_done)
         return self._do_by_processes(waiting, workers, on_done)
 
-    def _do_here(self, jobs: Sequence[Job], on_done: Callable[[str], None]) -> dict[str, Exception]:
+    def _do_here(
+        self, jobs: Sequence[Job], on_done: Callable[[str], object]
+    ) -> dict[str, Exception]:
         failed: dict[str, Exception] = {}
         for job in jobs:
             try:
@@ -81,7 +83,7 @@ class JobPool:
         return failed
 
     def _do_by_processes(
-        self, jobs: Sequence[Job], workers: int, on_done: Callable[[str], None]
+        self, jobs: Sequence[Job], workers: int, on_done: Callable[[str], object]
     ) -> dict[str, Exception]:
         """A worker that is killed takes its pool with it; another pool goes on with the rest."""
         failed: dict[str, Exception] = {}
@@ -120,7 +122,7 @@ class JobPool:
         running: Mapping[Future[None], str],
         failed: dict[str, Exception],
         finished: set[str],
-        on_done: Callable[[str], None],
+        on_done: Callable[[str], object],
     ) -> bool:
         """Returns whether a worker has ended meanwhile."""
         is_broken = False
@@ -172,7 +174,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def do_by_cluster(
-    jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], None]
+    jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], object]
 ) -> dict[str, Exception]:
     """As `processes.pool.JobPool.do_all`, of jobs that are not done."""
     try:

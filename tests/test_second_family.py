@@ -41,7 +41,7 @@ def trained(tmp_path_factory, data_folder, known) -> Path:
     out = tmp_path_factory.mktemp("regression") / "run"
     command = ["smoke", "--system", MEAN, "--data", str(data_folder), "--out", str(out)]
     for more in ([], ["--resume"]):
-        assert main([*command, "--steps", "2", "--no-compile", *more]) == 0
+        assert main([*command, "--set", "steps=2", "--no-compile", *more]) == 0
     state = state_of(out)
     assert state["step"] == 2 and len(state["optimizers"]) == 2
     assert all(optimizer["state"] for optimizer in state["optimizers"])

@@ -109,9 +109,10 @@ def test_the_command_begins_with_given_weights_and_their_statistics_and_keeps_th
     old = {"config": card["config"], "steps": 9}
     save_weights(root / "other-corpus", "globaldiff/global", given, old)
     out = root / "onward"
-    command = ["smoke", "--system", "globaldiff/global", "--steps", "2", "--no-compile"]
+    command = ["smoke", "--system", "globaldiff/global", "--no-compile"]
     command += ["--data", str(annotated_folder), "--out", str(out)]
-    for setting in ("learning_rate=0.0", "weight_decay=0.0", "batch_size=2", "save_every=1"):
+    settings = "steps=2 learning_rate=0.0 weight_decay=0.0 batch_size=2 save_every=1"
+    for setting in settings.split():
         command += ["--set", setting]
     with killed_at(1):
         main([*command, "--start-from", str(root / "other-corpus")])
@@ -245,7 +246,7 @@ def test_a_full_disk_is_told_in_one_sentence(root, annotated_folder, monkeypatch
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(module.torch, "save", full)
-    command = ["smoke", "--system", MOTION_VAE, "--steps", "1", "--no-compile"]
+    command = ["smoke", "--system", MOTION_VAE, "--set", "steps=1", "--no-compile"]
     out = root / "full-disk"
     assert main([*command, "--data", str(annotated_folder), "--out", str(out)]) == 1
     message = capsys.readouterr().err.splitlines()[-1]

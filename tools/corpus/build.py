@@ -1,19 +1,30 @@
-"""The whole corpus: which clips there are, and making the missing ones with several processes."""
+"""``python -m model.corpus --out DIR --hours H --seed N [--workers N]``: which clips there are, and
+making the missing ones with several processes."""
 
 import errno
 import json
-from collections.abc import Callable
+import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from tqdm import tqdm
+
 from model.storage.files import WriteError
 from processes.job import Job, JobsError
 from processes.pool import JobPool
-from tools.corpus.clip import CorpusClip, make_clip
-from tools.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
+from tools.command import called
+from tools.corpus.clip import (
+    SPLIT_TABLE,
+    CorpusClip,
+    clip_paths,
+    make_clip,
+    split_table,
+    write_bytes,
+    write_clip,
+)
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speaker import SPEAKERS, Speaker, require_flite
+from tools.corpus.people.speaker import SPEAKERS, Speaker, VoiceError, require_flite
 from tools.corpus.words.grammar import Split
 
 FORMAT = 3  # raised whenever the same seed gives other bytes
@@ -45,27 +56,21 @@ class ClipJob:
         return clip_paths(self.root, self.clip_id).all_exist()
 
 
-def build_corpus(
-    root: Path,
-    hours: float,
-    seed: int,
-    workers: int,
-    on_clip: Callable[[int, int], None] | None = None,
-) -> int:
-    """Make all clips that are still missing under ``root`` and write the table of splits.
+def main(arguments: list[str] | None = None) -> int:
+    return called(build_corpus, "model.corpus", arguments, CorpusError, VoiceError)
+
+
+def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count() or 1) -> None:
+    """Make a corpus of speech and co-speech motion in BEAT2's layout.
 
     The same hours and seed give the same bytes whatever the number of workers. A folder of the
     same seed is continued, also with more hours than before.
 
     Args:
-        root: the corpus folder; made if missing.
-        hours: the length of the corpus; clips last about a minute each.
-        seed: starts all randomness.
-        workers: number of processes.
-        on_clip: called with (clips done, clips in all) at the start and after every clip.
-
-    Returns:
-        The number of clips in the corpus.
+        out: Folder of the corpus.
+        hours: Length of the corpus; clips last about a minute each.
+        seed: Same seed, same bytes.
+        workers: Processes.
 
     Raises:
         CorpusError: for bad numbers, a folder of another corpus, or a full disk.
@@ -78,17 +83,18 @@ def build_corpus(
     if workers < 1:
         raise CorpusError(f"--workers must be at least 1; found {workers}.")
     require_flite()
-    jobs = plan_jobs(root, hours, seed)
+    jobs = plan_jobs(out, hours, seed)
     try:
-        _claim_folder(root, seed, jobs[0].clip_s)
-        _make_clips(jobs, workers, on_clip)
+        _claim_folder(out, seed, jobs[0].clip_s)
+        _make_clips(jobs, workers)
         rows = [(job.clip_id, job.split) for job in jobs]
-        write_bytes(root / SPLIT_TABLE, split_table(rows).encode())
+        write_bytes(out / SPLIT_TABLE, split_table(rows).encode())
+    except KeyboardInterrupt:
+        raise CorpusError("Interrupted; the same command continues where it stopped.") from None
     except WriteError as error:
         is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         need = " An hour takes about 230 MB; the same command continues." if is_full else ""
         raise CorpusError(f"{error}{need}") from error
-    return len(jobs)
 
 
 def plan_jobs(root: Path, hours: float, seed: int) -> list[ClipJob]:
@@ -152,23 +158,15 @@ def _describe(manifest: dict) -> str:
     return ", ".join(f"{key} {value}" for key, value in manifest.items())
 
 
-def _make_clips(
-    jobs: list[ClipJob], workers: int, on_clip: Callable[[int, int], None] | None
-) -> None:
+def _make_clips(jobs: list[ClipJob], workers: int) -> None:
     done = sum(job.is_done() for job in jobs)
-
-    def report(*names: str) -> None:
-        nonlocal done
-        done += len(names)
-        if on_clip is not None:
-            on_clip(done, len(jobs))
-
-    report()
     pieces = [Job(job.clip_id, job.is_done, partial(make_job, job)) for job in jobs]
-    try:
-        JobPool(workers, uses_torch=False, is_patient=False).do_all(pieces, report)
-    except JobsError as error:
-        raise CorpusError(str(error)) from error
+    pool = JobPool(workers, uses_torch=False, is_patient=False)
+    with tqdm(total=len(jobs), initial=done, unit="clip", desc="Corpus", delay=1) as bar:
+        try:
+            pool.do_all(pieces, lambda _: bar.update())
+        except JobsError as error:
+            raise CorpusError(str(error)) from error
 
 
 def make_job(job: ClipJob) -> None:

@@ -1,19 +1,32 @@
-"""One clip put together: speech, plan and motion for one speaker from one seed."""
+"""One clip put together for one speaker from one seed, and its files in BEAT2's layout: motion,
+sound, annotation and the table of splits.
 
+Every file is written under another name first and moved into place, and holds no time of writing,
+so that the same clip gives the same bytes. The annotation is a Praat TextGrid: what was said, and
+all that the body did to it; times are seconds. Nothing is measured in the motion: tiers hold what
+the motion was made from.
+"""
+
+import io
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.rates import FPS
+from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.speech.audio import wav_bytes
+from model.storage.files import write_error, written_atomically
 from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
 from tools.corpus.body.face import move_face
 from tools.corpus.body.legs import move_legs
 from tools.corpus.body.signals import BodyEvents, frame_times, quiet
 from tools.corpus.body.trunk import move_trunk
-from tools.corpus.gesture.plan import HandPlan, make_plan
+from tools.corpus.gesture.plan import HandKey, HandPlan, make_plan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.grammar import Split
@@ -77,3 +90,177 @@ def animate(
             *(legs.stances, legs.steps),
         ),
     )
+
+
+MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"
+SPLIT_TABLE = "train_test_split.csv"
+EXPRESSION_BASIS = "arkit52"
+
+
+@dataclass(frozen=True)
+class ClipPaths:
+    """The three files of a clip."""
+
+    motion: Path
+    sound: Path
+    textgrid: Path
+
+    def all_exist(self) -> bool:
+        return all(path.is_file() for path in (self.motion, self.sound, self.textgrid))
+
+
+def clip_paths(root: Path, clip_id: str) -> ClipPaths:
+    """Where the files of a clip lie under the corpus folder."""
+    return ClipPaths(
+        root / MOTION / f"{clip_id}.npz",
+        root / SOUND / f"{clip_id}.wav",
+        root / TEXTGRID / f"{clip_id}.TextGrid",
+    )
+
+
+def write_clip(root: Path, clip_id: str, clip: CorpusClip) -> None:
+    """Write the files of a clip, its motion last."""
+    paths = clip_paths(root, clip_id)
+    write_bytes(paths.sound, wav_bytes(clip.utterance.waveform))
+    write_bytes(paths.textgrid, textgrid(clip).encode())
+    motion = io.BytesIO()
+    np.savez(
+        motion,
+        poses=clip.poses,
+        trans=clip.trans,
+        expressions=clip.expressions,
+        betas=np.zeros(300, dtype=np.float32),
+        gender="neutral",
+        model="smplx2020",
+        mocap_frame_rate=np.array(FPS, dtype=np.int32),
+        expression_basis=EXPRESSION_BASIS,
+    )
+    write_bytes(paths.motion, motion.getvalue())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all, and its folder where there is none.
+
+    Raises:
+        WriteError: with the reason.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise write_error(path.parent, error) from error
+    with written_atomically(path) as part:
+        part.write_bytes(content)
+
+
+def split_table(rows: list[tuple[str, str]]) -> str:
+    """``train_test_split.csv``: the id and split of every clip."""
+    return "id,type\n" + "".join(f"{clip_id},{split}\n" for clip_id, split in rows)
+
+
+Span = tuple[float, float, str]
+Point = tuple[float, str]
+NO_SMILE = 0.02  # levels up to this are none
+
+
+def textgrid(clip: CorpusClip) -> str:
+    """The tiers of speech, of either hand, and of head, face and feet, in Praat's long format."""
+    utterance, events = clip.utterance, clip.events
+    duration_s = utterance.duration_s
+
+    def intervals(name: str, rows: list[Span]) -> NamedTier:
+        found: list[Interval] = []
+        for row in rows:
+            clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
+            if clipped is not None:
+                found.append(Interval(*clipped))
+        return NamedTier(name, tuple(found))
+
+    def moments(name: str, rows: list[Point]) -> NamedTier:
+        return NamedTier(
+            name, tuple(Interval(at, at, label) for at, label in rows), has_points=True
+        )
+
+    def points(name: str, rows: list[Point]) -> NamedTier:
+        return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))
+
+    moves = {side: hand_moves(clip.plan.keys[side], duration_s) for side in SIDES}
+    tiers = [
+        intervals("words", [(w.start_s, w.end_s, w.text) for w in utterance.words]),
+        intervals("phones", [(p.start_s, p.end_s, p.name) for p in utterance.phones]),
+        points("accents", [(w.beat_s, f"{w.accent:.3f}") for w in utterance.words if w.accent > 0]),
+        *(intervals(f"gesture_{side}", moves[side][0]) for side in SIDES),
+        *(moments(f"goal_{side}", moves[side][1]) for side in SIDES),
+        points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
+        points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in events.nods]),
+        intervals(
+            "gaze",
+            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in events.gaze],
+        ),
+        points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in events.brows]),
+        intervals(
+            "smile",
+            [(s.start_s, s.end_s, f"{s.size:.3f}") for s in events.smiles if s.size > NO_SMILE],
+        ),
+        points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in events.blinks]),
+        intervals("weight", [(s.start_s, s.end_s, s.leg) for s in events.stances]),
+        *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
+        intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
+    ]
+    return textgrid_of(tiers, round(duration_s, 4))
+
+
+def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list[Point]]:
+    """What a hand does when, and where it is to be at the end of each move.
+
+    An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has
+    one; holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
+    frame; the first, at 0, is the pose that the clip starts in.
+    """
+    started = [key for key in keys if key.arrive_s <= 0]
+    rows: list[tuple[Span, HandKey | None]] = []
+    for before, key in pairwise([started[-1], *(key for key in keys if key.arrive_s > 0)]):
+        start_s = max(key.arrive_s - key.duration_s, before.arrive_s)
+        rows.append(((before.arrive_s, start_s, _stillness(before)), None))
+        rows.append(((start_s, key.arrive_s, f"{key.phase} {key.gesture}".strip()), key))
+    rows.append(((keys[-1].arrive_s, duration_s, _stillness(keys[-1])), None))
+    intervals: list[Span] = []
+    goals = [(0.0, _goal(started[-1]))]
+    for row, key in rows:
+        clipped = _clipped(row, intervals[-1][1] if intervals else 0.0, duration_s)
+        if clipped is not None:
+            intervals.append(clipped)
+            if key is not None:
+                goals.append((clipped[1], _goal(key)))
+    return intervals, goals
+
+
+def _stillness(key: HandKey) -> str:
+    still = "rest" if key.phase in ("rest", "retraction") else "hold"
+    return f"{still} {key.gesture}".strip()
+
+
+def _goal(key: HandKey) -> str:
+    return " ".join(f"{metres:.3f}" for metres in key.pose.position)
+
+
+def _apexes(keys: list[HandKey], side: str) -> list[Point]:
+    """The ends of strokes: gesture, hand and the word it lands on."""
+    return [
+        (key.arrive_s, f"{key.gesture} {side} {key.word}".strip())
+        for key in keys
+        if key.phase == "stroke" and key.arrive_s > 0
+    ]
+
+
+def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Span]:
+    """The foot is planted wherever it does not step."""
+    steps = clip.events.steps[side]
+    starts = [0.0, *(step.end_s for step in steps)]
+    ends = [*(step.start_s for step in steps), duration_s]
+    return [(start, end, "planted") for start, end in zip(starts, ends, strict=True)]
+
+
+def _clipped(row: Span, from_s: float, duration_s: float) -> Span | None:
+    """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
+    start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
+    return (start_s, end_s, row[2]) if end_s > start_s else None

@@ -136,7 +136,7 @@ def test_a_compiled_step_is_the_step(tmp_path, data_folder):
     if not parallel.can_compile():
         pytest.skip("There is no C++ compiler here.")
     for name, flags in (("plain", ["--no-compile"]), ("compiled", [])):
-        command = [sys.executable, "-m", "model.train", "smoke", "--steps", "3", *flags,
+        command = [sys.executable, "-m", "model.train", "smoke", "--set", "steps=3", *flags,
                    "--data", str(data_folder), "--out", str(tmp_path / name)]  # fmt: skip
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     plain, compiled = (log_of(tmp_path / name) for name in ("plain", "compiled"))
@@ -181,7 +181,7 @@ def test_two_processes_train_as_one_does(tmp_path, data_folder, system):
     The variational network draws the most kinds of random numbers: windows, mirrors, masks, noise;
     the adversary averages the gradients of two networks by itself.
     """
-    arguments = ["smoke", "--system", system, "--steps", "4", "--data", str(data_folder)]
+    arguments = ["smoke", "--system", system, "--set", "steps=4", "--data", str(data_folder)]
     arguments += ["--no-compile"]
     assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
     train_in_two_processes(arguments, tmp_path / "two")

@@ -8,8 +8,7 @@ from typing import Any
 
 from conventions.rates import FPS, SAMPLE_RATE
 from tools.corpus.build import made_clip, plan_jobs
-from tools.corpus.clip import CorpusClip
-from tools.corpus.layout import ClipPaths, clip_paths, write_clip
+from tools.corpus.clip import ClipPaths, CorpusClip, clip_paths, write_clip
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "procedural_speaker"
 NAME = "a_procedural_speaker"

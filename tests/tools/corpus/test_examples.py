@@ -9,7 +9,7 @@ import pytest
 from model.plan.files import annotated_plan
 from model.speech.audio import load_speech
 from tests.tools.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
-from tools.corpus.layout import ClipPaths
+from tools.corpus.clip import ClipPaths
 from tools.corpus.people.speaker import VoiceError, require_flite, words_of
 
 EXAMPLES = EXAMPLE.parent

@@ -14,7 +14,7 @@ from model.storage.files import written_atomically
 from model.storage.npz import MotionError
 from tools.command import called
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
-from tools.corpus.layout import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
+from tools.corpus.clip import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig, open_body_rig
 from tools.corpus.report.page import draw_gestures, report_page
 from tools.corpus.report.realism import MeasuredClip, measure_clip

@@ -146,7 +146,7 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
 _HEAD = """# The procedural corpus in figures
 
 All tables are made by `python -m tools.corpus.report --data CORPUS --real BEAT2`. How the corpus is
-made is told in `tools/corpus/`, from `words` to `layout.py`. Real clips are one man's minutes from
+made is told in `tools/corpus/`, from `words` to `clip.py`. Real clips are one man's minutes from
 BEAT2's test split. They guide tuning; nothing measured on them is a test result, and no frame of
 them is in the corpus.
 """

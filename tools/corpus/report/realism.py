@@ -23,7 +23,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.motion import load_motion
 from model.plan.tier_files import textgrid_tiers
-from tools.corpus.layout import ClipPaths
+from tools.corpus.clip import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 
 LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
