@@ -20,7 +20,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.rates import FPS
-from model.data.annotated import kinds_of
 from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
 from model.plan.plan import (
     PHASES,
@@ -32,7 +31,7 @@ from model.plan.plan import (
     Side,
 )
 from model.plan.style import Manner
-from model.plan.tracks import BY_NAME, Begun, plan_of, tracks_of
+from model.plan.tracks import BY_NAME, Begun, plan_of
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90
@@ -97,11 +96,7 @@ class CausalPlanner:
         self, features: Float[Tensor, "n speech_dim"], ahead: PlannedAhead, first: int
     ) -> Float[Tensor, "n heard_dim"]:
         """What the motion network hears of frames from ``first`` on."""
-        at = first - ahead.origin
-        stop = at + len(features)
-        tracks = torch.from_numpy(tracks_of(ahead.condition, stop)[at:])
-        kinds = torch.from_numpy(kinds_of(ahead.condition, stop, self._planner.kinds)[at:]).float()
-        return torch.cat([features, tracks, kinds], dim=1)
+        return self._planner.with_plan(features, ahead.condition, first - ahead.origin)
 
     def _draw(
         self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int

@@ -14,12 +14,13 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
+from model.data.annotated import kinds_of
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
 from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
-from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of
+from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
@@ -272,6 +273,15 @@ class Planner:
             assert isinstance(head, TierHead)
             found[tier.name] = head.heard(heard).numpy()
         return found
+
+    def with_plan(
+        self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
+    ) -> Float[Tensor, "n heard_dim"]:
+        """What the motion network hears of a plan's frames from ``first`` on."""
+        stop = first + len(features)
+        tracks = torch.from_numpy(tracks_of(plan, stop)[first:])
+        kinds = torch.from_numpy(kinds_of(plan, stop, self.kinds)[first:]).float()
+        return torch.cat([features, tracks, kinds], dim=1)
 
 
 def heard_by_planner(

@@ -10,11 +10,10 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.data.annotated import kinds_of
 from model.generation.base import Draw
 from model.networks.trained import Trained
 from model.plan.plan import GesturePlan
-from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
+from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest
 from model.sampling.flow import SpeechGuide
 from model.storage.cards import CheckpointError
 from model.systems.face.face import faced
@@ -75,9 +74,7 @@ class PlannedSystem(GlobalDiffSystem):
     ) -> Float[Tensor, "T heard_dim"]:
         """See `System.hear`: features, then the plan's tracks and its two kinds."""
         assert draw.condition is not None
-        tracks = torch.from_numpy(tracks_of(draw.condition, num_frames))
-        kinds = torch.from_numpy(kinds_of(draw.condition, num_frames, self.planner.kinds)).float()
-        return torch.cat([super().hear(waveform, num_frames, draw), tracks, kinds], dim=1)
+        return self.planner.with_plan(super().hear(waveform, num_frames, draw), draw.condition, 0)
 
     def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
         assert draw.condition is not None
