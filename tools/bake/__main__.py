@@ -8,19 +8,204 @@ largest of each, correctives as halves.
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from conventions.joints import JOINT_INDEX
+from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from model.storage.files import written_atomically
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from tools.bake.build import MAX_INFLUENCES, BakedBody, bake, tip_offsets
+from renderer.body.look import REGION_INDEX
+from tools.bake import clothes, face, geometry
+from tools.bake.builds import FIGURES, in_zero_pose, joint_weights, on_skeleton
 from tools.bake.coarser import coarser, surface_of
+from tools.bake.geometry import Mesh
 from tools.bake.makehuman import MakeHuman
+from tools.bake.skinning import pose_correctives
 from tools.command import called
+
+SKIN_UNDER_CLOTH_M = 0.025
+"""How far the skin goes on under a hem."""
+SKIN_BELOW_CLOTH_M = 0.003
+"""How much thinner the body is there."""
+MAX_INFLUENCES = 8
+SEED = 0
+
+
+@dataclass(frozen=True)
+class BakedBody:
+    """A finished body in metres, zero pose, vertices in the order of the file."""
+
+    mesh: Mesh
+    rest_joints: Float[np.ndarray, "J 3"]
+    expression_names: tuple[str, ...]
+    """What the first offsets of the mesh are."""
+    build_names: tuple[str, ...]
+    """What the other offsets of the mesh are: from the first build to each of the others."""
+    pose_vertices: Int[np.ndarray, " K"]
+    pose_joints: Int[np.ndarray, " K"]
+    pose_offsets: Float[np.ndarray, "K 3 9"]
+
+
+def bake(source: MakeHuman) -> BakedBody:
+    """Everything, from files to arrays; the same result each time."""
+    units = source.face_units()
+    base, joints = _in_zero_pose(source, np.stack(list(units.values()), axis=1))
+    mesh = _assemble(source, base, joints, len(units))
+    mesh = _with_few_influences(mesh)
+    mesh = with_fixed_vertices(mesh, format_vertices(mesh, joints))
+    which, of_joint, offsets = pose_correctives(
+        mesh.positions, mesh.weights, joints, np.random.default_rng(SEED)
+    )
+    return BakedBody(mesh, joints, tuple(units), tuple(FIGURES)[1:], which, of_joint, offsets)
+
+
+def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
+    """From the last joint of each finger to its tip vertex, metres, by ``<side>_<finger>``."""
+    return {
+        f"{side}_{finger}": body.mesh.positions[TIP_VERTICES[f"{side}_{finger}"]]
+        - body.rest_joints[JOINT_INDEX[f"{side}_{finger}3"]]
+        for side in ("left", "right")
+        for finger in FINGERS
+    }
+
+
+def _in_zero_pose(
+    source: MakeHuman, units: Float[np.ndarray, "N E 3"]
+) -> tuple[Float[np.ndarray, "N C"], Float[np.ndarray, "J 3"]]:
+    """The columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
+    weights = joint_weights(source)
+    first, *others = FIGURES.values()
+    posed = in_zero_pose(source, first, weights)
+    turned = units @ posed.head_transform.T
+    builds = [
+        on_skeleton(in_zero_pose(source, figure, weights), posed, weights) - posed.vertices
+        for figure in others
+    ]
+    carried = [posed.vertices, weights, turned.reshape(len(weights), -1), *builds]
+    return np.concatenate(carried, axis=1), posed.joints
+
+
+def _assemble(
+    source: MakeHuman,
+    base: Float[np.ndarray, "N C"],
+    joints: Float[np.ndarray, "J 3"],
+    num_expressions: int,
+) -> Mesh:
+    def group(name: str) -> Mesh:
+        quads = source.quads(name)
+        unpainted = Mesh(quads, base, np.zeros(len(base), np.int64))
+        return unpainted.faces_only(np.ones(len(quads), bool))
+
+    wearer = clothes.Wearer(joints)
+    garments = clothes.dress(group("helper-tights"), wearer)
+
+    quads = source.quads("body")
+    ring = face.lip_line(quads)
+    base = base.copy()
+    base[:, :3] = face.with_closed_lips(base[:, :3], ring, quads)
+    body = _tucked_in(Mesh(quads, base, np.zeros(len(base), np.int64)), wearer)
+    head_vertices = wearer.above_neckline(base[:, :3]) > -SKIN_UNDER_CLOTH_M
+    hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - SKIN_UNDER_CLOTH_M
+    head_faces = np.asarray(head_vertices[quads].all(axis=1))
+    head = face.make_head(body.faces_only(head_faces), quads[head_faces], face.FacePaint(joints))
+    hand_faces = np.asarray(hand_vertices[quads].all(axis=1))
+    hands = body.faces_only(hand_faces).painted(REGION_INDEX["skin"])
+    eyes = [
+        face.eyeball(side, group(f"helper-{side[0]}-eye"), num_expressions)
+        for side in ("left", "right")
+    ]
+    lip_line = base[ring, :3]
+    mouth_middle = np.array([0.0, lip_line[:, 1].mean(), lip_line[:, 2].max()])
+    teeth = [
+        face.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
+        for row in ("upper", "lower")
+    ]
+    return geometry.join([head, hands, *eyes, *teeth, garments])
+
+
+def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
+    """The body made thinner where cloth lies on it, so that no skin shows through."""
+    sideways = np.abs(body.positions[:, 0])
+    below_hem = np.where(
+        sideways > wearer.wrist_m / 2,
+        wearer.sleeve_end_m - sideways,
+        -wearer.above_neckline(body.positions),
+    )
+    depth = np.clip(below_hem / 0.01, 0, 1)
+    return body.moved(body.positions - SKIN_BELOW_CLOTH_M * depth[:, None] * geometry.normals(body))
+
+
+def _with_few_influences(mesh: Mesh) -> Mesh:
+    """At most eight joints for each vertex, shares that sum to one."""
+    weights = mesh.weights
+    smallest_kept = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
+    kept = np.where(weights >= np.maximum(smallest_kept, 1e-4), weights, 0)
+    carried = mesh.carried.copy()
+    carried[:, 3 : 3 + weights.shape[1]] = kept / kept.sum(1, keepdims=True)
+    return Mesh(mesh.faces, carried, mesh.regions)
+
+
+NOSE_VERTEX = 9120
+SIDE_VERTICES = {
+    "left": {"eye": 9448, "ear": 6, "big_toe": 5770, "small_toe": 5780, "heel": 8846},
+    "right": {"eye": 9929, "ear": 616, "big_toe": 8463, "small_toe": 8474, "heel": 8635},
+}
+
+
+def format_vertices(mesh: Mesh, joints: Float[np.ndarray, "J 3"]) -> dict[int, int]:
+    """For each number that the format fixes: the vertex of ``mesh`` that belongs there."""
+    positions = mesh.positions
+    strongest = mesh.weights.argmax(1)
+    skin = mesh.regions == REGION_INDEX["skin"]
+    shoe = np.isin(mesh.regions, [REGION_INDEX["shoes"], REGION_INDEX["soles"]])
+
+    def follows(joint: str) -> Bool[np.ndarray, " V"]:
+        return strongest == JOINT_INDEX[joint]
+
+    def farthest(among: Bool[np.ndarray, " V"], direction: Float[np.ndarray, " 3"]) -> int:
+        index = np.flatnonzero(among)
+        return int(index[np.argmax(positions[index] @ direction)])
+
+    wanted: dict[int, int] = {}
+    eye_height = joints[JOINT_INDEX["left_eye"], 1]
+    near_eyes = skin & follows("head") & (np.abs(positions[:, 1] - eye_height) < 0.06)
+    nose = near_eyes & (np.abs(positions[:, 0]) < 0.01)
+    wanted[NOSE_VERTEX] = farthest(nose, np.array([0.0, 0.0, 1.0]))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        outward = np.array([sign, 0.0, 0.0])
+        for finger in FINGERS:
+            last = f"{side}_{finger}3"
+            on_finger = skin & follows(last)
+            # The vertex farthest along the line from the last joint to the outermost vertex.
+            along = positions[farthest(on_finger, outward)] - joints[JOINT_INDEX[last]]
+            wanted[TIP_VERTICES[f"{side}_{finger}"]] = farthest(on_finger, along)
+        numbers = SIDE_VERTICES[side]
+        foot = joints[JOINT_INDEX[f"{side}_foot"]]
+        toes = shoe & follows(f"{side}_foot")
+        inner = positions[:, 0] * sign < foot[0] * sign
+        wanted[numbers["big_toe"]] = farthest(toes & inner, np.array([0.0, 0.0, 1.0]))
+        wanted[numbers["small_toe"]] = farthest(toes & ~inner, np.array([sign, 0.0, 0.6]))
+        heel = shoe & follows(f"{side}_ankle")
+        wanted[numbers["heel"]] = farthest(heel, np.array([0.0, -0.3, -1.0]))
+        wanted[numbers["ear"]] = farthest(near_eyes, outward)
+        eye = follows(f"{side}_eye") & ~skin
+        wanted[numbers["eye"]] = farthest(eye, np.array([0.0, 0.0, 1.0]))
+    return wanted
+
+
+def with_fixed_vertices(mesh: Mesh, wanted: dict[int, int]) -> Mesh:
+    """The mesh in an order of vertices that puts ``wanted[number]`` at each ``number``."""
+    order: Int[np.ndarray, " V"] = np.arange(mesh.num_vertices)
+    place = np.arange(mesh.num_vertices)
+    for number, vertex in wanted.items():
+        swapped, old_place = order[number], place[vertex]
+        order[number], order[old_place] = vertex, swapped
+        place[vertex], place[swapped] = number, old_place
+    return Mesh(place[mesh.faces], mesh.carried[order], mesh.regions[order])
 
 
 def make(source: Path, out: Path) -> None:
