@@ -9,8 +9,7 @@ import pytest
 
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.report import __main__ as report
-from tools.corpus.report.__main__ import ReportError, list_clips, measure_clips
-from tools.corpus.report.page import report_page
+from tools.corpus.report.__main__ import ReportError, list_clips, measure_clips, report_page
 
 
 def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
