@@ -12,7 +12,7 @@ import datetime
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,8 @@ from processes.pool import JobPool
 FORMAT = 6
 """Of a clip's record; another one is measured anew."""
 _SPEECH = "the speech"
+_NEEDS = {row.key: row.needs for row in MEASURES}
+"""By measure the part of a body that it is of."""
 
 
 MAX_BYTES, MAX_FILES = 10**9, 1500
@@ -158,7 +160,10 @@ def _diagnose_clips(
     kept, here = ask.out.absolute() / "clips", absolute(ask)
     measured = {
         clip: _Clip(
-            {name: _absolute(found[clip]) for name, found in files.items()},
+            {
+                name: {sample: path.absolute() for sample, path in found[clip].items()}
+                for name, found in files.items()
+            },
             sounds[clip].absolute() if clip in sounds else None,
             *(here, kept / f"{clip}.json"),
         )
@@ -193,10 +198,6 @@ def _diagnose_clips(
         },
         sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
-
-
-def _absolute(samples: Samples) -> Samples:
-    return {sample: path.absolute() for sample, path in samples.items()}
 
 
 def _counts(numbers: Iterable[int]) -> str:
@@ -280,8 +281,9 @@ class _Clip:
                 motions.setdefault(name, []).append(motion)
                 evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
                 faults = without(find_faults(evidence), reading.lacks)
+                numbers = numbers_of(evidence.raw).items()
                 told.append({
-                    "numbers": without_what_lacks(numbers_of(evidence.raw), reading.lacks),
+                    "numbers": {k: v for k, v in numbers if _NEEDS[k] not in reading.lacks},
                     "findings": [fault.kind for fault in faults],
                     "sha256": file_sha256(self.files[name][sample]),
                 })  # fmt: skip
@@ -334,10 +336,10 @@ def _origin_of(
         numbers: of each clip, in ``systems`` by name the ``sha256`` of its file.
         mean_speeds: published ones that BeatAlign was measured with.
     """
-    digests = {
-        name: _digest([clip, each["systems"][name]["sha256"]] for clip, each in numbers.items())
-        for name in systems
-    }
+    digests = {}
+    for name in systems:
+        parts = [[clip, each["systems"][name]["sha256"]] for clip, each in numbers.items()]
+        digests[name] = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "project": revision(),
@@ -349,10 +351,6 @@ def _origin_of(
     }
 
 
-def _digest(parts: Any) -> str:
-    return hashlib.sha256(json.dumps(list(parts)).encode()).hexdigest()
-
-
 def assumed_in(reading: Reading) -> dict[str, Any]:
     """What is kept of one file: what is not as in our own files, and what it lacks."""
     told = [each for each in reading.assumptions if not each.is_usual]
@@ -360,12 +358,6 @@ def assumed_in(reading: Reading) -> dict[str, Any]:
         "said": [[each.kind, each.value, each.why] for each in told],
         "lacks": sorted(reading.lacks),
     }
-
-
-def without_what_lacks(numbers: Mapping[str, float], lacks: Collection[str]) -> dict[str, float]:
-    """By the keys of `MEASURES`, none of those that need a part that is not there."""
-    needs = {row.key: row.needs for row in MEASURES}
-    return {key: value for key, value in numbers.items() if needs[key] not in lacks}
 
 
 def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:

@@ -147,7 +147,8 @@ class ResultFolder:
     def __enter__(self) -> ResultFolder:
         self._held.__enter__()
         try:
-            _remove_unfinished(self.out)
+            for left in self.out.glob(f"{UNFINISHED}*"):  # by killed runs, as this one holds it
+                shutil.rmtree(left, ignore_errors=True)
             self._staging.mkdir(mode=0o700)
         except OSError as error:
             self._held.__exit__(None, None, None)
@@ -265,12 +266,6 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
             f"The disk at {folder} has {free_bytes / 1e6:.0f} MB free and this run needs about "
             f"{needed_bytes / 1e6:.0f} MB; free some space or write to another folder."
         )
-
-
-def _remove_unfinished(held: Path) -> None:
-    """Whoever is at work in a folder holds it, so that all of this is of killed runs."""
-    for staging in held.glob(f"{UNFINISHED}*"):
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def _unwritable(folder: Path, error: OSError) -> RunError:
