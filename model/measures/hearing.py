@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.measures.face import head_speed, unit_columns
+from model.measures.face import correlation, head_speed, unit_columns
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -94,9 +94,7 @@ TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
 def likeness(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
     """Correlation over the frames that both have; 0 for what does not move."""
     frames = min(len(one), len(other))
-    first, second = one[:frames] - one[:frames].mean(), other[:frames] - other[:frames].mean()
-    size = np.sqrt(np.square(first).sum() * np.square(second).sum())
-    return float((first * second).sum() / size) if size > 1e-9 else 0.0
+    return correlation(one[:frames], other[:frames])
 
 
 def arm_rotations_alike(one: Motion, other: Motion) -> float:
