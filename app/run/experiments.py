@@ -427,9 +427,11 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
         of_it = [each for each in points if each.system == system]
         most = of_it[-1]
         calm = ALIKE * most.tip_jerk_m_s3
-        least = next((each for each in of_it if each.tip_jerk_m_s3 <= calm), most)
+        least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
-            f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
+            f"{label}: with fewer than {most.steps} steps the fingertip jerks over 5 % more."
+            if least is most
+            else f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
             f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
             f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
         )

@@ -99,6 +99,8 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
     Raises:
         FigureError: if there is no point, or one with a number that cannot be drawn.
     """
+    from matplotlib.ticker import LogLocator
+
     if points.empty:
         raise FigureError("There is no point to draw.")
     is_good = np.isfinite(points[["ms_per_frame", *STEP_PANELS]]).all(axis=1)
@@ -124,7 +126,9 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
         axes.set_xscale("log")
         axes.set_xlim(times.min() / 1.3, times.max() * 1.5)
         style.from_zero(axes, points[quantity])
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
+        axes.minorticks_off()
         axes.set_xlabel("milliseconds a frame")
         if axes.get_xlim()[1] > REAL_TIME_MS:
             axes.axvline(REAL_TIME_MS, color=style.FAINT_INK, linewidth=0.5)

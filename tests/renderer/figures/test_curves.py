@@ -95,6 +95,8 @@ def test_every_step_is_where_its_numbers_are():
         assert drawn == set(wanted.itertuples(index=False, name=None))
         assert [text.get_text() for text in axes.texts] == ["1", "25", "1", "8", "25"]
         assert axes.get_xscale() == "log" and axes.get_ylim()[0] == 0.0
+        told = [text.get_text() for text in axes.get_xticklabels(which="both")]
+        assert {"0.5", "1", "2", "5", "10", "20"} <= {*told} and "$" not in "".join(told)
     assert [axes.get_label() for axes in figure.axes] == list(STEP_PANELS)
     for axes in slow.axes:
         assert "real time" in [text.get_text() for text in axes.texts]
