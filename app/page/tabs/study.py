@@ -106,7 +106,6 @@ def _build_materials(services: Services) -> dict[str, Any]:
         "Speech, one file for each clip",
         ["audio"],
         "study-speech",
-        height=150,
         file_count="multiple",
     )
     of["systems"] = gr.CheckboxGroup(
@@ -128,7 +127,6 @@ def _build_materials(services: Services) -> dict[str, Any]:
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
         [".npz", ".npy", ".bvh"],
         "study-motions",
-        height=150,
         file_count="multiple",
     )
     of["changed"] = of.pop("changed")  # as programs give them
