@@ -31,7 +31,7 @@ from model.motion.tracks import Tracks
 from model.speech.audio import Speech
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.harmless import csv_text
-from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
+from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, fits_column
 from renderer.figures.jitter import Jitter, JitterSheet
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
@@ -136,14 +136,17 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_start(ask: Ask, num_frames: int) -> None:
-    """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, before
-    anything is made.
+def check_figure(ask: Ask, num_frames: int, num_motions: int) -> None:
+    """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, and a column
+    taller than a page, before anything is made.
 
     Raises:
-        RunError: naming the last frame.
+        RunError: naming the last frame, or what fits.
     """
-    last, frames = num_frames - 1, ask.figure.frames
+    last, frames, panels = num_frames - 1, ask.figure.frames, ask.figure.panels
+    if ask.has_figures and ask.figure.width == "85mm" and not fits_column(num_motions, panels):
+        told = f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller"
+        raise RunError(f"{told} than a page at 85mm; ask for 174mm, or for fewer panels.")
     if not 0 <= ask.start_frame <= last:
         raise RunError(f"Figure 6 must start at frame 0 to {last}; got {ask.start_frame}.")
     if frames and frames[-1] > last:

@@ -11,7 +11,7 @@ import numpy as np
 from app.errors import RunError
 from app.run.ask import MAX_COMPARED, Ask
 from app.run.bodies import SOLE_M, choose_tip_source, picture_motions
-from app.run.diagnostics import check_start, onsets_of
+from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body
 from app.run.output.provenance import names_of_motions
 from app.run.output.run_folder import SPEECH as HEARD
@@ -53,7 +53,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     motions = {name: each.motion for name, each in readings.items()}
     windows = _windows(ask, motions)
     shown = _shown(ask, motions)
-    check_start(ask, min(motion.num_frames for motion in motions.values()))
+    check_figure(ask, min(motion.num_frames for motion in motions.values()), len(shown))
     limits = SpeechLimits(channel=ask.channel)
     speech = None if ask.speech is None else load_speech(ask.speech, limits)
     notes = apart(readings) + [note for each in readings.values() for note in each.notes]

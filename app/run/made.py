@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.ask import SAMPLING, Ask, steps_of
+from app.run.ask import MAX_COMPARED, SAMPLING, Ask, steps_of
 from app.run.bodies import choose_tip_source
-from app.run.diagnostics import check_start, onsets_of
+from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body, get_system
 from app.run.output.provenance import origin_of, title_of
 from app.run.output.result_folder import require_free_space
@@ -73,12 +73,13 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     run.progress("speech", 1.0)
     run.record.title = cut(title_of(ask, list(options)))
     run.record.speech_sha256 = speech.sha256
-    run.rows(row_names(ask, list(options)))
+    run.rows(names := row_names(ask, list(options)))
     shown = {name: filtered(raw, ask.post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
     tip = choose_tip_source(ask.body, ask.joint)
-    check_start(ask, min(each.num_frames for each in (speech, *recorded.values())))
+    shortest = min(each.num_frames for each in (speech, *recorded.values()))
+    check_figure(ask, shortest, min(MAX_COMPARED, len(names)))
     if any(map(_performs, systems)) and (ask.plan is None or ask.style):
         words.begin(speech.waveform)  # plans are drawn from words: these come first
         words.found(run.stop_if_asked)

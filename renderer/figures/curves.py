@@ -202,6 +202,7 @@ def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
     of two speeches with two noise seeds each, on the right the shares by part of the body."""
     figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
     cut = round(SHOWN_S * FPS)
+    longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
     highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed.values())
     pairs = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(2.0, 1.0))
     for number, (row, (speeds, shares)) in enumerate(zip(rows, pairs, strict=True)):
@@ -215,7 +216,7 @@ def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
                 color, line = SPEECH_COLORS[speeches.index(speech)], NOISE_LINES[seeds.index(seed)]
                 times = np.arange(len(speed[:cut])) / FPS
                 speeds.plot(times, speed[:cut], linewidth=0.8, color=color, linestyle=line)
-        speeds.set_xlim(0.0, _shown_s(rows))
+        speeds.set_xlim(0.0, min(cut, longest) / FPS)
         speeds.set_ylim(0.0, 1.05 * highest)
         speeds.set_ylabel("arm speed (\N{DEGREE SIGN}/s)")
         speeds.grid(True, axis="y")
@@ -224,11 +225,6 @@ def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
     pairs[-1][1].set_xlabel("share")
     _write_keys(figure, rows[0])
     return figure
-
-
-def _shown_s(rows: Sequence[HearingRow]) -> float:
-    longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
-    return min(SHOWN_S, longest / FPS)
 
 
 def _draw_shares(axes: "Axes", row: HearingRow) -> None:

@@ -50,6 +50,7 @@ MARK_RGB = (0.29, 0.08, 0.43)
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
 _FAINT = 0.3
 _KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
+_COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # of each motion, where a column holds them
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 """What a body has beyond its outermost joints, as shares of the height of all of them."""
 _FILTERED: dict[PostFilter, str] = {
@@ -83,6 +84,12 @@ class JointMarks:
             "Marks: jerk of each joint around the frame, largest and darkest at"
             f" {self.full_scale:g} m/s³ and above, none below {FAINTEST * self.full_scale:g} m/s³."
         )
+
+
+def fits_column(num_motions: int, panels: Sequence[str]) -> bool:
+    """Whether a column with panels of so many motions is no taller than a page."""
+    each_mm = sum(mm for letters, mm in _COLUMN_MM.items() if {*letters} & {*panels})
+    return num_motions * each_mm + 35.0 <= MAX_HEIGHT_MM  # with titles, keys and times
 
 
 def choose_snapshot_frames(num_frames: int, start_frame: int = 0) -> tuple[int, ...]:
@@ -271,7 +278,8 @@ def draw_figure6(contents: Figure6) -> "Figure":
     total = min(total, MAX_HEIGHT_MM) if contents.is_in_one_plot else total
     figure = style.new_figure(contents.width_mm, total)
     marks = _mark_samples(contents) if cells else []
-    style.draw_keys(figure, contents.styles if contents.is_in_one_plot else {}, marks)
+    has_lines = contents.is_in_one_plot and {"a", "c"} & {*contents.panels}
+    style.draw_keys(figure, contents.styles if has_lines else {}, marks)
     titles = {
         "a": contents.point,
         "b": "Snapshots by frame",
@@ -321,7 +329,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
     if contents.is_in_one_plot:
         strips = count * (14.0 if is_wide else 12.0)
         room = 0.6 * width if is_wide and "a" in contents.panels else width
-        each = min(room / aspect, (110.0 if is_wide else 75.0) / count)
+        each = min(room / aspect, (150.0 if is_wide else 75.0) / count)
         pictures = count * (each + 1.5 * _KEY_MM)
         if is_wide:
             beside = each * aspect + 3.0
@@ -342,9 +350,9 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
         beside = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
         path = min(0.45 * (width - beside), 1.3 * height)
         yield from rows("abc", alone, height, width - beside - path, beside, path)
-    else:  # with all panels of many motions taller than a page
-        strips, each = count * 11.0, min(width / aspect, 24.0)
-        yield from rows("ac", alone, 26.0, 0.65 * width, 0.35 * width)
+    else:
+        strips, each = count * _COLUMN_MM["d"], min(width / aspect, _COLUMN_MM["b"] - _KEY_MM)
+        yield from rows("ac", alone, _COLUMN_MM["ac"], 0.65 * width, 0.35 * width)
         yield from rows("b", [names], count * (each + _KEY_MM), width)
     yield from rows("d", [names], strips, width)
 
@@ -565,16 +573,13 @@ def _mark_samples(contents: Figure6) -> list[Any]:
 
     marks = contents.marks
     assert marks is not None
-    texts = {
-        0.5: f"jerk {0.5 * marks.full_scale:g}",
-        1.0: f"{marks.full_scale:g} m/s³",
-    }
     return [
         Line2D(
-            [], [], linestyle="", marker="o", markersize=4.5 * (0.45 + 0.55 * strength), label=text,
+            [], [], linestyle="", marker="o", markersize=4.5 * (0.45 + 0.55 * strength),
+            label=f"jerk {strength * marks.full_scale:g} m/s³",
             markerfacecolor=(*MARK_RGB, _opacity(strength)), markeredgecolor="white",
         )
-        for strength, text in texts.items()
+        for strength in (0.5, 1.0)
     ]  # fmt: skip
 
 

@@ -127,7 +127,6 @@ JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NA
 
 ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "seams": 42.0}
 """By name the height in millimetres."""
-FOLDED = "frame of the period found"
 HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
@@ -137,7 +136,6 @@ LOG_FROM = 12.0
 message, is seen on a linear one."""
 _JERK = "jerk (m/s³)"
 _MARKERS = 9
-_SHADE = "#ececec"
 
 
 def draw_sheet(sheet: JitterSheet) -> "Figure":
@@ -178,9 +176,9 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
         if sheet.window_advance:
             every = sheet.window_advance
             axes.set_xlabel(f"frame of the window, one every {every}; shaded: shared by two")
-            axes.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
+            axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
-            axes.set_xlabel(FOLDED)
+            axes.set_xlabel("frame of the period found")
             axes.xaxis.get_major_locator().set_params(integer=True)
     return figure
 

@@ -374,6 +374,9 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
     late = replace(asked, figure=FigureAsked(frames=(3, SHORT)), out=asked.out / "late")
     with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
         do(late)
+    column = replace(asked, samples=5, figure=FigureAsked(width="85mm"))
+    with pytest.raises(RunError, match="motions with the panels a,b,c,d is taller than a page"):
+        do(replace(column, out=asked.out / "tall"))
 
 
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:

@@ -13,15 +13,24 @@ from renderer.figures.figure6 import (
     MARK_RGB,
     MIN_FRAMES,
     ONE_SEED_CAVEAT,
+    PANELS,
     PROJECTION,
     Cells,
     Figure6,
     JointMarks,
     choose_snapshot_frames,
     draw_figure6,
+    fits_column,
     off_the_slow_path,
 )
-from renderer.figures.style import COLUMN_MM, PAGE_MM, FigureError, matplotlib_settings, written
+from renderer.figures.style import (
+    COLUMN_MM,
+    MAX_HEIGHT_MM,
+    PAGE_MM,
+    FigureError,
+    matplotlib_settings,
+    written,
+)
 from renderer.scene.stage import set_stage
 from renderer.video.render import RenderSettings, projected_joints
 from tests.renderer.drawn import render_stills
@@ -225,6 +234,14 @@ def test_panels_and_width_can_be_chosen_and_count_from_a() -> None:
         check(**make_inputs(1, False, 0, 15), asked_panels=("b", "d"))
 
 
+def test_a_column_that_fits_is_no_taller_than_a_page() -> None:
+    for count in (3, 4):
+        inputs = make_inputs(count, False, 3)
+        figure = drawn(check(**inputs, asked_panels=("a", "b"), width_mm=COLUMN_MM))
+        is_low = figure.get_figheight() * 25.4 <= MAX_HEIGHT_MM
+        assert is_low == fits_column(count, ("a", "b")) == (count == 3)
+
+
 def test_snapshot_frames_are_every_50_of_the_window() -> None:
     assert choose_snapshot_frames(1000) == (0, 50, 100, 150, 200, 250)
     assert choose_snapshot_frames(131, start_frame=30) == (30, 80, 130)
@@ -246,6 +263,7 @@ FAR = 107_000
             for count in (1, 2, 4, 6)
             for has_reference, number in ((False, 2), (True, 7), (True, 0))
             for width in (PAGE_MM, COLUMN_MM)
+            if width == PAGE_MM or fits_column(count + has_reference, PANELS)
         ),
     ],
 )
