@@ -448,11 +448,10 @@ def _laid(
     moving = [one for one in phases if one.phase in ("preparation", "stroke", "beat")]
     for one in moving:
         if one.start_s < busy_s - _TINY_S and one.end_s > strikes_s - least_s + _TINY_S:
-            kind = f" ({one.kind})" if one.kind else ""
+            kind = f" ({one.kind.replace('_', ' ')})" if one.kind else ""
             raise NoTimeError(
                 f"The {side} hand makes a {one.phase}{kind} from {one.start_s:.2f} to "
-                f"{one.end_s:.2f} s; there is no time for a gesture that strikes from "
-                f"{strikes_s:.2f} to {busy_s:.2f} s.",
+                f"{one.end_s:.2f} s; there is no time from {strikes_s:.2f} to {busy_s:.2f} s.",
                 one.kind,
                 _gesture_with(plan.with_hand(side, tuple(phases)), side, one),
             )

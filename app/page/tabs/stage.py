@@ -90,6 +90,7 @@ class TakesRunner(TabRunner):
             number = max(row.take.number for row in showing.record.rows if row.take)
             return said(text.TAKE_COMING.format(number=number), state="working")
 
+        drop_unfinished(showing.folder)  # whose page was closed
         yield said(text.TAKE_BEGINS if asked.edits else text.EDITOR_BEGINS, state="working")
         try:
             wanted = TakeAsk(

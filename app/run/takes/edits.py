@@ -149,8 +149,7 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
             moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
             found = next((each for each in moved if can_be(each)), None)
             if found is not None:
-                place = f"At {found.values['at']:.1f} s, the nearest free place"
-                offers.append(Offer(place, (found,)))
+                offers.append(Offer(f"Nearest free place, {found.values['at']:.1f} s", (found,)))
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
             kind = error.kind.replace("_", " ") or "what is there"

@@ -147,8 +147,7 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
             edited(plan, (edit,), WORDS)
         nearest, instead = offers_for(plan, edit, WORDS)
         assert (
-            nearest.label == f"At {at} s, the nearest free place"
-            and instead.label == "In place of frame"
+            nearest.label == f"Nearest free place, {at} s" and instead.label == "In place of frame"
         )
         assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
         made = done(plan, *(each.told() for each in instead.edits)).plan
@@ -158,7 +157,7 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
 
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
-    with pytest.raises(PlanError, match="there is no time for a gesture"):
+    with pytest.raises(PlanError, match="there is no time"):
         done(plan, {"do": "nod", "at": 3.0}, {"do": "move", **FIRST, "at": 6.1})
     with pytest.raises(RunError, match="The speech has 3 words"):
         done(plan, {"do": "add", "kind": "you", "word": 3})

@@ -29,6 +29,7 @@ const SLIDERS = {
   both: ["With both hands", 0, 1, 0.05],
   smile: ["Smile", 0, 1, 0.05],
 };
+const HINT = "Choose a gesture. A stroke can be dragged, and so can the end of any phase of a hand.";
 const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "", offers: [] };
 
 export class Editing {
@@ -91,8 +92,8 @@ export class Editing {
     this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
     this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
     const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
-    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, make("label", {}, this.takes, "beside", this.besides), this.#buildAdding(button),
-    popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file))), this.said, this.offers);
+    const style = popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file)));
+    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "beside", this.besides), this.said, this.offers);
     this.#buildPalette(button);
   }
 
@@ -100,7 +101,6 @@ export class Editing {
   #buildPalette(button) {
     this.which = make("b", { class: "which" });
     this.endsAt = make("span", { class: "ends-at" });
-    this.hint = make("span", { class: "hint" }, "Choose a gesture. A stroke can be dragged, and so can the end of any phase of a hand.");
     this.deletion = button("Delete", () => this.#delete(), "Delete (Del)");
     this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)));
     this.handButtons = ["left", "right", "both"].map((hands) => make("button", { type: "button", "aria-label": hands === "both" ? "Both hands" : `${capital(hands)} hand`, onclick: () => this.#hands(hands) }, capital(hands)));
@@ -112,7 +112,7 @@ export class Editing {
       popUp("menu", make("summary", {}, "More"), make("div", {}, make("span", { class: "row" },
         button("Lower", () => this.#change("height", { by: -HIGHER_M })), button("Higher", () => this.#change("height", { by: HIGHER_M })),
         button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER }))))));
-    this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "The gesture that is chosen" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.hint, this.deletion, this.ofGesture, this.endsAt));
+    this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "The gesture that is chosen" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.deletion, this.ofGesture, this.endsAt));
   }
 
   #buildAdding(button) {
@@ -221,7 +221,7 @@ export class Editing {
     this.#foresee();
     if (!this.#start) return;
     if (isOpen && !this.#value.known[this.#start]) this.#flush(true);
-    if (isOpen) this.#timeline.showBody(this.#start);
+    this.#timeline.showBody(isOpen ? this.#start : this.#value.rows[0]);
     this.#onShown();
     this.#update();
   }
@@ -241,6 +241,7 @@ export class Editing {
     this.#beside = this.#value.known[name].from;
     this.#start = name;
     this.#isShowing = true;
+    this.#player.setLoop(this.#player.loop); // from its start, where it had to wait for what was to come
     this.#timeline.showBody(name).finally(() => this.#planned());
     this.#onShown();
   }
@@ -282,15 +283,11 @@ export class Editing {
   }
 
   #doAgain() {
-    const next = this.#redo.at(-1);
-    if (!next || this.#isBusy) return;
-    const rest = this.#redo.slice(0, -1);
+    if (!this.#redo.length || this.#isBusy) return;
     const now = this.#start;
-    this.#goOnFrom(next);
+    this.#goOnFrom(this.#redo.pop());
     this.#putBeside(now);
-    this.#redo = rest;
     this.#tellStart();
-    this.#update();
   }
 
   async #load() {
@@ -572,8 +569,7 @@ export class Editing {
     const list = chosen?.side ?? chosen?.list ?? told?.list ?? "right";
     const lane = this.#timeline.tiers.laneOf(list);
     if (lane.nextElementSibling !== this.palette) lane.after(this.palette);
-    this.endsAt.textContent = told ? `${told.phase} ends at ${told.seconds.toFixed(2)} s` : "";
-    this.hint.hidden = !!chosen || !!told;
+    this.endsAt.textContent = told ? `${told.phase} ends at ${told.seconds.toFixed(2)} s` : chosen ? "" : HINT;
     this.deletion.hidden = this.ofGesture.hidden = !chosen;
     if (!chosen) this.which.textContent = told ? `${told.phase}, ${told.list} hand` : "";
     if (!chosen) return;
@@ -581,9 +577,8 @@ export class Editing {
     this.byWord.hidden = !this.#told?.words.length;
     const gesture = this.#gesture;
     const kind = gesture ? kindName(gesture.kind) || "gesture" : "Gesture";
-    const hands = gesture && gesture.partner !== null ? "both hands" : `${chosen.side} hand`;
-    this.which.textContent = chosen.side ? `${chosen.lands.toFixed(2)} s: ${kind}, ${hands}` : `${chosen.at.toFixed(2)} s: ${chosen.list.slice(0, -1)}`;
     const now = gesture && gesture.partner !== null ? "both" : chosen.side;
+    this.which.textContent = chosen.side ? `${chosen.lands.toFixed(2)} s: ${kind}, ${now}` : `${chosen.at.toFixed(2)} s: ${chosen.list.slice(0, -1)}`;
     for (const [i, each] of ["left", "right", "both"].entries()) this.handButtons[i].setAttribute("aria-pressed", String(each === now));
   }
 }

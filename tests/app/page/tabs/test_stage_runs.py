@@ -224,6 +224,9 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert again["editing"]["known"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
     other = editor.showing.for_browser(str).value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
+    with changed(editor.showing.folder) as record:  # as where its page was closed meanwhile
+        record.rows[-1].files.pop("told")
+    assert rows(editor.ask(NOD)) == rows(again)
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
