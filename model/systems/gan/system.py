@@ -16,8 +16,7 @@ from model.networks.trained import Trained
 from model.sampling.flow import seeded_noise
 from model.systems.face.face import BodyWindow, FacedSystem, faced
 from model.systems.gan.config import FAMILY, GeneratorConfig
-from model.systems.gan.network import Generator
-from model.systems.gan.sampling import posterior, stepped, times
+from model.systems.gan.network import Generator, posterior, stepped, times
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, decode
 from model.sampling.flow import time_weight
 from model.systems.gan.config import GanConfig
-from model.systems.gan.network import Discriminator, Generator
-from model.systems.gan.sampling import diffused, flow_time, posterior
+from model.systems.gan.network import Discriminator, Generator, diffused, flow_time, posterior
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import Draws, compiled
