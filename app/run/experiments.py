@@ -201,21 +201,22 @@ def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     """What the numbers say of the arms, for a person."""
     arms = numbers["parts"]["arms"]
     is_more = arms["by_speech"] > arms["by_noise"]
-    hears = "It hears: speech decides more" if is_more else "It hears little: speech decides less"
+    how, share = ("hear", "more") if is_more else ("hear little", "less")
+    verdict = f"The arms {how}: speech decides {share} than chance."
     told = (
         f"{system}: speech decides {_percent(arms['by_speech'])} of the arms' speed and"
         f" chance {_percent(arms['by_noise'])}; with the same noise and other speech their"
         f" rotations correlate {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
-        return f"{told} {hears} than chance."
+        return f"{told} {verdict}"
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
         f"{told} Of {calm} and {both['lively']}, the speaker decides"
         f" {_percent(manner['by_speaker'])} of the arms' speed; with the same noise and"
         f" speech their rotations correlate {manner['arm_rotations_same_noise']:.2f}, and"
-        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast. {hears} than chance."
+        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast. {verdict}"
     )
 
 
@@ -237,7 +238,7 @@ def _draw_hearing(
 
 
 def _percent(share: float) -> str:
-    return f"{min(max(share, 0.0), 1.0):.0%}"
+    return f"{100 * min(max(share, 0.0), 1.0):.0f} %"
 
 
 NAMES: tuple[str, str] = ("local noise", "global noise")

@@ -194,10 +194,8 @@ class FigureRunner(TabRunner):
         }
 
 
-def _file(label: str, file_types: list[str], min_width: int = 160) -> gr.File:
-    return gr.File(
-        label=label, file_types=file_types, type="filepath", height=110, min_width=min_width
-    )
+def _file(label: str, file_types: list[str]) -> gr.File:
+    return gr.File(label=label, file_types=file_types, type="filepath", height=110)
 
 
 class MechanismRunner(FigureRunner):
@@ -251,11 +249,10 @@ class HearingRunner(FigureRunner):
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         systems = self.systems(catalogue, "hearing-tab")
-        with gr.Row(elem_classes="pair"):
-            speeches = {
-                name: _file(f"Speech {letter} (optional)", ["audio"], 140)
-                for name, letter in (("first", "A"), ("second", "B"))
-            }
+        speeches = {
+            name: _file(f"Speech {letter} (optional)", ["audio"])
+            for name, letter in (("first", "A"), ("second", "B"))
+        }
         strength = gr.Radio(
             strength_choices(1.0, 2.0, 3.0),
             value="",
