@@ -77,6 +77,7 @@ def make_theme() -> Base:
         link_text_color_visited_dark="*primary_300",
         button_primary_text_color="white",
         button_large_text_weight="600",
+        checkbox_border_color_dark="*neutral_400",
         checkbox_label_background_fill_dark="*neutral_800",
         checkbox_label_background_fill_selected="*primary_50",
         checkbox_label_background_fill_selected_dark="*primary_950",
