@@ -83,7 +83,6 @@ def make_theme() -> Base:
         checkbox_label_background_fill_selected_dark="*primary_950",
         checkbox_label_border_color_selected="*primary_400",
         checkbox_label_text_color_selected="*neutral_900",
-        checkbox_label_text_color_selected_dark="*neutral_50",
         input_background_fill="white",
         input_background_fill_dark="*neutral_950",
         input_border_width="1px",

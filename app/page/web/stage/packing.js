@@ -9,7 +9,7 @@ const BUST_ASPECT = 1.2; // height to width of a face's close-up at most, or the
 const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
 
 /** Whether close-ups stand at the sides of a body, or of two in one place, rather than above or under. */
-export const isWide = (width, height) => width > WIDE_ASPECT * height;
+const isWide = (width, height) => width > WIDE_ASPECT * height;
 
 /** Columns and rows in which so many bodies are as large as they can be. */
 export function grid(count, width, height) {

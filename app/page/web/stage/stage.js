@@ -18,7 +18,7 @@ import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { FPS, NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { axisCorners, boneCorners, inPanel, line, rigid } from "./bones.js";
-import { cells, grid, isWide, pairPanels, panels } from "./packing.js";
+import { cells, grid, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { isSoftware, Pace } from "./pace.js";
 import { readingOf } from "./reading.js";
@@ -454,12 +454,9 @@ export class Stage {
     return [left, top + above, width, height - above - below];
   }
 
-  /** Close-ups of several stand under the bodies: whose they are, is said there again. */
+  /** Whose close-ups of several they are, is said again under them. */
   get #isNamedBelow() {
-    if (this.closeUp === "off") return false;
-    const [width, height] = this.mode === "grid" ? this.#cells[0].cell.slice(2) : this.#size;
-    const isAlone = this.mode === "grid" && (this.closeUp === "face" || this.#seen.length < 2);
-    return !isAlone && !isWide(width, height - TAG_PX);
+    return this.closeUp !== "off" && (this.mode !== "grid" || (this.closeUp !== "face" && this.#seen.length > 1));
   }
 
   /** The room of two in one place. */
