@@ -31,7 +31,7 @@ const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
 const HEIGHTS_PX = [330, 760];
-const LOW_PX = 250; // the least of an example, beside an editor and on a phone
+const LOW_PX = 300; // the least of an example, beside an editor and on a phone
 const UNDER_PX = 12; // of the window, free under everything
 const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
@@ -484,7 +484,7 @@ export class Stage {
     const tall = Math.max(least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
-    const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140)) - under;
+    const height = Math.max(tall, rows > 1 ? Math.min(rows * 300, window.innerHeight - 140) : 0) - under;
     this.view.style.height = `${Math.round(height)}px`;
     this.#label();
     this.#ask();
