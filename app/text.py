@@ -173,7 +173,7 @@ SEEN_STARTING = "The video of the stage begins as soon as there is room."
 SEEN_COMING = "The video of the stage is drawn: {share:.0%}."
 SEEN_DONE = "The video of the stage is there: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
 SEEN_DAMAGED = "What the stage told of itself cannot be used: {why}"
-PLAN_LABEL = "Plan of the gestures (JSON, TextGrid, ELAN) for systems that perform one"
+PLAN_LABEL = "Plan of gestures (.json, .TextGrid or .eaf)"
 EDITS_DAMAGED = "What the editor of gestures asked for cannot be read; load the page again."
 EDITS_GONE = (
     "This run is kept no longer, or is another browser's; generate the motion again to edit it."
