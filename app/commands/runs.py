@@ -46,7 +46,7 @@ from model.storage.files import written_atomically
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
-_FIGURE = ("joint", "start_frame", "figure")
+_FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
 _WORDS = ("channel", "transcript", "words")
 _SYSTEMS = ("weights", "speaker")
 

@@ -121,7 +121,7 @@ def read_channel(written: str) -> int:
     return int(written) - 1
 
 
-FIGURE_PANELS = ("a", "b", "c", "d")
+FIGURE_PANELS = {"a": "coordinates", "b": "snapshots", "c": "path in space", "d": "tremble"}
 MAX_SNAPSHOTS = 7
 
 
@@ -131,25 +131,6 @@ def read_frames(written: str) -> tuple[int, ...]:
     if not all(name.isdecimal() for name in names) or not 1 <= len(names) <= MAX_SNAPSHOTS:
         raise RunError(f"{written!r} is not 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
     return tuple(sorted({int(name) for name in names}))
-
-
-@dataclass(frozen=True)
-class FigureAsked:
-    """What Figure 6 shows, and how wide it is printed."""
-
-    panels: Annotated[
-        tuple[str, ...],
-        some_of(FIGURE_PANELS, "no panel {name!r}; Figure 6 has {names}", "a,b,..."),
-    ] = FIGURE_PANELS
-    """Of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
-    frames: Annotated[tuple[int, ...], written(read_frames, "N,...", "every 50 from --start")] = ()
-    """Of its snapshots."""
-    width: Literal["85mm", "174mm"] = "174mm"
-    """Of Figure 6 in print."""
-
-    @property
-    def width_mm(self) -> float:
-        return float(self.width.removesuffix("mm"))
 
 
 def read_assumptions(told: str) -> Assumptions:
@@ -176,6 +157,15 @@ CloseUps = Annotated[
     some_of(CLOSE_UPS, "no close-up {name!r}; there are {names}, or off", "V,...|off", "off"),
     arg(name="close-up"),
 ]
+FigureFrames = Annotated[
+    tuple[int, ...], written(read_frames, "N,...", "every 50 from --start"), arg(name="frames")
+]
+FigurePanels = Annotated[
+    tuple[str, ...],
+    some_of(tuple(FIGURE_PANELS), "no panel {name!r}; Figure 6 has {names}", "a,b,..."),
+    arg(name="panels"),
+]
+FigureWidth = Literal["85mm", "174mm"]
 Height = Annotated[int, written(read_size, "PX")]
 Look = Annotated[str, one_of(LOOKS)]
 PerSystem = Annotated[Steps, written(parse_steps, "N|A=N,...", "as each usually takes")]
@@ -275,7 +265,12 @@ class Ask:
     than six; by default the first six. All are measured."""
     start_frame: Annotated[int, arg(name="start")] = 0
     """First of the 300 frames of Figure 6."""
-    figure: FigureAsked = field(default_factory=FigureAsked)
+    figure_panels: FigurePanels = tuple(FIGURE_PANELS)
+    """Of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
+    figure_frames: FigureFrames = ()
+    """Of its snapshots."""
+    figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"
+    """Of Figure 6 in print."""
     body: File = None
     """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
     look: Look = LOOKS[0]

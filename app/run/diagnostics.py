@@ -143,8 +143,8 @@ def check_figure(ask: Ask, num_frames: int, num_motions: int) -> None:
     Raises:
         RunError: naming the last frame, or what fits.
     """
-    last, frames, panels = num_frames - 1, ask.figure.frames, ask.figure.panels
-    if ask.has_figures and ask.figure.width == "85mm" and not fits_column(num_motions, panels):
+    last, frames, panels = num_frames - 1, ask.figure_frames, ask.figure_panels
+    if ask.has_figures and ask.figure_width == "85mm" and not fits_column(num_motions, panels):
         told = f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller"
         raise RunError(f"{told} than a page at 85mm; ask for 174mm, or for fewer panels.")
     if not 0 <= ask.start_frame <= last:
@@ -184,8 +184,8 @@ def figure6_of(
         post_filter=ask.post_filter,
         clip=clip,
         caveat="" if ask.motions else ONE_SEED_CAVEAT,
-        asked_panels=ask.figure.panels,
-        width_mm=ask.figure.width_mm,
+        asked_panels=ask.figure_panels,
+        width_mm=float(ask.figure_width.removesuffix("mm")),
     )
 
 

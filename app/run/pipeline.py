@@ -186,8 +186,8 @@ def _draw_figures(ask: Ask, rows: Rows, diagnostics: Diagnostics, run: RunWriter
 def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
     """For Figure 6; of the frames alone where none is asked for."""
     shortest = min(motion.num_frames for motion in rows.drawn.values())
-    frames = ask.figure.frames or choose_snapshot_frames(shortest, ask.start_frame)
-    if not ask.has_poses or "b" not in ask.figure.panels:
+    frames = ask.figure_frames or choose_snapshot_frames(shortest, ask.start_frame)
+    if not ask.has_poses or "b" not in ask.figure_panels:
         return Snapshots(frames)
     if not (ask.has_video and rows.is_made):  # else as the videos are
         ask = replace(ask, size=POSES_PX, views=("front",))

@@ -146,7 +146,7 @@ def turning_speed_deg_s(evidence: Evidence) -> float:
 
 JERK = Level(
     "jerk",
-    "the jerk of all ten fingertips",
+    "the mean jerk of all ten fingertips",
     "m/s³",
     fingertip_jerk,
     long=People(65.0, 135.0, 2.0, 55.0, 175.0, LONG),

@@ -34,7 +34,7 @@ LACKS: dict[Part, tuple[str, str]] = {
     "finger_angles": ("has hands whose mean is not known", "fingers' angles"),
     "hands": ("has no fingers that move", "fingers"),
     "face": ("has no face", "face"),
-    "place": ("says nothing of where the body stands", "feet and place"),
+    "place": ("says nothing of where the body stands", "feet, place and jerk"),
     "legs": ("has no legs", "legs and feet"),
 }
 """Of a motion that lacks some part, what to say of it, and what of it is not to be compared."""

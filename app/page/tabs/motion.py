@@ -29,6 +29,7 @@ from app.page.parts.catalogue import (
 from app.page.parts.markup import AT_ONCE, arrange_chips
 from app.page.tabs.runner import SEEN, Services, set_here
 from app.run.ask import (
+    FIGURE_PANELS,
     MAX_CLIPS,
     MAX_SAMPLES,
     TIP,
@@ -40,10 +41,11 @@ from app.run.upload_check import TOO_MANY_CLIPS
 from conventions.names import counted, printable
 from model.systems.registry import sampler_title
 
+FIGURE = ("figure_panels", "figure_frames", "figure_width")
 ORDER = (
     *("speech", "systems", "speaker", "seed", "samples", "steps", "sampler", "post_filter"),
     *("reference", "joint", "start_frame", "transcript", "guidance", "words"),
-    *("has_video", "plan", "clips"),
+    *("has_video", "plan", "clips", *FIGURE),
 )
 """In which programs give what the form asks for."""
 SEED_LIMIT = 2**31 - 1
@@ -240,7 +242,7 @@ def build_form(services: Services) -> FormParts:
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
         of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        of["start_frame"] = start_field("start-frame")
+        of |= figure_fields("start-frame")
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
@@ -249,11 +251,25 @@ def build_form(services: Services) -> FormParts:
     return FormParts({name: of[name] for name in ORDER}, start, cancel)
 
 
-def start_field(elem_id: str | None = None) -> gr.Number:
-    """The first frame of a figure."""
-    return gr.Number(
-        value=0, minimum=0, maximum=LAST_FRAME, label="First frame of the figure", elem_id=elem_id
+def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
+    """What Figure 6 shows, and how wide it is printed."""
+    of: dict[str, Any] = {}
+    of["figure_panels"] = gr.CheckboxGroup(
+        choices=[(f"{letter} {what}", letter) for letter, what in FIGURE_PANELS.items()],
+        value=list(FIGURE_PANELS),
+        label="Panels of Figure 6",
     )
+    with gr.Row(elem_classes="pair"):
+        of["start_frame"] = gr.Number(
+            0, minimum=0, maximum=LAST_FRAME, label="First frame", elem_id=elem_id
+        )
+        of["figure_frames"] = gr.Textbox(
+            "", label="Frames of snapshots", placeholder="every 50", max_lines=1
+        )
+    of["figure_width"] = gr.Radio(
+        choices=[("85 mm", "85mm"), ("174 mm", "174mm")], value="174mm", label="Width in print"
+    )
+    return of
 
 
 def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) -> None:

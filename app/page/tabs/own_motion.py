@@ -19,7 +19,7 @@ from app.page.parts.catalogue import point_choices
 from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, reveal_on_click, shown, told_part
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
-from app.page.tabs.motion import LAST_FRAME, FormParts, start_field
+from app.page.tabs.motion import FIGURE, LAST_FRAME, FormParts, figure_fields
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import SEEN, Services, set_here
 from app.page.visitors.files import Job
@@ -35,7 +35,7 @@ from conventions.names import REFERENCE_NAME, counted, printable
 TAB = "Your motion"
 ORDER = (
     *("motions", "recorded", "joint", "start_frame", "window", "overlap", "shown", "has_video"),
-    *("words", "told", "channel"),
+    *("words", "told", "channel", *FIGURE),
 )
 """In which programs give what the form asks for."""
 SETS = (".zip", ".tgz", ".gz", ".tar")
@@ -142,7 +142,6 @@ def build_own_form(services: Services) -> FormParts:
     of["motions"].change(_choices, of["motions"], chosen, **AT_ONCE)
     of["words"] = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
     of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-    of["start_frame"] = start_field()
     of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )
@@ -150,6 +149,8 @@ def build_own_form(services: Services) -> FormParts:
         of["told"] = gr.Textbox(
             "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
+    with gr.Accordion("Figure 6 otherwise?", open=False):
+        of |= figure_fields()
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):

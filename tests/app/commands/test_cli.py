@@ -83,7 +83,7 @@ def test_what_videos_show_is_asked_for_by_flags():
     assert asked("generate a.wav --out x --close-up off").close_ups == ()
     given = asked("diagnose a.npz b.npz --out x --videos --start 5 --panels a,d --show a,b")
     assert given.motions == (Path("a.npz"), Path("b.npz")) and given.has_video
-    assert (given.start_frame, given.figure.panels, given.shown) == (5, ("a", "d"), ("a", "b"))
+    assert (given.start_frame, given.figure_panels, given.shown) == (5, ("a", "d"), ("a", "b"))
     many = asked(
         "generate a.wav --systems all --steps x/a=2 --max-minutes 2 --channel left --out x"
     )

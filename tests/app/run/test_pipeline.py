@@ -13,10 +13,10 @@ from PIL import Image
 
 from app.errors import Cancelled, RunError, sentence_of
 from app.run.ask import (
+    FIGURE_PANELS,
     Ask,
     Done,
     Event,
-    FigureAsked,
     Grown,
     Progress,
     Take,
@@ -364,17 +364,17 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
 @pytest.mark.slow
 @pytest.mark.gl
 def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> None:
-    shown = FigureAsked(panels=("b",), frames=(3, 9), width="85mm")
-    asked = ask(speech=short, systems=(WORLD,), has_figures=True, figure=shown)
+    shown = {"figure_panels": ("b",), "figure_frames": (3, 9), "figure_width": "85mm"}
+    asked = ask(speech=short, systems=(WORLD,), has_figures=True, **shown)
     do(asked)
     assert not [path for path in asked.out.iterdir() if path.suffix in (".mp4", ".jpg")]
     drawn = (asked.out / "figure6.svg").read_text()
     assert drawn.count("<image") == 1 and "Snapshots by frame" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
-    late = replace(asked, figure=FigureAsked(frames=(3, SHORT)), out=asked.out / "late")
+    late = replace(asked, figure_frames=(3, SHORT), out=asked.out / "late")
     with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
         do(late)
-    column = replace(asked, samples=5, figure=FigureAsked(width="85mm"))
+    column = replace(asked, samples=5, figure_panels=tuple(FIGURE_PANELS), figure_frames=())
     with pytest.raises(RunError, match="motions with the panels a,b,c,d is taller than a page"):
         do(replace(column, out=asked.out / "tall"))
 
