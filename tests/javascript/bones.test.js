@@ -53,23 +53,34 @@ test("a tone changes each region by its own colour", () => {
   assert.deepEqual(mesh.colors, levels(own.skin, own.shirt, own.skin), "the mesh keeps its own");
 });
 
-test("a part that is cut off a tube is closed where it was cut, and nowhere else", () => {
-  const corners = 5; // of each of three rings, the last of which is the tube's open end
+const corners = 5; // of each of a tube's three rings, the last of which is its open end
+
+/** A tube along x, a vertex every unit, of a joint for each vertex: the first at 0, the second at its end. */
+function tube(first, jointOf) {
   const at = (ring, i) => corners * ring + (i % corners);
   const faces = [0, 1].flatMap((ring) => Array.from({ length: corners }, (_, i) => [at(ring, i), at(ring, i + 1), at(ring + 1, i), at(ring, i + 1), at(ring + 1, i + 1), at(ring + 1, i)]).flat());
   const each = (values) => Float32Array.from({ length: 3 * corners }, (_, vertex) => vertex).reduce((all, vertex) => [...all, ...values(vertex)], []);
   const arrays = {
-    POSITION: Float32Array.from(each((vertex) => [vertex, 0, 0])), NORMAL: new Float32Array(9 * corners), COLOR_0: new Uint16Array(12 * corners), WEIGHTS_0: new Uint16Array(12 * corners), JOINTS_0: Uint8Array.from(each((vertex) => [vertex < corners ? 0 : 1, 0, 0, 0])),
-    faces: Uint16Array.from(faces), binds: new Float32Array(32),
+    POSITION: Float32Array.from(each((vertex) => [vertex, 0, 0])), NORMAL: new Float32Array(9 * corners), COLOR_0: new Uint16Array(12 * corners), WEIGHTS_0: new Uint16Array(12 * corners), JOINTS_0: Uint8Array.from(each((vertex) => [jointOf(vertex), 0, 0, 0])),
+    faces: Uint16Array.from(faces), binds: Float32Array.from({ length: 32 }, (_, i) => (i === 28 ? 1 - 3 * corners : 0)),
   };
   const attributes = Object.fromEntries(["POSITION", "NORMAL", "COLOR_0", "WEIGHTS_0", "JOINTS_0"].map((name) => [name, name]));
-  const document = { accessors: { POSITION: { count: 3 * corners } }, meshes: [{ primitives: [{ attributes, indices: "faces" }] }], skins: [{ joints: [0, 1], inverseBindMatrices: "binds" }], nodes: [{ name: "a", children: [1] }, { name: "b" }] };
-  const mesh = new Mesh({ document, array: (name) => arrays[name] });
+  const document = { accessors: { POSITION: { count: 3 * corners } }, meshes: [{ primitives: [{ attributes, indices: "faces" }] }], skins: [{ joints: [0, 1], inverseBindMatrices: "binds" }], nodes: [{ name: first, children: [1] }, { name: "b" }] };
+  return new Mesh({ document, array: (name) => arrays[name] });
+}
+
+test("a part that is cut off a tube is closed where it was cut, and nowhere else", () => {
+  const mesh = tube("a", (vertex) => Number(vertex >= corners));
   const part = mesh.part(0, [1]);
   assert.equal(part.length, 3 * (2 * corners + corners - 2), "its side, and a fan");
   const edges = (of) => of.map((from, i) => `${from} ${of[i % 3 === 2 ? i - 2 : i + 1]}`);
   const open = edges([...part]).filter((edge) => !edges([...part]).includes(edge.split(" ").reverse().join(" ")));
   assert.deepEqual(open.map((edge) => Math.min(...edge.split(" ").map(Number)) >= 2 * corners), new Array(corners).fill(true));
+});
+
+test("of an arm alone the half at the trunk is left out, whose end would be ragged", () => {
+  const [arm, leg] = ["left_shoulder", "left_knee"].map((name) => tube(name, () => 0).part(0, [0, 1]));
+  assert.deepEqual([Math.min(...arm), Math.min(...leg)], [7, 0], "7 is the middle of 0 and 14");
 });
 
 test("vertices of coarser meshes come first, each with what it had", () => {

@@ -118,7 +118,7 @@ export class Mesh {
     if (!this.#parts.has(key)) {
       const faces = this.level(level);
       const drawn = new Set(joints);
-      const isDrawn = (vertex) => drawn.has(this.joints[4 * vertex]);
+      const isDrawn = (vertex) => drawn.has(this.joints[4 * vertex]) && !this.#isNearTrunk(vertex, joints);
       const [kept, border] = [[], []];
       for (let i = 0; i < faces.length; i += 3) {
         const face = faces.subarray(i, i + 3);
@@ -128,6 +128,14 @@ export class Mesh {
       this.#parts.set(key, faces.constructor.from([...kept, ...this.#lids(kept, border)]));
     }
     return this.#parts.get(key);
+  }
+
+  /** Whether it is of the upper half of an arm that is drawn alone: at the shoulder its end would be ragged. */
+  #isNearTrunk(vertex, [shoulder, elbow]) {
+    if (this.joints[4 * vertex] !== shoulder || !this.names[shoulder].endsWith("_shoulder")) return false;
+    const from = (values, at) => [0, 1, 2].map((k) => values[3 * at + k] - this.rest[3 * shoulder + k]);
+    const [arm, here] = [from(this.rest, elbow), from(this.positions, vertex)];
+    return arm.reduce((sum, each, k) => sum + each * (here[k] - each / 2), 0) < 0;
   }
 
   /** Faces over the ends at which some were cut off from others: of each end a fan from one of its corners. */
