@@ -22,7 +22,7 @@ from model.generation.base import System
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, put_together, save_motion
-from model.plan.plan import SIDES, GesturePlan, PlanError, PlannedAhead
+from model.plan.plan import SIDES, GesturePlan, Moment, PlanError, PlannedAhead
 from model.plan.style import Manner
 from model.speech.audio import write_wav
 from model.speech.features import CausalMel
@@ -40,8 +40,8 @@ def performed(plans: Iterable[tuple[int, PlannedAhead]], first: int, count: int)
         from_s, zero_s = frame / FPS, ahead.origin / FPS
         for name in LISTS:
             planned = [_shifted(one, zero_s) for one in getattr(ahead.condition, name)]
-            new = [one for one in planned if _end(one) > from_s or _start(one) >= from_s]
-            until_s = min([from_s, *map(_start, new)])
+            new = [one for one in planned if one.end_s > from_s or one.start_s >= from_s]
+            until_s = min([from_s, *(one.start_s for one in new)])
             events[name] = [*_cut(events[name], 0.0, until_s), *new]
     start_s, end_s = first / FPS, (first + count) / FPS
     lists = {
@@ -51,16 +51,8 @@ def performed(plans: Iterable[tuple[int, PlannedAhead]], first: int, count: int)
     return GesturePlan(count / FPS, **lists)
 
 
-def _start(event: Any) -> float:
-    return event.start_s if hasattr(event, "start_s") else event.time_s
-
-
-def _end(event: Any) -> float:
-    return event.end_s if hasattr(event, "end_s") else event.time_s
-
-
 def _shifted(event: Any, by_s: float) -> Any:
-    if hasattr(event, "time_s"):
+    if isinstance(event, Moment):
         return replace(event, time_s=event.time_s + by_s)
     return replace(event, start_s=event.start_s + by_s, end_s=event.end_s + by_s)
 
@@ -69,7 +61,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
     """What of events lies between two moments."""
     found = []
     for one in events:
-        if hasattr(one, "time_s"):
+        if isinstance(one, Moment):
             if start_s <= one.time_s < end_s:
                 found.append(one)
             continue
