@@ -203,8 +203,9 @@ def test_motion_is_made_in_one_thread_and_as_many_as_before_work_after_it(small)
             assert torch.get_num_threads() == 1
             raise ZeroDivisionError
         assert torch.get_num_threads() == 2
-        asked = lambda: bool(seen.append(torch.get_num_threads()))  # noqa: E731
-        generate_motion(small, of_frames(70), options, asked)
+        generate_motion(
+            small, of_frames(70), options, lambda: bool(seen.append(torch.get_num_threads()))
+        )
         assert set(seen) == {1} and torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
