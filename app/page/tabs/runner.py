@@ -255,13 +255,16 @@ class TabRunner(ABC):
         self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
     ) -> Generator[Updates, None, Found]:
         """A task of the worker's, and what the tab shows meanwhile, or a sentence of ``share``."""
+        return self.followed(job, partial(self._services.worker.do, task, asked), told)
 
+    def followed(
+        self, job: Job, do: Callable[[OnEvent, ShouldCancel], Found], told: Told | str
+    ) -> Generator[Updates, None, Found]:
         def line(events: list[Event]) -> Updates:
             share = last_share(events) if told else None
             if share is None:
                 return {}
             return {self._status: markup.sentence_status(str(told).format(share=share))}
 
-        do = partial(self._services.worker.do, task, asked)
         shown = line if isinstance(told, str) else told
         return follow(do, job, shown, {self._status: gr.skip()})

@@ -14,7 +14,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.errors import RunError
+from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
@@ -25,6 +25,7 @@ from app.page.tabs.motion import SEED_LIMIT, fresh_copy
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
+from app.run.ask import OnEvent, ShouldCancel
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
@@ -357,23 +358,35 @@ class StudyRunner(TabRunner):
         services, config = self._services, self._services.config
         work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
         job.beside += [work, waiting]
+        bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
+
+        def make(on_event: OnEvent, should_cancel: ShouldCancel) -> Path:
+            """The participants' page. What a run that was stopped has left goes when its process
+            has ended, which may be after the page has gone on."""
+            try:
+                for folder in (work, waiting):
+                    folder.mkdir(parents=True, mode=0o700)
+                written = Path(shutil.copyfile(plan, work / plan.name))
+                collect_files((*told["speeches"], *told["motions"]), work)
+                asked = ExportRequest(
+                    *(written, work / "study", config.weights, config.body), (bundle, key)
+                )
+                study = services.worker.do(EXPORT_STUDY, asked, on_event, should_cancel)
+                if should_cancel():
+                    raise Cancelled
+                return Path(shutil.move(study.bundle, job.folder / "bundle"))
+            except BaseException:
+                shutil.rmtree(waiting, ignore_errors=True)
+                raise
+            finally:
+                shutil.rmtree(work, ignore_errors=True)
+
         try:
-            for folder in (work, waiting):
-                folder.mkdir(parents=True, mode=0o700)
-            plan = Path(shutil.copyfile(plan, work / plan.name))
-            collect_files((*told["speeches"], *told["motions"]), work)
-            bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
-            asked = ExportRequest(
-                *(plan, work / "study", config.weights, config.body), (bundle, key)
-            )
-            line = "Making the videos: {share:.0%}"
-            study = yield from self.done(job, EXPORT_STUDY, asked, line)
-            pages = Path(shutil.move(study.bundle, job.folder / "bundle"))
+            pages = yield from self.followed(job, make, "Making the videos: {share:.0%}")
         except BaseException:
-            shutil.rmtree(waiting, ignore_errors=True)
+            job.cancel()
+            shutil.rmtree(waiting, ignore_errors=True)  # had it ended before that was heard
             raise
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
         token = services.private.keep(waiting, waiting, job.cookie)
         look = services.media.share(pages, job.cookie, PAGE_TYPES)(pages / "index.html")
         files = (

@@ -15,7 +15,7 @@ from starlette.datastructures import QueryParams
 
 from app import text
 from app.config import AppConfig
-from app.errors import RunError
+from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.markup import Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
@@ -31,6 +31,7 @@ from app.page.visitors.files import Job
 from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
 from app.run.output.run_folder import zip_run
 from app.run.tasks import Sets
+from app.study.make.workspace import ExportRequest
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
@@ -39,6 +40,7 @@ from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate
 from tests.app.live.test_live import ByHand, sound
 from tests.app.page.made import VISITOR, browser, updates_of
 from tests.app.page.results.made_run import keep, made_run
+from tests.waiting import wait_for
 
 ONE = ("", "right_middle", 0)
 """The rest of a form: no reference, point and start."""
@@ -258,8 +260,8 @@ def study(tmp_path: Path) -> StudyRunner:
     return made_study(StudyRunner, tmp_path)
 
 
-def made_study(kind: Any, folder: Path) -> StudyRunner:
-    services = made_services(folder)
+def made_study(kind: Any, folder: Path, **does: Any) -> StudyRunner:
+    services = made_services(folder, does)
     with gr.Blocks():
         return kind(services, build_study_tab(services), gr.HTML(), gr.HTML())
 
@@ -278,13 +280,37 @@ def click(study: StudyRunner, speech: Path, cookie: str = "cookie") -> Iterator[
         yield status
 
 
-def test_a_study_that_is_cancelled_says_so_and_leaves_nothing(study, speech, tmp_path):
-    clicked = click(study, speech)
-    assert text.STARTING in next(clicked)
-    study.cancel(VISITOR)
-    *_, last = clicked
-    assert text.CANCELLED in last and "error" not in last
-    assert list((tmp_path / "private").iterdir()) == []
+@pytest.mark.parametrize("is_page_gone", [False, True])
+def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_until_it_hears_that(
+    speech, tmp_path, is_page_gone
+):
+    private, may_end = tmp_path / "private", threading.Event()
+
+    def export(asked: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        on_event(Progress("motion", 0.5))
+        wait_for(should_cancel)
+        assert may_end.wait(60)
+        for path in (asked.out, *asked.zips):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.touch()
+        raise Cancelled
+
+    study = made_study(StudyRunner, tmp_path, export_planned=export)
+    clicked = study.run(browser("cookie"), *form(speech))
+    next(clicked)
+    while "50%" not in str(next(clicked)):
+        pass
+    assert len(list(private.iterdir())) == 2
+    if is_page_gone:
+        clicked.close()
+    else:
+        study.cancel(VISITOR)
+        *_, last = clicked
+        assert text.CANCELLED in str(last) and "error" not in str(last)
+    may_end.set()
+    for run in (each for each in threading.enumerate() if each.name == "run"):
+        run.join(60)
+    assert not list(private.iterdir())
 
 
 def test_without_a_cookie_no_study_is_made(study, speech):
