@@ -336,9 +336,8 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
     told: list[Told] = []
     norms: set[str] = set()
     for name, finding in ranked(findings)[: MAX_TOLD - 1]:
-        said, _, norm = finding.sentence.rpartition("; ")
-        sentence = f"{said}." if said and norm in norms else finding.sentence
-        norms.add(norm)
+        sentence = finding.said if finding.people in norms else finding.sentence
+        norms.add(finding.people)
         told.append(Told(name=name, kind=finding.kind, sentence=cut(sentence), at=finding.worst_s))
     labels = short_names(name for name in findings if name != REFERENCE_NAME)
     clean = [label for name, label in labels.items() if not findings[name]]

@@ -73,9 +73,12 @@ neighbours, or in numbers alone, and counts half."""
 class Finding:
     """One fault of one motion."""
 
-    sentence: str
+    said: str
+    """A sentence or two."""
     numbers: dict[str, Any]
-    """What the sentence was made from."""
+    """What they were made from."""
+    people: str = ""
+    """What people do instead, a clause that is told last, and once of several motions."""
     excess: float = 1.0
     """How many times its limit; 1 where there is no measure."""
     span: float = 4.0
@@ -88,6 +91,10 @@ class Finding:
     gravity: int = SEEN
     kind: str = ""
     """Set by the table, as gravity is (`table.FAULTS`)."""
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.said.removesuffix('.')}; {self.people}." if self.people else self.said
 
     @property
     def worst_s(self) -> float | None:

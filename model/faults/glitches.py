@@ -47,7 +47,7 @@ HALF_RATE = 0.35
 between others by interpolation change no speed."""
 
 
-def joint_noise(evidence: Evidence) -> Iterator[Finding]:
+def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     raw = evidence.raw
     measured = raw.rotations.joint_rotation_noise_deg.tolist()
     noise = {
@@ -58,25 +58,24 @@ def joint_noise(evidence: Evidence) -> Iterator[Finding]:
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
-        who, most = f"{len(noise)} of {len(JOINT_NAMES)} joints shake", f", most of all {named}"
+        who = f"{len(noise)} of the body's {len(JOINT_NAMES)} joints shake"
+        most = f", most of all {named}"
     else:
         who, most = f"The {named} {'shakes' if len(noise) == 1 else 'shake'}", ""
     little = ", hardly seen" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
-    sentence = (
-        f"{who} from frame to frame in the angle to the parent bone{little}{most}; recordings have"
-        " under 0.3°."
-    )
+    said = f"{who} from frame to frame in the angle to the parent bone{little}{most}."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
     blamed = max(shares, key=lambda name: shares[name], default=None)
     if blamed in noise and shares[blamed] > 0.1:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
-        sentence += (
+        said += (
             f" Smoothing the {point_words(blamed)} alone takes {100 * shares[blamed]:.0f} % of the"
             f" jerk of the {point_words(evidence.point)} away."
         )
-    yield Finding(sentence, numbers, max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG))
+    excess = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
+    yield Finding(said, numbers, "the rotation noise of recordings is under 0.3°", excess)
 
 
 def pops(evidence: Evidence) -> Iterator[Finding]:
@@ -120,8 +119,9 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
     share = len(frames) / evidence.num_frames
     yield Finding(
         f"{len(frames)} frames are copies of the frame before ({100 * share:.1f} %), the first at"
-        f" {clock(int(frames[0]))}; recorded clips have none.",
+        f" {clock(int(frames[0]))}.",
         {"copies": len(frames), "share": share},
+        "recorded clips have none",
         excess=len(frames) / COPIES,
         worst_frame=int(frames[0]),
         stretches=stretches_of(np.concatenate([[False], is_copy])),
@@ -305,7 +305,7 @@ def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
             f" --assume rate={lag.lag_rate:.4g} makes up for it."
         )
     excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
-    yield Finding(sentence, numbers, excess)
+    yield Finding(sentence, numbers, excess=excess)
 
 
 def _apart(lag_s: float) -> str:

@@ -68,19 +68,20 @@ class Level:
         if reference is None:
             is_low, span = value < people.low_limit, people.highest / people.lowest
             excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
-            beside = (
-                f"; {self._told(people.lowest, False)} to {self._told(people.highest, False)} in"
-                f" recorded and procedural clips {people.lasts}"
+            beside, usual = (
+                "",
+                (
+                    f"{self._told(people.lowest, False)} to {self._told(people.highest, False)} in"
+                    f" recorded and procedural clips {people.lasts}"
+                ),
             )
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
         elif (recorded := self.read(reference)) > 0.0:
             ratio = value / recorded
             is_low, span = ratio < 1.0, people.differ
             excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
-            beside = (
-                f", {_times(ratio)} the reference's {self._told(recorded, False)}; recordings"
-                f" of people differ by {people.differ:g} times at most"
-            )
+            beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
+            usual = f"recordings of people differ by {people.differ:g} times at most"
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:
             return
@@ -92,6 +93,7 @@ class Level:
         yield Finding(
             f"{means}{where}: {self.title} is {self._told(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
+            usual,
             excess=excess,
             span=span,
             worst_frame=worst,

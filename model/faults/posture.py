@@ -56,9 +56,9 @@ def lifted(evidence: Evidence) -> Iterator[Finding]:
         return
     where = "above" if apart > 0 else "below"
     yield Finding(
-        f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's; recorded clips of"
-        " one speaker agree to a centimetre.",
+        f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's.",
         {"height_m": apart},
+        "recorded clips of one speaker agree to a centimetre",
         excess=abs(apart) / LIFT_M,
     )
 
@@ -72,9 +72,9 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
     is_rare = contact < CONTACT_SHARE
     few = f" (on the ground in {100 * contact:.0f} % of the frames only)" if is_rare else ""
     yield Finding(
-        f"Feet on the ground slide at {100 * slide:.0f} cm/s on average{few}; recorded"
-        f" clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s.",
+        f"Feet on the ground slide at {100 * slide:.0f} cm/s on average{few}.",
         {"foot_slide_m_s": slide, "contact_share": contact},
+        f"recorded clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         excess=slide / FOOT_SLIDE_M_S,
         worst_frame=most_in_a_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
@@ -94,13 +94,13 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         else "The feet hardly ever keep to one floor"
     )
     yield Finding(
-        f"{found}; a foot is on the ground in {100 * contact:.0f} % of the frames, in recorded"
-        " clips in 97 % and more.",
+        f"{found}; a foot is on the ground in {100 * contact:.0f} % of the frames.",
         {
             "height_m": float(above[worst]),
             "contact_share": contact,
             "floating_share": evidence.raw.posture.foot_floating_share,
         },
+        "in recorded clips in 97 % and more",
         excess=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
         worst_frame=worst,
         stretches=tuple(runs),
@@ -260,8 +260,9 @@ def freezes(evidence: Evidence) -> Iterator[Finding]:
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
-        f" {clock(first)}; in recorded clips no two frames are so still.",
+        f" {clock(first)}.",
         {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
+        "in recorded clips no two frames are so still",
         excess=(last - first) / FROZEN_FRAMES,
         worst_frame=first,
         stretches=tuple(runs),

@@ -37,7 +37,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("time_shift", WRONG, glitches.shifted_reference, "reference"),
     Fault("time_shift", WRONG, glitches.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
-    Fault("joint_noise", MEASURED, glitches.joint_noise, of=("detail",)),
+    Fault("rotation_noise", MEASURED, glitches.rotation_noise, of=("detail",)),
     Fault("seams", SEEN, glitches.seams),
     Fault("period", MEASURED, glitches.period, of=("detail",)),
     Fault("copied_frames", SEEN, glitches.copied_frames),

@@ -90,7 +90,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         "their.npz: joints 52, SMPL-H",
         "units cm",
         "no expressions",
-        "52 of 55 joints shake",
+        "52 of the body's 55 joints shake",
     ):
         assert words_said in said
 
@@ -294,13 +294,13 @@ def test_every_planted_fault_is_found(tmp_path: Path) -> None:
     findings = result.diagnostics.findings
     found = {finding.kind: finding for finding in findings[FAULTY]}
     assert set(found) == {
-        *("frozen", "joint_noise", "foot_slide", "floating", "period", "jerk"),
+        *("frozen", "rotation_noise", "foot_slide", "floating", "period", "jerk"),
     }
     assert (
         abs(found["frozen"].worst_frame - 90.25 * 30) < 5
         and 3000 < found["floating"].worst_frame < 3240
     )
-    assert found["joint_noise"].numbers["noise_deg"].keys() == {
+    assert found["rotation_noise"].numbers["noise_deg"].keys() == {
         *("right_shoulder", "right_elbow", "right_wrist"),
     }
     assert findings["reference"] == []

@@ -169,10 +169,10 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
 
 def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_once():
     findings = {
-        "a": [Finding("It jumps; rare.", {}, kind="seam", excess=3.0, worst_frame=45)],
+        "a": [Finding("It jumps.", {}, "rare", kind="seam", excess=3.0, worst_frame=45)],
         "b": [
             Finding("A hand is in the chest.", {}, kind="through", gravity=WRONG),
-            Finding("It trembles; rare.", {}, kind="noise", excess=9.0),
+            Finding("It trembles.", {}, "rare", kind="noise", excess=9.0),
         ],
     }
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]

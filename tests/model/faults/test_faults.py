@@ -158,7 +158,9 @@ def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example):
 
 
 def test_of_each_motion_the_gravest_comes_first_the_worst_motion_before_all():
-    twice, narrow = Finding("X.", {}, 2.0, 4.0), Finding("Y.", {}, 2.0, 2.0)
+    twice, narrow = (
+        Finding(f"{each}.", {}, excess=2.0, span=span) for each, span in (("X", 4.0), ("Y", 2.0))
+    )
     angles, grave = replace(narrow, gravity=1), Finding("Z.", {}, gravity=3)
     assert [each.severity for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
     found = {"a": [narrow], "b": [twice, angles, twice], "c": [angles, grave], "d": []}
