@@ -175,10 +175,11 @@ def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -
         return {column: getattr(found, column) for column in _COLUMNS}
 
     try:
+        parts = {part: shares(found) for part, found in decided(made.grid).items()}
         told = {
             "guidance": made.guidance,
             "arm_rotations_same_noise": arm_rotations_same_noise(made.grid),
-            "parts": {part: shares(found) for part, found in decided(made.grid).items()},
+            "parts": parts,
         }
         if speakers is None:
             return told
