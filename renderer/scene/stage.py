@@ -123,13 +123,32 @@ def drawn_joints(view: str) -> list[int]:
 
 
 def cut_out(body: Body, view: str) -> Cutout:
-    """The part of a body that a close-up shows."""
+    """The part of a body that a close-up shows. An arm ends closed in the middle of the upper arm:
+    at the shoulder its end would be ragged."""
     is_kept = np.isin(body.main_joints, drawn_joints(view))
-    faces = body.faces[is_kept[body.faces].all(axis=1)]
+    side = view.removesuffix("_hand")
+    if is_arm := side != view:
+        shoulder, elbow = (JOINT_INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow"))
+        arm, here = (
+            a - body.rest_joints[shoulder] for a in (body.rest_joints[elbow], body.template)
+        )
+        is_kept &= (body.main_joints != shoulder) | ((here - arm / 2) @ arm >= 0)
+    is_whole = is_kept[body.faces].all(axis=1)
+    faces = body.faces[is_whole]
+    if is_arm:
+        faces = np.concatenate([faces, _lid(faces, body.faces[~is_whole])])
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)
     place[vertices] = np.arange(len(vertices), dtype=np.int32)
     return Cutout(vertices, place[faces])
+
+
+def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np.ndarray, "N 3"]:
+    """Over the one end at which some faces were cut off from others: a fan from one corner."""
+    edges, theirs = (faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in (kept, others))
+    count = 1 + max(edges.max(), theirs.max())
+    cut = edges[np.isin(edges @ (count, 1), theirs @ (1, count))]
+    return np.column_stack([np.broadcast_to(cut[0, 0], len(cut)), cut[:, ::-1]])
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
@@ -22,7 +23,7 @@ from renderer.scene.camera import (
     outermost,
     view_axes,
 )
-from renderer.scene.stage import MIDDLE_M, Panel, frames_of, lay_out, set_stage
+from renderer.scene.stage import MIDDLE_M, Panel, cut_out, frames_of, lay_out, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -136,6 +137,23 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     assert tall[1] > 1.25 * tall[0]
     feet = body.template[np.isin(owner, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]])]
     assert not sees(knees, feet, 300, 400).any()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_arm_of_a_hand_beside_the_picture_ends_closed_in_the_upper_arm(side):
+    body = load_body()
+    part = cut_out(body, f"{side}_hand")
+    shown = trimesh.Trimesh(body.template[part.vertices], part.faces, process=False)
+    shown.merge_vertices()
+    assert shown.is_winding_consistent
+    shoulder, elbow, wrist = (
+        body.rest_joints[JOINT_INDEX[f"{side}_{name}"]] for name in ("shoulder", "elbow", "wrist")
+    )
+    arm = elbow - shoulder
+    assert 0.5 <= ((shown.vertices - shoulder) @ arm).min() / (arm @ arm) < 0.55
+    open_edges = trimesh.grouping.group_rows(shown.edges_sorted, require_count=1)
+    sleeve = shown.vertices[shown.edges_sorted[open_edges]]
+    assert np.linalg.norm(sleeve - wrist, axis=-1).max() < 0.05, "that of the sleeve alone is open"
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
