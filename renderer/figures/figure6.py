@@ -50,6 +50,7 @@ MARK_RGB = (0.29, 0.08, 0.43)
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
 _FAINT = 0.3
 _KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
+_SNAPSHOTS_MM = 36.0  # at least, for their title
 _COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # of each motion, where a column holds them
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 """What a body has beyond its outermost joints, as shares of the height of all of them."""
@@ -332,7 +333,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
         each = min(room / aspect, (150.0 if is_wide else 75.0) / count)
         pictures = count * (each + 1.5 * _KEY_MM)
         if is_wide:
-            beside = each * aspect + 3.0
+            beside = max(each * aspect + 3.0, _SNAPSHOTS_MM)
             tall = {"a": 70.0, "b": pictures - _TIME_MM, "c": 52.0, "d": strips}
             tall = {panel: mm if panel in contents.panels else 0.0 for panel, mm in tall.items()}
             high, low = max(tall["a"], tall["b"]), max(tall["c"], tall["d"])
@@ -344,10 +345,11 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
         return
     alone = [(name,) for name in names]
     if is_wide:
-        strips = min(count * 12.0, 60.0)
+        strips = min(count * 12.0, 50.0)
         room = MAX_HEIGHT_MM - 2 * _KEY_MM - 2 * (_TITLE_MM + _TIME_MM) - _FRAME_MM - strips
         height = min(36.0, room / count)
-        beside = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
+        pictures = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
+        beside = max(pictures, _SNAPSHOTS_MM)
         path = min(0.45 * (width - beside), 1.3 * height)
         yield from rows("abc", alone, height, width - beside - path, beside, path)
     else:
@@ -397,7 +399,8 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
         axes.set_ylim(*limits[k])
         axes.grid(True, axis="y")
         most = max(1, int(0.14 * row.height_mm * spans[k] / spans.sum()))
-        ticks = MaxNLocator(most, steps=[1, 2, 5, 10], min_n_ticks=2).tick_values(*limits[k])
+        bins = most if most > 1 else 6  # of a low one the ends, as far apart as can be
+        ticks = MaxNLocator(bins, steps=[1, 2, 5, 10], min_n_ticks=2).tick_values(*limits[k])
         ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
         axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
         axes.set_ylabel(f"{letter} (m)", rotation=0, ha="right", va="center")
@@ -532,6 +535,10 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
         for k, picture in enumerate(cells.rows[name]):
             strip[:, k * step : k * step + width] = picture
         axes.imshow(strip, extent=(0, strip.shape[1], height, 0), label=name)
+        if len(row.names) == 1 and not contents.is_in_one_plot:  # of one size in all rows
+            tall_mm = row.height_mm - sum(row.extra_mm) - _KEY_MM - 2.0
+            wide_mm = row.widths_mm[row.panels.index("b")] - 1.0
+            axes.set_xlim(0, max(strip.shape[1], wide_mm / tall_mm * height))
         axes.set_label(f"snapshots of {name}")
         axes.set_anchor("NW")
         axes.spines[:].set_visible(False)

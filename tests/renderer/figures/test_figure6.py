@@ -258,6 +258,7 @@ FAR = 107_000
         (make_inputs(1, False, 1, 1), 0, PAGE_MM),
         (make_inputs(2, True, 6, names=NAMES), 0, COLUMN_MM),
         (make_inputs(5, True, 7, names=ODD_NAMES), FAR, PAGE_MM),
+        (make_inputs(5, False, 1, 40), 0, PAGE_MM),
         *(
             pytest.param(make_inputs(count, has_reference, number), 0, width, marks=SLOW)
             for count in (1, 2, 4, 6)
@@ -290,6 +291,8 @@ def test_nothing_overlaps(monkeypatch, inputs, start, width):
     for axes in axes_of(figure, "path"):
         box = axes.get_window_extent()
         assert min(box.width, box.height) > 45  # pixels of 1/144 inch
+    bodies = [box.height for label, box in labels if label.startswith("snapshots")]
+    assert bodies == pytest.approx(bodies[:1] * len(bodies), rel=0.05), "all of one size"
 
 
 @pytest.mark.parametrize(
