@@ -136,6 +136,14 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     assert page.evaluate("document.querySelector('.lockstep').look.get('factor')") == 4
     expect(page.locator("#look")).to_be_hidden()
 
+    # Whoever comes meanwhile is told the place in the queue.
+    other = watched(context.new_page())
+    other.goto(address)
+    give_speech(other, speech)
+    other.get_by_role("button", name=text.GENERATE).click()
+    expect(other.locator("#status").get_by_text("queue: 1/1")).to_be_visible()
+    other.close()
+
     # A run that is cancelled leaves nothing, and the next one moves.
     press(page, text.CANCEL)
     expect(page.locator("#status")).to_contain_text(text.CANCELLED)
