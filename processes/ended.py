@@ -1,18 +1,13 @@
 """What child processes say on standard error, and how one ended: told from its status, the last
 lines that it said, and whether the system has ended processes for want of memory meanwhile."""
 
-import faulthandler
-import os
 import re
 import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import IO
 
@@ -155,7 +150,6 @@ def _counters() -> Iterator[Path]:
 
 
 _KEPT_LINES = 200
-_JOIN_S = 5.0
 
 
 class ChildLog:
@@ -196,37 +190,3 @@ def _say(text: str) -> None:
         sys.stderr.write(f"{text}\n")
     except (OSError, ValueError):  # nobody reads it any more
         pass
-
-
-class WorkerLog:
-    """Of a pool's processes, which are started by `multiprocessing`: give `end` to the initializer,
-    which hands it to `log_to`. Use it in ``with``, around the pool."""
-
-    def __init__(self) -> None:
-        reader, self.end = Pipe(duplex=False)
-        self._log = ChildLog(os.fdopen(os.dup(reader.fileno()), "rb"))
-        reader.close()
-        self._killed_before = memory_kills()
-
-    def __enter__(self) -> "WorkerLog":
-        return self
-
-    def ended(self, workers: Iterable[BaseProcess]) -> Ended:
-        """How the first of a broken pool's processes ended; the pool has ended the others."""
-        for worker in workers:
-            worker.join(_JOIN_S)
-        self.end.close()
-        statuses = [worker.exitcode for worker in workers if worker.exitcode]
-        own = [status for status in statuses if status != -signal.SIGTERM]
-        status = next(iter([*own, *statuses]), None)
-        return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
-
-    def __exit__(self, *exception: object) -> None:
-        self.end.close()
-
-
-def log_to(end: Connection) -> None:
-    """In a worker: what it says from now on goes there, and a crash says where it was."""
-    os.dup2(end.fileno(), 2)
-    end.close()
-    faulthandler.enable(2)

@@ -38,11 +38,3 @@ class Job:
         if not self.is_done():
             with threadpool_limits(1, user_api="blas"):
                 self.work()
-
-
-def use_one_thread() -> None:
-    """For torch: workers stand side by side, and numbers do not depend on how many cores there
-    are."""
-    import torch
-
-    torch.set_num_threads(1)

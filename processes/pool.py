@@ -3,21 +3,20 @@ the same files. Dask is no requirement of this project; see ``requirements-clust
 
 import asyncio
 import logging
-import multiprocessing
 import os
+import pickle
+import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import traceback
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from processes.ended import WorkerLog, log_to
-from processes.job import Job, JobsError, use_one_thread
+from processes.child import Child, Gone, parent_channel
+from processes.job import Job, JobsError
 
 MAX_BREAKS = 3
 """Worker processes that may end abruptly one after another without any job done between."""
@@ -26,6 +25,10 @@ _BROKEN = (
     f"Worker processes ended {MAX_BREAKS} times before any got its work done; what is done is kept."
 )
 _LAST, _FEWER, _AGAIN = "The last one", "use fewer processes", "give the same command again"
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Also of torch's: workers stand side by side, and numbers do not depend on how many cores there
+are."""
+_POLL_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,11 @@ class JobPool:
     scheduler: str | None = None
     """Address of a Dask scheduler, or the file that it leaves, whose workers see the same files;
     takes the place of processes."""
-    uses_torch: bool = True
-    """Torch is held to one thread, for which every worker imports it."""
-    is_patient: bool = True
-    """A job that fails holds up no other; else its error is raised at once, but by a cluster."""
 
     def do_all(
         self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
     ) -> dict[str, Exception]:
-        """Do every job that is not done yet.
+        """Do every job that is not done yet; one that fails holds up no other.
 
         Args:
             on_done: told the name of each job as it gets done, in any order.
@@ -63,104 +62,102 @@ class JobPool:
         if self.scheduler is not None:
             return do_by_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
-        if workers == 1:
-            return self._do_here(waiting, on_done)
-        return self._do_by_processes(waiting, workers, on_done)
+        return (do_by_processes if workers > 1 else do_here)(waiting, on_done, workers)
 
-    def _do_here(
-        self, jobs: Sequence[Job], on_done: Callable[[str], object]
-    ) -> dict[str, Exception]:
-        failed: dict[str, Exception] = {}
-        for job in jobs:
-            try:
-                job.do()
-            except Exception as error:
-                if not self.is_patient:
-                    raise
-                failed[job.name] = error
-            else:
-                on_done(job.name)
-        return failed
 
-    def _do_by_processes(
-        self, jobs: Sequence[Job], workers: int, on_done: Callable[[str], object]
-    ) -> dict[str, Exception]:
-        """A worker that is killed takes its pool with it; another pool goes on with the rest."""
-        failed: dict[str, Exception] = {}
-        finished: set[str] = set()
-        breaks = 0
-        while rest := [job for job in jobs if job.name not in {*finished, *failed}]:
-            before = len(finished) + len(failed)
-            # A forked process would share torch's threads; a new one imports them.
-            context = multiprocessing.get_context("spawn")
-            begin = partial(_begin_worker, uses_torch=self.uses_torch)
-            with (
-                WorkerLog() as log,
-                ProcessPoolExecutor(workers, context, begin, (log.end,)) as pool,
-            ):
-                others = multiprocessing.active_children()
-                running = {pool.submit(job.do): job.name for job in rest}
-                started = [each for each in multiprocessing.active_children() if each not in others]
+def do_here(
+    jobs: Sequence[Job], on_done: Callable[[str], object], workers: int = 1
+) -> dict[str, Exception]:
+    """As `JobPool.do_all`, of jobs that are not done."""
+    failed: dict[str, Exception] = {}
+    for job in jobs:
+        try:
+            job.do()
+        except Exception as error:
+            failed[job.name] = error
+        else:
+            on_done(job.name)
+    return failed
+
+
+def do_by_processes(
+    jobs: Sequence[Job], on_done: Callable[[str], object], workers: int
+) -> dict[str, Exception]:
+    """The same. Of a worker that ends abruptly another does the job, after all others."""
+    waiting, failed, breaks = [*jobs], dict[str, Exception](), 0
+    busy: dict[Child, Job] = {}
+    idle = [_worker() for _ in range(workers)]
+    try:
+        while waiting or busy:
+            while waiting and idle:
+                child, job = idle.pop(), waiting.pop(0)
+                busy[child] = job
+                child.send(job)
+            for child, job in [*busy.items()]:
                 try:
-                    is_broken = self._gather(running, failed, finished, on_done)
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    for worker in started:
-                        worker.terminate()
-                    raise
-                if not is_broken:
-                    continue
-                pool.shutdown()
-                ended = log.ended(started)
-            breaks = 0 if len(finished) + len(failed) > before else breaks + 1
-            if breaks == MAX_BREAKS:
-                raise JobsError(f"{_BROKEN} {ended.sentences(_LAST, _FEWER, _AGAIN)}")
-        return failed
-
-    def _gather(
-        self,
-        running: Mapping[Future[None], str],
-        failed: dict[str, Exception],
-        finished: set[str],
-        on_done: Callable[[str], object],
-    ) -> bool:
-        """Returns whether a worker has ended meanwhile."""
-        is_broken = False
-        for future in as_completed(running):
-            name = running[future]
-            try:
-                future.result()
-            except BrokenProcessPool:
-                is_broken = True
-            except (SystemExit, Exception) as error:
-                failed[name] = _left(name, error) if isinstance(error, SystemExit) else error
-                if not self.is_patient:
-                    raise failed[name] from None
-            else:
-                finished.add(name)
-                on_done(name)
-        return is_broken
+                    if not child.has_message(0.0):
+                        continue
+                    error, breaks = child.receive(), 0
+                    idle.append(child)
+                except Gone:
+                    breaks += 1
+                    if breaks == MAX_BREAKS:
+                        told = child.ended().sentences(_LAST, _FEWER, _AGAIN)
+                        raise JobsError(f"{_BROKEN} {told}") from None
+                    child.end()
+                    waiting.append(job)
+                    idle.append(_worker())
+                else:
+                    if error is None:
+                        on_done(job.name)
+                    else:
+                        failed[job.name] = error
+                del busy[child]
+            time.sleep(_POLL_S)
+    finally:
+        for child in (*busy, *idle):
+            child.end()
+    return failed
 
 
-def _left(name: str, end: SystemExit) -> JobsError:
-    return JobsError(
-        f"{name} left its worker process with exit status {end.code}; that is a fault of the "
-        "program, which please report."
-    )
+def _worker() -> Child:
+    here = os.getcwd()  # files may be named from it
+    return Child("processes.pool", here, environment=_ONE_THREAD, is_log_handed_on=True)
 
 
-def _begin_worker(log: Connection, uses_torch: bool) -> None:
-    log_to(log)
-    if uses_torch:
-        use_one_thread()
-    parent = multiprocessing.parent_process()
-    if parent is not None:  # without it nobody would ever end this process
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+def main() -> None:
+    """Of a worker: do jobs as they come, and tell of each what it raised."""
+    channel, (folder,) = parent_channel()
+    os.chdir(folder)
+    jobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(channel, jobs), daemon=True).start()
+    while True:
+        channel.send(_raised(jobs.get()))
 
 
-def _end_with(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
+def _listen(channel: Connection, jobs: queue.SimpleQueue[bytes]) -> None:
+    """Without a parent nobody would ever end this process."""
+    try:
+        while True:
+            jobs.put(channel.recv_bytes())
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+def _raised(told: bytes) -> Exception | None:
+    name = "A job"
+    try:
+        job = pickle.loads(told)
+        name = job.name
+        job.do()
+    except SystemExit as end:
+        return JobsError(
+            f"{name} left its worker process with exit status {end.code}; that is a fault of the "
+            "program, which please report."
+        )
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        return error
 
 
 CONNECT_S = 30
@@ -176,7 +173,7 @@ _ONE_AT_A_TIME = threading.Lock()
 def do_by_cluster(
     jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], object]
 ) -> dict[str, Exception]:
-    """As `processes.pool.JobPool.do_all`, of jobs that are not done."""
+    """As `JobPool.do_all`, of jobs that are not done."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
@@ -240,8 +237,10 @@ def _is_no_lost_connection(record: logging.LogRecord) -> bool:
 
 def _do(job: Job) -> None:
     """On a worker."""
+    import torch
+
     with _ONE_AT_A_TIME:
-        use_one_thread()
+        torch.set_num_threads(1)
         job.do()
 
 
@@ -263,3 +262,7 @@ def _told(error: Exception, job: Job) -> Exception:
             "say how."
         )
     return error
+
+
+if __name__ == "__main__":
+    main()

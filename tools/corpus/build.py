@@ -161,12 +161,13 @@ def _describe(manifest: dict) -> str:
 def _make_clips(jobs: list[ClipJob], workers: int) -> None:
     done = sum(job.is_done() for job in jobs)
     pieces = [Job(job.clip_id, job.is_done, partial(make_job, job)) for job in jobs]
-    pool = JobPool(workers, uses_torch=False, is_patient=False)
     with tqdm(total=len(jobs), initial=done, unit="clip", desc="Corpus", delay=1) as bar:
         try:
-            pool.do_all(pieces, lambda _: bar.update())
+            failed = JobPool(workers).do_all(pieces, lambda _: bar.update())
         except JobsError as error:
             raise CorpusError(str(error)) from error
+    for error in failed.values():
+        raise error
 
 
 def make_job(job: ClipJob) -> None:
