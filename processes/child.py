@@ -141,3 +141,25 @@ def parent_channel() -> tuple[Connection, tuple[str, ...]]:
     """In the child: its end of the channel, and the arguments it was started with."""
     number, *arguments = sys.argv[1:]
     return Connection(int(number)), tuple(arguments)
+
+
+def heard(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
+    """In the child: what the parent sends from now on, each with what a None after it sets. Without
+    a parent nobody would ever end this process: then it ends."""
+    messages: queue.SimpleQueue[tuple[Any, threading.Event]] = queue.SimpleQueue()
+
+    def listen() -> None:
+        stop = threading.Event()
+        try:
+            while True:
+                told = channel.recv()
+                if told is None:
+                    stop.set()
+                else:
+                    stop = threading.Event()
+                    messages.put((told, stop))
+        except (EOFError, OSError):
+            os._exit(1)
+
+    threading.Thread(target=listen, daemon=True).start()
+    return messages

@@ -5,17 +5,15 @@ import asyncio
 import logging
 import os
 import pickle
-import queue
 import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 
-from processes.child import Child, Gone, parent_channel
+from processes.child import Child, Gone, heard, parent_channel
 from processes.job import Job, JobsError
 
 MAX_BREAKS = 3
@@ -92,7 +90,7 @@ def do_by_processes(
             while waiting and idle:
                 child, job = idle.pop(), waiting.pop(0)
                 busy[child] = job
-                child.send(job)
+                child.send(pickle.dumps(job))  # read by the thread that does it
             for child, job in [*busy.items()]:
                 try:
                     if not child.has_message(0.0):
@@ -129,22 +127,12 @@ def main() -> None:
     """Of a worker: do jobs as they come, and tell of each what it raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
-    jobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(channel, jobs), daemon=True).start()
+    jobs = heard(channel)
     while True:
-        channel.send(_raised(jobs.get()))
+        channel.send(_raised(*jobs.get()))
 
 
-def _listen(channel: Connection, jobs: queue.SimpleQueue[bytes]) -> None:
-    """Without a parent nobody would ever end this process."""
-    try:
-        while True:
-            jobs.put(channel.recv_bytes())
-    except (EOFError, OSError):
-        os._exit(1)
-
-
-def _raised(told: bytes) -> Exception | None:
+def _raised(told: bytes, *_: object) -> Exception | None:
     name = "A job"
     try:
         job = pickle.loads(told)

@@ -183,7 +183,7 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
     Raises:
         RunError: at the end, if any failed.
     """
-    from app.run.many.speeches import generate_many
+    from app.run.many.speeches import asks_of, do_clips
 
     with Bars() as shown, _told_if_stopped():
 
@@ -191,8 +191,8 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
             shown.show("generate clips", share)
             name_file(folder)
 
-        done = generate_many(ask, pool, on_done)
-    _finish(done.files, done.notes)
+        done = do_clips(asks_of(ask), pool, on_done)
+    _finish([ask.out / path.name for path in done.files], done.notes)
     for clip, sentence in done.failed.items():
         say(f"{clip}: {sentence}")
     if done.kept:

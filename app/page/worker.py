@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import os
 import pickle
-import queue
 import resource
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of
 from app.run.ask import Event, OnEvent, ShouldCancel
-from processes.child import Child, Gone, parent_channel
+from processes.child import Child, Gone, heard, parent_channel
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
@@ -201,7 +199,7 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 def main() -> None:
     """Of the process: take work as it comes, and read what all of it needs while there is none."""
     channel, needed = parent_channel()
-    works: queue.SimpleQueue[tuple[Any, threading.Event]] = queue.SimpleQueue()
+    works = heard(channel)
     lock = threading.Lock()
 
     def tell(kind: str, value: object) -> None:
@@ -211,7 +209,6 @@ def main() -> None:
     def on_event(event: Event) -> None:
         tell("event", event)
 
-    threading.Thread(target=_listen, args=(channel, works), daemon=True).start()
     reading = _warming_up(*map(Path, needed)) if needed else iter(())
     while True:
         while works.empty() and next(reading, True) is None:
@@ -243,22 +240,6 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
         yield from models.warming_up(weights, body)
     except Exception:
         traceback.print_exc()
-
-
-def _listen(channel: Connection, works: queue.SimpleQueue[tuple[Any, threading.Event]]) -> None:
-    """Works come, each with what stops it, and None, which stops the last that has come. Without a
-    parent nobody asks for any."""
-    stop = threading.Event()
-    try:
-        while True:
-            told = channel.recv()
-            if told is None:
-                stop.set()
-            else:
-                stop = threading.Event()
-                works.put((told, stop))
-    except (EOFError, OSError):
-        os._exit(0)
 
 
 def _limit_memory(more_bytes: int | None) -> int:

@@ -71,7 +71,7 @@ def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
 
         return do(own, tell, should_cancel)
 
-    done = do_clips(asks, ask.out, JobPool(1), do=do_clip)
+    done = do_clips(asks, JobPool(1), do=do_clip)
     if not done.clips:
         raise RunError(next(iter(done.failed.values())))
 

@@ -50,16 +50,6 @@ def is_many(speech: Path) -> bool:
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
 
-def generate_many(
-    ask: Ask,
-    pool: JobPool,
-    on_done: Callable[[Path, float], None] = lambda folder, share: None,
-) -> ManyRuns:
-    """Do an ``ask`` for each piece of speech, as `do_clips`; arguments and errors as there and of
-    `asks_of`."""
-    return do_clips(asks_of(ask), ask.out, pool, on_done)
-
-
 def asks_of(ask: Ask) -> dict[str, Ask]:
     """One for each piece of speech, by the name of its file, as its folder has it. Each has noise
     of its own, the same for all systems; its seed stands in its provenance.
@@ -92,13 +82,12 @@ def asks_of(ask: Ask) -> dict[str, Ask]:
 
 def do_clips(
     asks: Mapping[str, Ask],
-    out: Path,
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
     do: Callable[[str, Ask], Done] | None = None,
 ) -> ManyRuns:
-    """Do a run for each clip, in its own folder in ``out``, and leave there the tables over all
-    that are done, with the verdict over them.
+    """Do a run for each clip, in its own folder, and leave beside them the tables over all that are
+    done, with the verdict over them.
 
     Args:
         on_done: told the folder of each run as it is there, and the share done.
@@ -108,7 +97,7 @@ def do_clips(
         Cancelled: where ``do`` said so.
         JobsError: if those who work are lost; what is done is kept.
     """
-    jobs = []
+    jobs, out = [], next(iter(asks.values())).out.parent
     for clip, ask in asks.items():
         stamp = _stamp(ask)
         done = partial(_is_done, ask.out, stamp)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.run.ask import Ask
-from app.run.many.speeches import generate_many
+from app.run.many.speeches import asks_of, do_clips
 from app.run.output.run_folder import RUN, read_run
 from model.speech.audio import write_wav
 from processes.pool import JobPool
@@ -47,13 +47,15 @@ def test_a_labs_day(tmp_path: Path) -> None:
             os.kill(struck.pid, signal.SIGKILL)
 
         threading.Thread(target=strike, daemon=True).start()
-        runs = generate_many(
-            asked(apart), JobPool(scheduler=file), lambda path, share: told.append(path.name)
+        runs = do_clips(
+            asks_of(asked(apart)),
+            JobPool(scheduler=file),
+            lambda path, share: told.append(path.name),
         )
         assert struck.wait(10) == -signal.SIGKILL
     clips = [f"clip{number:03}" for number in range(CLIPS)]
     assert list(runs.clips) == sorted(told) == clips and runs.failed == {}
-    generate_many(asked(here), JobPool(2 if CLIPS > 20 else 1))
+    do_clips(asks_of(asked(here)), JobPool(2 if CLIPS > 20 else 1))
     for clip in clips:
         assert names_in(apart / clip) == names_in(here / clip)
         for system in ("gan-5", "asynfusion-lcm-async"):

@@ -14,7 +14,7 @@ from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run.ask import Ask, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
-from app.run.many.speeches import find_speeches, generate_many, is_many
+from app.run.many.speeches import asks_of, do_clips, find_speeches, is_many
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
 from app.run.output.telling import Bars
 from model.plan.editing import added, gestures
@@ -47,7 +47,7 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     out = tmp_path / "out"
     told: list[tuple[str, float]] = []
     asked = request_of(speeches, out, weights, has_figures=False)
-    runs = generate_many(asked, HERE, lambda path, share: told.append((path.name, share)))
+    runs = do_clips(asks_of(asked), HERE, lambda path, share: told.append((path.name, share)))
     assert runs.clips == ("a", "b", "c") and runs.kept == 0 and runs.failed == {}
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
     for clip in runs.clips:
@@ -72,17 +72,17 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     (out / "a" / RUN).write_text("{")
     (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
-    runs = generate_many(asked, HERE)
+    runs = do_clips(asks_of(asked), HERE)
     assert runs.kept == 1 and runs.clips == ("a", "b", "c")
     after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
     assert not list(out.glob("*/.unfinished*"))
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
     write_wav(speeches / "c.wav", made_waveform(16_000, 9))
-    assert generate_many(asked, HERE).kept == 2
+    assert do_clips(asks_of(asked), HERE).kept == 2
     for clip in "ab":
         (speeches / f"{clip}.wav").unlink()
-    assert generate_many(asked, HERE).kept == 1
-    assert generate_many(replace(asked, seed=1), HERE).kept == 0
+    assert do_clips(asks_of(asked), HERE).kept == 1
+    assert do_clips(asks_of(replace(asked, seed=1)), HERE).kept == 0
 
 
 def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path, capsys):
@@ -133,7 +133,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     assert list(dict.fromkeys(told)) == ["a, 1 of 2", "b, 2 of 2"]
     runs = runs_in(asked.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
-    generate_many(replace(asked, out=tmp_path / "2", is_kept=False), HERE)
+    do_clips(asks_of(replace(asked, out=tmp_path / "2", is_kept=False)), HERE)
     with np.load(tmp_path / "2/b/globaldiff-local.npz") as elsewhere:
         here = np.load(asked.out / "b/globaldiff-local.npz")
         np.testing.assert_array_equal(here["poses"], elsewhere["poses"])
@@ -195,7 +195,7 @@ def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path)
 def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
     asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
     with pytest.raises(RunError, match="belong to one piece of speech"):
-        generate_many(asked, HERE)
+        do_clips(asks_of(asked), HERE)
     assert not (tmp_path / "out").exists()
 
 
@@ -211,19 +211,19 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
         has_figures=False, style=style, plan=plans,
     )  # fmt: skip
     with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):
-        generate_many(asked, HERE)
+        do_clips(asks_of(asked), HERE)
     with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
-        generate_many(replace(asked, plan=style), HERE)
+        do_clips(asks_of(replace(asked, plan=style)), HERE)
     GesturePlan(1.0, nods=(Nod(0.5, 4.0),)).write(plans / "a.json")
     busy = added(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
     write_plan_file(busy, plans / "d.TextGrid")
-    runs = generate_many(asked, HERE)
+    runs = do_clips(asks_of(asked), HERE)
     assert runs.failed == {} and runs.clips == ("a", "d")
     performed = [read_plan(asked.out / clip / "workbench-planned.plan.json") for clip in "ad"]
     assert [plan.nods[0].time_s for plan in performed] == [0.5, 1.5]
     assert not gestures(performed[1], "right")
 
-    assert generate_many(asked, HERE).kept == 2
+    assert do_clips(asks_of(asked), HERE).kept == 2
     style.write_text("[times]\nsmile = 0\n")  # another style makes other motion
-    assert generate_many(asked, HERE).kept == 0
+    assert do_clips(asks_of(asked), HERE).kept == 0
     assert len(gestures(read_plan(asked.out / "d/workbench-planned.plan.json"), "right")) == 1
