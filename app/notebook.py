@@ -40,8 +40,9 @@ from model.measures.differences import degrees_by_part
 from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
+from model.plan.files import read_plan_file, write_plan_file
 from model.plan.found import found_plan
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.files import written_atomically
@@ -137,7 +138,7 @@ def in_file(folder: Path, given: SpeechLike | MotionLike | PlanLike | None) -> P
         case Motion():
             save_motion(given, path := folder / "motion.npz")
         case GesturePlan():
-            given.write(path := folder / "plan.json")
+            write_plan_file(given, path := folder / "plan.json")
         case (samples, rate):
             _write_samples(path := folder / "speech.wav", np.asarray(samples), int(rate))
     return path
@@ -384,7 +385,7 @@ def generate(
     return Performance(
         speech=read_speech(ask.speech or ""),
         motions={name: load_motion(path) for name, path in motions.items()},
-        plans={name: read_plan(path) for name, path in plans.items()},
+        plans={name: read_plan_file(path).plan for name, path in plans.items()},
         said=result.said,
         diagnostics=result.diagnostics,
         notes=result.notes,

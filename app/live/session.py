@@ -22,6 +22,7 @@ from model.generation.base import System
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, put_together, save_motion
+from model.plan.files import write_plan_file
 from model.plan.plan import SIDES, GesturePlan, Moment, PlanError, PlannedAhead
 from model.plan.style import Manner
 from model.speech.audio import write_wav
@@ -298,7 +299,7 @@ class LiveSession:
         write_wav(wav, minute.waveform)
         save_motion(minute.motion, npz)
         if minute.plan is not None:
-            minute.plan.write(plan)
+            write_plan_file(minute.plan, plan)
         facts = {
             "first_frame_of_session": minute.first_frame,
             "least_new_frames_a_window": self.pace.hop,

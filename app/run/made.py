@@ -36,7 +36,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames, load_motion, put_together
 from model.plan.files import check_ending, read_plan_file, write_plan_file
 from model.plan.found import found_plan
-from model.plan.plan import GesturePlan, Noted, read_plan
+from model.plan.plan import GesturePlan, Noted
 from model.plan.style import StyleWish, read_wish
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.systems.registry import list_systems, usual_planner
@@ -98,7 +98,7 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     else:
         name = systems[0].name
         if ask.take.plan is not None:  # before the motion, of which one would be found
-            run.performed(name, read_plan(ask.take.plan))
+            run.performed(name, read_plan_file(ask.take.plan).plan)
         run.note(LIVE_NOTE)
         run.progress("motion", 1.0)
         made = {name: told(name, load_motion(ask.take.motion))}

@@ -49,8 +49,9 @@ from model.formats.read import Reading
 from model.generation.base import Windowing
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, put_together, save_motion
+from model.plan.files import read_plan_file, write_plan_file
 from model.plan.found import found_plan
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, write_wav
 from model.speech.transcript import Transcript
 from model.storage.harmless import csv_text
@@ -276,7 +277,7 @@ class RunWriter(Reporter):
         self.rows(motions)
         self.sound(waveform_of(speech, motions))
         for name in sorted(motions.keys() & (plans or {}).keys()):
-            self.performed(name, read_plan((plans or {})[name]))
+            self.performed(name, read_plan_file((plans or {})[name]).plan)
         for name, motion in motions.items():
             self.motion(name, motion)
         return make_timeline(speech, motions, "raw", tip, weights)
@@ -293,8 +294,8 @@ class RunWriter(Reporter):
         """Leave a row's plan beside its motion; given back with the decimals that anybody finds in
         the file."""
         path = self.folder.path(f"{file_stem(name)}.plan.json")
-        plan.write(path)
-        written = read_plan(path)
+        write_plan_file(plan, path)
+        written = read_plan_file(path).plan
         self._row(name).files["plan"] = path.name
         self.file(path, row=name, kind="performed")
         return written
@@ -304,7 +305,7 @@ class RunWriter(Reporter):
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
                 path = self.folder.path(shown_file(name, ".plan.json"))
-                found_plan(motion, open_body_skeleton()).write(path)
+                write_plan_file(found_plan(motion, open_body_skeleton()), path)
                 self.file(path, row=name, kind="plan")
 
     def measured(self, diagnostics: Diagnostics) -> None:

@@ -7,6 +7,7 @@ labels can be: a tier for each phase, short labels, no places; what was made of 
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -21,7 +22,7 @@ from typing import Any, TypeVar
 from conventions.rates import FPS
 from model.plan.kinds import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
-    MAX_BYTES,
+    FORMAT,
     PHASES,
     SIDES,
     Blink,
@@ -39,7 +40,6 @@ from model.plan.plan import (
     Smile,
     Span,
     Stand,
-    plan_of_json,
 )
 from model.plan.tier_files import (
     Interval,
@@ -50,6 +50,7 @@ from model.plan.tier_files import (
     textgrid_of,
     textgrid_tiers,
 )
+from model.storage.checked import FieldError, checked
 from model.storage.files import bytes_within, written_atomically
 from model.storage.harmless import csv_text
 
@@ -416,6 +417,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 ENDINGS = (".json", ".TextGrid", ".eaf")
+MAX_BYTES = 16 * 2**20
 
 
 def read_plan_file(path: Path) -> Noted:
@@ -431,12 +433,27 @@ def plan_in(data: bytes, file: str) -> Noted:
     """The plan in a file of that name, see `read_plan_file`."""
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
-        return Noted(plan_of_json(data, file))
+        return Noted(_of_json(data, file))
     tiers, duration_s = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
     try:
         return plan_of_tiers(tiers, duration_s)
     except PlanError as error:
         raise PlanError(f"{file}: {error}") from None
+
+
+def _of_json(data: bytes, file: str) -> GesturePlan:
+    try:
+        told = json.loads(data)
+    except (ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict) or told.pop("format", None) != FORMAT:
+        raise PlanError(f"{file} is no plan of format {FORMAT}, as `plan --out` writes it.")
+    # No file of text holds half a character, which JSON can spell.
+    text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
+    try:
+        return checked(text, GesturePlan)
+    except FieldError as error:
+        raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
 def annotated_plan(path: Path) -> GesturePlan:
@@ -510,37 +527,23 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         part.write_text(text, encoding="utf-8", newline="")
 
 
-@dataclass(frozen=True)
-class Marker:
-    """A moment and what happens there."""
-
-    time_s: float
-    name: str
-
-    @property
-    def frame(self) -> int:
-        """The nearest, from 0."""
-        return round(self.time_s * FPS)
-
-
-def markers_of(plan: GesturePlan) -> tuple[Marker, ...]:
+def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
     """When each phase of each hand begins, but for rests, and nods, looks, brows and blinks, in
-    time."""
-    found = [Marker(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
+    time: seconds and names."""
+    found = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
     for side in SIDES:
         for phase in plan.hand(side):
             kind = f" ({phase.kind})" if phase.kind else ""
             word = f" on {phase.word}" if phase.word else ""
             if phase.phase != "rest":
-                found.append(Marker(phase.start_s, f"{side} {phase.phase}{kind}{word}"))
+                found.append((phase.start_s, f"{side} {phase.phase}{kind}{word}"))
     for look in plan.looks:
-        found.append(Marker(look.start_s, f"look {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
-    found += [Marker(brow.time_s, "frown" if brow.height < 0 else "brows") for brow in plan.brows]
-    found += [Marker(blink.time_s, "blink") for blink in plan.blinks]
-    return tuple(sorted(found, key=lambda marker: (marker.time_s, marker.name)))
+        found.append((look.start_s, f"look {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
+    found += [(brow.time_s, "frown" if brow.height < 0 else "brows") for brow in plan.brows]
+    return sorted([*found, *((blink.time_s, "blink") for blink in plan.blinks)])
 
 
 def markers_csv(plan: GesturePlan) -> str:
-    """The same as a table: ``frame``, ``time_s``, ``name``."""
-    rows = [(each.frame, f"{each.time_s:.4f}", each.name) for each in markers_of(plan)]
+    """The same as a table: ``frame`` (the nearest, from 0), ``time_s``, ``name``."""
+    rows = [(round(at_s * FPS), f"{at_s:.4f}", name) for at_s, name in markers_of(plan)]
     return csv_text([("frame", "time_s", "name"), *rows], "\n")

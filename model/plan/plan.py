@@ -13,13 +13,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field
-
-from model.storage.checked import FieldError, checked
-from model.storage.files import bytes_within, written_atomically
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, ...] = get_args(Side)
@@ -27,7 +23,6 @@ Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
 PHASES: tuple[Phase, ...] = get_args(Phase)
 Leg = Literal["left", "right", "both"]
 FORMAT = 1
-MAX_BYTES = 16 * 2**20
 MAX_EVENTS = 200_000
 """Of one kind; hours of speech have fewer."""
 STILL: tuple[str, ...] = ("rest", "hold")
@@ -196,15 +191,10 @@ class GesturePlan(_FromJson):
         return replace(self, duration_s=self.duration_s / speed, **lists)
 
     def as_json(self) -> str:
-        """What `read_plan` reads."""
+        """What a `.json` file holds of it."""
         told = json.dumps({"format": FORMAT, **dataclasses.asdict(self)})
         rounded = json.loads(told, parse_float=lambda number: round(float(number), 4))
         return json.dumps(rounded, indent=1) + "\n"
-
-    def write(self, path: Path) -> None:
-        """Write it whole or not at all; a `WriteError` says why not."""
-        with written_atomically(path) as part:
-            part.write_text(self.as_json(), encoding="utf-8")
 
     def _lists(self) -> Iterator[tuple[str, tuple[Any, ...]]]:
         for each in dataclasses.fields(self):
@@ -238,31 +228,6 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
     if end_s - at_s > _GAP_S:
         filled.append(HandPhase(at_s, end_s, still, goal, kind))
     return tuple(filled)
-
-
-def read_plan(path: Path) -> GesturePlan:
-    """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
-
-    Raises:
-        PlanError: if the file is missing, too large, or holds no such plan.
-    """
-    return plan_of_json(bytes_within(path, MAX_BYTES, PlanError), path.name)
-
-
-def plan_of_json(data: bytes, file: str) -> GesturePlan:
-    """The plan in a file of that name; a `PlanError` if it holds none."""
-    try:
-        told = json.loads(data)
-    except (ValueError, RecursionError):
-        told = None
-    if not isinstance(told, dict) or told.pop("format", None) != FORMAT:
-        raise PlanError(f"{file} is no plan of format {FORMAT}, as `plan --out` writes it.")
-    # No file of text holds half a character, which JSON can spell.
-    text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
-    try:
-        return checked(text, GesturePlan)
-    except FieldError as error:
-        raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
 @dataclass(frozen=True)

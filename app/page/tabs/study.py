@@ -422,7 +422,7 @@ def _write_plan(told: Mapping[str, Any], folder: Path) -> tuple[Path, str]:
     path = folder / "plan.toml"
     path.write_text(plan_text(told), "utf-8")
     plan = read_plan(path)
-    return path, size_of(plan, make_design(plan)).sentence()
+    return path, size_of(plan, make_design(plan))[1]
 
 
 def _link(elem_id: str, url: str, name: str, words: str) -> str:

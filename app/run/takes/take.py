@@ -42,8 +42,9 @@ from model.motion.altered import filtered
 from model.motion.motion import Motion, load_motion
 from model.plan.editing import Gesture as Which
 from model.plan.editing import partner_of
+from model.plan.files import read_plan_file
 from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
-from model.plan.plan import GesturePlan, PlanError, read_plan
+from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
@@ -78,7 +79,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
     performed = start and file_of(ask.out, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan(performed), said_in(ask.out).words
+    plan, words = read_plan_file(performed).plan, said_in(ask.out).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "

@@ -19,7 +19,7 @@ from conventions.views import View
 from model.formats.read import lengths_apart, read_any_motion
 from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import written_atomically
 from renderer.body.body import Body, BodyMotion
@@ -60,7 +60,7 @@ def render_motion(
 
 def write_plan(ask: RenderAsk, *_: object) -> None:
     """A plan in one of the forms that other programs read, of what a page shows of it."""
-    plan = read_plan(ask.motions[0])
+    plan = read_plan_file(ask.motions[0]).plan
     if ask.out.name.endswith(MARKERS_ENDING):
         ask.out.write_text(markers_csv(plan), encoding="utf-8")
     else:
@@ -73,7 +73,7 @@ def _apart(speech: Path, motion: Motion) -> list[str]:
 
 def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
     plan = _plan(ask)
-    markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
+    markers = [] if plan is None else markers_of(plan)
     files = [ask.out]
     with written_atomically(ask.out) as part:
         match ask.ending:

@@ -265,33 +265,9 @@ _WHAT = {
 """By kind of trial: what a page gives, and to whom it is counted."""
 
 
-@dataclass(frozen=True)
-class StudySize:
-    """What a study asks, and how many votes it brings, of all lists, if all participants finish."""
-
-    minutes: int
-    """What the longest list takes: each video once, and for each page the time of an answer."""
-    num_pages: int
-    """Of the longest list, attention checks among them."""
-    kind: str
-    """Of its trials."""
-    fewest: int
-    """Votes for the pair of systems, or the system, that is shown least often."""
-    most: int
-
-    def sentence(self) -> str:
-        """For the researcher."""
-        vote, whom = _WHAT[self.kind]
-        count = counted(self.most, vote)
-        count = count if self.fewest == self.most else f"{self.fewest} to {count}"
-        return (
-            f"About {counted(self.minutes, 'minute')} and {counted(self.num_pages, 'page')} for "
-            f"each participant; {count} for each {whom} if all finish."
-        )
-
-
-def size_of(plan: Plan, design: Design) -> StudySize:
-    """Counted from the design, before any video is made."""
+def size_of(plan: Plan, design: Design) -> tuple[int, str]:
+    """Minutes of the longest list (each video once, and for each page the time of an answer), and a
+    sentence for the researcher: what the study asks, and how many votes it brings if all finish."""
     length_s = plan.length_s or USUAL_LENGTH_S
     seconds = max(
         sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists
@@ -302,10 +278,11 @@ def size_of(plan: Plan, design: Design) -> StudySize:
     for page in itertools.chain.from_iterable(design.lists):
         shown = sorted({stimulus.system for stimulus in page.shown})
         votes.update(itertools.combinations(shown, num_shown))
-    return StudySize(
-        minutes=math.ceil((BEFORE_S + seconds) / 60),
-        num_pages=max(map(len, design.lists)),
-        kind=KIND_OF_PROTOCOL[plan.protocol],
-        fewest=min(votes.values()),
-        most=max(votes.values()),
+    fewest, most = min(votes.values()), max(votes.values())
+    vote, whom = _WHAT[KIND_OF_PROTOCOL[plan.protocol]]
+    count = counted(most, vote) if fewest == most else f"{fewest} to {counted(most, vote)}"
+    minutes, pages = math.ceil((BEFORE_S + seconds) / 60), max(map(len, design.lists))
+    return minutes, (
+        f"About {counted(minutes, 'minute')} and {counted(pages, 'page')} for each participant; "
+        f"{count} for each {whom} if all finish."
     )

@@ -88,7 +88,7 @@ def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
         "sound": plan.has_sound,
         "postTo": plan.post_to,
         "returnTo": plan.return_to,
-        "minutes": size_of(plan, design).minutes,
+        "minutes": size_of(plan, design)[0],
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
         "lists": blind_lists(design, key),
@@ -147,7 +147,7 @@ def write_records(
     about = {
         "plan": plan,
         "balance": balance,
-        "size": size_of(plan, design).sentence(),
+        "size": size_of(plan, design)[1],
         "questions": questions_of(plan.protocol),
         "num_trials": sum(trial.kind != "attention" for trial in design.trials),
         "per_person": len(design.lists[0]) - plan.attention_checks,

@@ -27,7 +27,8 @@ from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import do
 from model.motion.motion import load_motion, save_motion
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.files import read_plan_file, write_plan_file
+from model.plan.plan import GesturePlan
 from model.speech.audio import write_wav
 from model.systems.registry import list_systems
 from renderer.draw import probe
@@ -344,7 +345,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
     seen = smooth_motion_example(37, seed=4)
     save_motion(seen, tmp_path / "live.npz")
     plan = GesturePlan(37 / 30, right=(phase(0.0, 1.0, "stroke", kind="you"),))
-    plan.write(tmp_path / "live.plan.json")
+    write_plan_file(plan, tmp_path / "live.plan.json")
     facts = {"frames_heard_ahead": 10, "speech_level": "running"}
     take = Take(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
     result = do(ask(systems=(WORLD,), take=take))
@@ -355,7 +356,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
     np.testing.assert_array_equal(kept.expressions, seen.expressions)
     assert options_of(result)["live"] == facts
     assert any("made while the speech was spoken" in note for note in result.notes)
-    left = read_plan(result.out / "globaldiff-global.plan.json")
+    left = read_plan_file(result.out / "globaldiff-global.plan.json").plan
     assert left.right[0].kind == "you"
     bare = do(ask(systems=(WORLD,), take=replace(take, plan=None), out=tmp_path / "bare"))
     assert not [*bare.out.glob("*.plan.json")]

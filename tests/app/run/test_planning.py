@@ -14,8 +14,8 @@ from app.run.made import make_plan
 from app.run.pipeline import do
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
-from model.plan.files import read_plan_file
-from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError, read_plan
+from model.plan.files import read_plan_file, write_plan_file
+from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
 from tests.model.made import made_waveform
@@ -42,7 +42,7 @@ def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_s
     do(replace(asked, samples=2))
     plans = sorted(asked.out.glob("*.plan.json"))
     assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
-    assert read_plan(plans[0]).duration_s == 4.0
+    assert read_plan_file(plans[0]).plan.duration_s == 4.0
     other = replace(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
     given = do(other)
     assert f"{WORLD} performs no plans." in given.notes
@@ -56,7 +56,7 @@ def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
     asked: Ask, tmp_path: Path
 ) -> None:
     plan, style = tmp_path / "plan.json", tmp_path / "style.toml"
-    GesturePlan(4.0).write(plan)
+    write_plan_file(GesturePlan(4.0), plan)
     style.write_text("wrong_words = true")
     for changes in ({"plan": plan}, {"style": style}):
         words = f"None of these systems performs plans; leave the {next(iter(changes))} out"
@@ -80,7 +80,7 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
     grid_.write_text(grid(tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
     given = do(replace(asked, plan=grid_))
     assert any(note.startswith("No places are told for the right hand") for note in given.notes)
-    performed = read_plan(given.out / f"{STEM}.plan.json")
+    performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 
 
@@ -88,10 +88,10 @@ def test_a_style_file_is_done_to_drawn_and_to_given_plans(asked: Ask, tmp_path: 
     style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
     more.write_text("gestures_per_min = 90")
-    added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan.write(given)
+    write_plan_file(added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan, given)
     for plan in (None, given):
         made = do(replace(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style))
-        performed = read_plan(made.out / f"{STEM}.plan.json")
+        performed = read_plan_file(made.out / f"{STEM}.plan.json").plan
         assert not [one for side in SIDES for one in gestures(performed, side)]
         record = json.loads((made.out / "provenance.json").read_text())
         assert record["options"]["style"] == "style.toml"
@@ -117,7 +117,7 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
     motion, plan = tmp_path / "made.npz", tmp_path / "made.plan.json"
     save_motion(made_motion(90), motion)
     still = GesturePlan(3.0, nods=(Nod(1.5, 4.0),))
-    added(still, "offer", 2.0, "right").plan.write(plan)
+    write_plan_file(added(still, "offer", 2.0, "right").plan, plan)
     for ending in (".glb", ".bvh", ".blender.npz"):
         assert main(["render", str(motion), "--out", str(tmp_path / f"out{ending}")]) == 0
     assert str(tmp_path / "out.markers.csv") in capsys.readouterr().out.split()
@@ -134,7 +134,7 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
     lines = (tmp_path / "out.markers.csv").read_text().splitlines()
     assert lines[0] == "frame,time_s,name" and len(lines) == 1 + len(names)
 
-    GesturePlan(3.0, blinks=(Blink(1.0),)).write(tmp_path / "other.json")
+    write_plan_file(GesturePlan(3.0, blinks=(Blink(1.0),)), tmp_path / "other.json")
     flags = ["--plan", str(tmp_path / "other.json"), "--out", str(tmp_path / "other.bvh")]
     assert main(["render", str(motion), *flags]) == 0
     assert (tmp_path / "other.markers.csv").read_text().splitlines()[1:] == ["30,1.0000,blink"]
@@ -161,9 +161,9 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
     assert found.duration_s == 2.0 and found.left and found.right
     plan, weights = tmp_path / "plan.json", ("--weights", str(asked.weights))
     assert told(asked.speech, plan, "--speaker", "bob", *weights) == str(plan)
-    assert gestures(read_plan(plan), "right")
+    assert gestures(read_plan_file(plan).plan, "right")
     told(asked.speech, plan, "--style", str(style), *weights)
-    assert not gestures(read_plan(plan), "right")
+    assert not gestures(read_plan_file(plan).plan, "right")
 
     for flags in (["--speaker", "bob"], ["--empty"]):
         refusal = f"In a motion the plan is found; {flags[0]} is for speech."

@@ -30,7 +30,8 @@ from app.run.run_writer import findings_told, writing_run
 from app.run.timeline import said_in
 from model.faults.evidence import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
-from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
+from model.plan.files import read_plan_file
+from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.plan.tier_files import Interval
 from model.speech.audio import load_speech
 from model.speech.transcript import Accent, Transcript, Word
@@ -161,7 +162,7 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         assert run.performed(NAMES[0], plan) == plan
         run.find_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
     shown = [json.loads((tmp_path / each.files["plan"]).read_text()) for each in run.record.rows]
-    assert read_plan(tmp_path / run.record.rows[0].files["performed"]) == plan
+    assert read_plan_file(tmp_path / run.record.rows[0].files["performed"]).plan == plan
     assert shown[0]["nods"] == [{"time_s": 1.25, "depth_deg": 6.0}]
     assert shown[1]["duration_s"] == 1.5 and "performed" not in run.record.rows[1].files
     assert (shown[1]["right"][0]["start_s"], shown[1]["right"][-1]["end_s"]) == (0.0, 1.5)

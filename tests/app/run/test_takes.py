@@ -18,7 +18,8 @@ from app.run.takes.take import MadeTake, TakeAsk, make_take
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures
-from model.plan.plan import GesturePlan, PlanError, read_plan
+from model.plan.files import read_plan_file, write_plan_file
+from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import write_wav
 from model.speech.transcript import Word
@@ -205,7 +206,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> Ask:
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
     still = (phase(0.0, SPOKEN, "rest"),)
     plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
-    plan.write(folder / "plan.json")
+    write_plan_file(plan, folder / "plan.json")
     run = Ask(
         speech=folder / "talk.wav", out=folder / "run", weights=planned_weights,
         systems=(PLANNED,), seed=4, plan=folder / "plan.json", steps=2, has_figures=False,
@@ -249,7 +250,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert len({one.end for one in there}) > 1, "it comes window by window"
     assert own.there is not None and {one.place for one in there} == {own.there.place}
     assert made.color != own.color
-    plan = read_plan(folder / made.files["performed"])
+    plan = read_plan_file(folder / made.files["performed"]).plan
     assert [one.lands_s for one in gestures(plan, "right")] == [9.5]
     (gesture,) = json.loads((folder / made.files["told"]).read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
@@ -263,7 +264,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert make_take(again, lambda event: None, never).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
-    plan = read_plan(elsewhere / last.files["performed"])
+    plan = read_plan_file(elsewhere / last.files["performed"]).plan
     assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
 
 

@@ -22,7 +22,6 @@ from app.study.design.trials import (
     BEFORE_S,
     Design,
     Page,
-    StudySize,
     is_first_left,
     make_design,
     measure_balance,
@@ -196,28 +195,20 @@ def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_pat
 
 def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
     """Each of 6 pairs, 4 matches or 1 group on 3 clips, by 10 people."""
-    for protocol, pages, shown in [
-        ("pairwise", 6 * 3, 2),
-        ("matched", 4 * 3, 2),
-        ("ranking", 3, 4),
-        ("rating", 3, 4),
+    for protocol, pages, shown, votes in [
+        ("pairwise", 6 * 3, 2, "30 votes for each pair of systems"),
+        ("matched", 4 * 3, 2, "30 votes for each system"),
+        ("ranking", 3, 4, "30 rankings for each system"),
+        ("rating", 3, 4, "30 ratings for each system"),
     ]:
         settings = "attention_checks = 0\nlength_s = 6"
         found = size_of(*design_of(tmp_path, protocol, settings, participants=10))
         minutes = math.ceil((BEFORE_S + pages * (shown * 6 + ANSWER_S)) / 60)
-        assert (found.num_pages, found.minutes) == (pages, minutes)
-        assert (found.fewest, found.most) == (10 * 3, 10 * 3)
-
-
-def test_a_sentence_for_the_researcher():
-    assert StudySize(7, 18, "pair", 28, 28).sentence() == (
-        "About 7 minutes and 18 pages for each participant; 28 votes for each pair of systems if "
-        "all finish."
-    )
-    assert StudySize(1, 1, "rank", 0, 1).sentence() == (
-        "About 1 minute and 1 page for each participant; 0 to 1 ranking for each system if all "
-        "finish."
-    )
+        sentence = f"{minutes} minutes and {pages} pages for each participant; {votes} if all"
+        assert found == (minutes, f"About {sentence} finish.")
+    one = "attention_checks = 0\ntrials_per_participant = 1"
+    _, sentence = size_of(*design_of(tmp_path, "pairwise", one, participants=1))
+    assert " 1 page for each participant; 0 to 1 vote for each pair of systems if" in sentence
 
 
 def test_the_probability_of_perfect_agreement_is_exact():

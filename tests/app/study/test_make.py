@@ -21,7 +21,7 @@ from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.windows import GenerateOptions, generate_motion
 from model.plan.editing import Gesture, added, deleted
-from model.plan.files import read_plan_file
+from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, write_wav
@@ -189,7 +189,7 @@ def condition(name: str, more: str) -> str:
 def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_path):
     (tmp_path / "plans").mkdir()
     file = tmp_path / "plans" / "one.json"
-    added(GesturePlan(3.0), "offer", 1.5, "right").plan.write(file)
+    write_plan_file(added(GesturePlan(3.0), "offer", 1.5, "right").plan, file)
     given = read_plan_file(file).plan
     by_hand = 'plan = "plans/{clip}.json"'
     none = "style = { times = { gestures_per_min = 0 } }"
@@ -227,7 +227,7 @@ def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp
     text = condition("given", 'plan = "{clip}.json"')
     with pytest.raises(RunError, match="The plan of 'given' for clip 'one' is missing"):
         planned_sources(tmp_path, text)
-    GesturePlan(9.0).write(tmp_path / "one.json")
+    write_plan_file(GesturePlan(9.0), tmp_path / "one.json")
     with pytest.raises(RunError, match=r"for clip 'one': The plan is of 9\.00 s and the speech"):
         planned_sources(tmp_path, text)
 

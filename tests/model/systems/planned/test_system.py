@@ -19,7 +19,8 @@ from model.generation.windows import (
     draw_of,
     generate_motion,
 )
-from model.plan.plan import GesturePlan, read_plan
+from model.plan.files import read_plan_file, write_plan_file
+from model.plan.plan import GesturePlan
 from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
 from model.systems.planned.config import PLANNED, PLANNER
@@ -48,8 +49,8 @@ def root(tmp_path_factory):
 def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
     (plan,) = draw_conditions(system, SPEECH, OPTIONS)
     assert plan.duration_s == 2.5 and len(plan.right) > 3
-    plan.write(tmp_path / "plan.json")
-    told = replace(OPTIONS, conditions=(read_plan(tmp_path / "plan.json"),))
+    write_plan_file(plan, tmp_path / "plan.json")
+    told = replace(OPTIONS, conditions=(read_plan_file(tmp_path / "plan.json").plan,))
     (drawn,), (given,) = (generate_motion(system, SPEECH, o) for o in (OPTIONS, told))
     # The file has four decimals.
     np.testing.assert_allclose(given.poses, drawn.poses, atol=5e-3)
