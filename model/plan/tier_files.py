@@ -21,7 +21,6 @@ from datetime import UTC, datetime
 from itertools import pairwise
 from math import nan
 from urllib.parse import quote
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
@@ -168,27 +167,22 @@ _DURATION = "duration_s"
 _PHRASES = "gesture"
 """Tiers whose names begin so have phases to choose from."""
 _DOCUMENT = """\
-<?xml version="1.0" encoding="UTF-8"?>
-<ANNOTATION_DOCUMENT AUTHOR="" DATE="{date}" FORMAT="3.0" VERSION="3.0" \
-xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" \
-xsi:noNamespaceSchemaLocation="http://www.mpi.nl/tools/elan/EAFv3.0.xsd">
-  <HEADER MEDIA_FILE="" TIME_UNITS="milliseconds">{media}
-    <PROPERTY NAME="duration_s">{duration_s:.4f}</PROPERTY>
-    <PROPERTY NAME="lastUsedAnnotationId">{count}</PROPERTY>
-  </HEADER>
-  <TIME_ORDER>{slots}
-  </TIME_ORDER>{tiers}
-  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="phase" TIME_ALIGNABLE="true" GRAPHIC_REFERENCES="false" \
-CONTROLLED_VOCABULARY_REF="phases"/>
-  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="more of a phase" TIME_ALIGNABLE="false" \
-GRAPHIC_REFERENCES="false" CONSTRAINTS="Symbolic_Association"/>
+<ANNOTATION_DOCUMENT AUTHOR="" DATE="" FORMAT="3.0" VERSION="3.0"
+    xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
+    xsi:noNamespaceSchemaLocation="http://www.mpi.nl/tools/elan/EAFv3.0.xsd">
+  <HEADER MEDIA_FILE="" TIME_UNITS="milliseconds"/>
+  <TIME_ORDER/>
+  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="phase" TIME_ALIGNABLE="true" GRAPHIC_REFERENCES="false"
+    CONTROLLED_VOCABULARY_REF="phases"/>
+  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="more of a phase" TIME_ALIGNABLE="false"
+    GRAPHIC_REFERENCES="false" CONSTRAINTS="Symbolic_Association"/>
   <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="time" TIME_ALIGNABLE="true" GRAPHIC_REFERENCES="false"/>
-  <LANGUAGE LANG_DEF="http://cdb.iso.org/lg/CDB-00138502-001" LANG_ID="eng" \
-LANG_LABEL="English (eng)"/>
-  <CONSTRAINT STEREOTYPE="Symbolic_Association" \
-DESCRIPTION="1-1 association with a parent annotation"/>
+  <LANGUAGE LANG_DEF="http://cdb.iso.org/lg/CDB-00138502-001" LANG_ID="eng"
+    LANG_LABEL="English (eng)"/>
+  <CONSTRAINT STEREOTYPE="Symbolic_Association"
+    DESCRIPTION="1-1 association with a parent annotation"/>
   <CONTROLLED_VOCABULARY CV_ID="phases">
-    <DESCRIPTION LANG_REF="eng">What a hand does</DESCRIPTION>{phases}
+    <DESCRIPTION LANG_REF="eng">What a hand does</DESCRIPTION>
   </CONTROLLED_VOCABULARY>
 </ANNOTATION_DOCUMENT>
 """
@@ -226,52 +220,51 @@ def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> s
     """
     slots: list[int] = []
     names: dict[tuple[str, float], str] = {}
-    written: list[str] = []
     count = 0
-    for tier in tiers:
+    root = ET.fromstring(_DOCUMENT)
+    root.set("DATE", datetime.now(UTC).isoformat(timespec="seconds"))
+    header, order, *_, vocabulary = root
+    for place, tier in enumerate(tiers, 2):
         spans = _around(tier.rows) if tier.has_points else [_span(row) for row in tier.rows]
         kind = "phase" if tier.name.startswith(_PHRASES) else "time"
-        parent = f" PARENT_REF={quoteattr(tier.parent)}" if tier.parent else ""
-        written.append(
-            f'\n  <TIER LINGUISTIC_TYPE_REF="{"more of a phase" if parent else kind}" '
-            f"TIER_ID={quoteattr(tier.name)}{parent}>"
-        )
+        told = ET.Element("TIER", LINGUISTIC_TYPE_REF=kind, TIER_ID=tier.name)
+        if tier.parent:
+            told.attrib |= {"LINGUISTIC_TYPE_REF": "more of a phase", "PARENT_REF": tier.parent}
+        root.insert(place, told)
         for row, (start, end) in zip(tier.rows, spans, strict=True):
-            of = names.get((tier.parent, row.end_s))
-            if of is None if parent else end <= start:
+            of = names.get((tier.parent, row.end_s), "")
+            if not of if tier.parent else end <= start:
                 continue
             count += 1
-            if parent:
-                what, where = "REF", f'ANNOTATION_REF="{of}"'
+            if tier.parent:
+                what, where = "REF", {"ANNOTATION_REF": of}
             else:
                 names[tier.name, row.end_s] = f"a{count}"
                 what = "ALIGNABLE"
-                where = f'TIME_SLOT_REF1="ts{len(slots)}" TIME_SLOT_REF2="ts{len(slots) + 1}"'
+                where = {f"TIME_SLOT_REF{k + 1}": f"ts{len(slots) + k}" for k in (0, 1)}
                 slots += start, end
-            written.append(
-                f'\n    <ANNOTATION>\n      <{what}_ANNOTATION ANNOTATION_ID="a{count}" {where}>'
-                f"\n        <ANNOTATION_VALUE>{_label(row.text)}</ANNOTATION_VALUE>"
-                f"\n      </{what}_ANNOTATION>\n    </ANNOTATION>"
-            )
-        written.append("\n  </TIER>")
-    url = quoteattr(f"./{quote(sound)}")
-    media = f'MEDIA_URL={url} RELATIVE_MEDIA_URL={url} MIME_TYPE="audio/x-wav"'
-    return _DOCUMENT.format(
-        date=datetime.now(UTC).isoformat(timespec="seconds"),
-        media=f"\n    <MEDIA_DESCRIPTOR {media}/>" if sound else "",
-        duration_s=duration_s,
-        count=count,
-        slots="".join(
-            f'\n    <TIME_SLOT TIME_SLOT_ID="ts{k}" TIME_VALUE="{slots[k]}"/>'
-            for k in sorted(range(len(slots)), key=slots.__getitem__)
-        ),
-        tiers="".join(written),
-        phases="".join(
-            f'\n    <CV_ENTRY_ML CVE_ID="cve{k}">\n      <CVE_VALUE LANG_REF="eng" '
-            f'DESCRIPTION="">{phase}</CVE_VALUE>\n    </CV_ENTRY_ML>'
-            for k, phase in enumerate(PHASES)
-        ),
-    )
+            one = _added(_added(told, "ANNOTATION"), f"{what}_ANNOTATION", **where)
+            one.set("ANNOTATION_ID", f"a{count}")
+            _added(one, "ANNOTATION_VALUE", _label(row.text))
+    if sound:
+        url = f"./{quote(sound)}"
+        media = {"MEDIA_URL": url, "RELATIVE_MEDIA_URL": url, "MIME_TYPE": "audio/x-wav"}
+        _added(header, "MEDIA_DESCRIPTOR", **media)
+    _added(header, "PROPERTY", f"{duration_s:.4f}", NAME=_DURATION)
+    _added(header, "PROPERTY", str(count), NAME="lastUsedAnnotationId")
+    for k in sorted(range(len(slots)), key=slots.__getitem__):
+        _added(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{k}", TIME_VALUE=str(slots[k]))
+    for k, phase in enumerate(PHASES):
+        entry = _added(vocabulary, "CV_ENTRY_ML", CVE_ID=f"cve{k}")
+        _added(entry, "CVE_VALUE", phase, LANG_REF="eng", DESCRIPTION="")
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, "unicode")}\n'
+
+
+def _added(parent: ET.Element, what: str, text: str | None = None, **told: str) -> ET.Element:
+    element = ET.SubElement(parent, what, told)
+    element.text = text
+    return element
 
 
 def _label(label: str) -> str:
@@ -279,7 +272,7 @@ def _label(label: str) -> str:
         raise PlanError(f"The name {label[:40]!r} is no text.")
     if not all(sign in "\t\n" or (" " <= sign and sign not in "\ufffe\uffff") for sign in label):
         raise PlanError(f"The name {label[:40]!r} holds a sign that no ELAN file can.")
-    return escape(label)
+    return label
 
 
 def _span(row: Interval) -> tuple[int, int]:
