@@ -14,7 +14,7 @@ import re
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -163,16 +163,26 @@ def _meant(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
     return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
 
 
+_Rows = defaultdict[tuple[str, str], list[Interval]]
+"""By what they tell, and of which hand or foot; "" of all of the body."""
+
+
 def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
     """The plan that tiers tell, by their names: ours, or others that speak of hands and phases.
 
     Raises:
         PlanError: if no tier tells what a hand does, or what they tell is no plan.
     """
-    told = _Told()
+    rows: _Rows = defaultdict(list)
     of_phases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
     phrases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
+    notes: list[str] = []
     left_out: list[str] = []
+
+    def add(what: str, sides: Iterable[str], of: Iterable[Interval]) -> None:
+        for side in sides:
+            rows[what, side] += of
+
     for tier in tiers:
         if len(tier.rows) > MAX_ROWS:
             raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
@@ -181,14 +191,13 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
         (body, *_), (more, *_) = (_meant(words, stems) or [""] for stems in (_BODY, _MORE))
         phase: Phase | None = next(iter(_meant(words, _PHASES)), None)
         if tier.name == "apex":
-            told.apexes += tier.rows
+            add("apex", [""], tier.rows)
         if _SPEECH & words:
             continue
         if body:
-            for side in sides if body == "foot" else ("",):
-                told.rows[body, side] += tier.rows
+            add(body, sides if body == "foot" else [""], tier.rows)
         elif more and (sides or more == KIND_TIER):
-            told.add_more(more, sides, tier)
+            add(more, sides or ["right"], tier.rows)
         elif phase or words & {"phase", "phases"} or (words & _GESTURES and _has_phases(tier)):
             of_phases.append((tier, sides, phase))
         elif words & _GESTURES and "unit" not in words:
@@ -201,129 +210,89 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
             f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
             f"{found}."
         )
-    if of_phases:  # then phrases tell what kind they are of
-        for tier, sides, _ in phrases:
-            told.add_more(KIND_TIER, sides, tier)
-    told.add_phases(of_phases or phrases)
+    for tier, sides, _ in phrases if of_phases else ():  # then they tell what kind phases are of
+        add(KIND_TIER, sides or ["right"], tier.rows)
+    strokes: set[str] = set()
+    for tier, sides, phase in of_phases or phrases:
+        if not sides:
+            notes.append(f"Tier {tier.name[:40]} names no hand; it was taken for the right.")
+        for row in tier.rows:
+            name, kind = (phase, row.text) if phase else _phase_of(row.text)
+            if name is None:
+                strokes.add(row.text)
+                name, kind = "stroke", row.text.lower()
+            add(PHASE_TIER, sides or ["right"], [replace(row, text=f"{name} {kind}")])
+    if strokes:
+        notes.append(
+            f"Taken as kinds of strokes: {_listed(sorted(strokes))}; phases are "
+            f"{', '.join(PHASES)}."
+        )
     if left_out:
-        told.notes.append(f"Left out, for they tell of no plan: {_listed(left_out)}.")
-    left, right = (told.hand(side) for side in SIDES)
+        notes.append(f"Left out, for they tell of no plan: {_listed(left_out)}.")
+    left, right = (_hand(rows, side, notes) for side in SIDES)
+
+    def in_time(what: str) -> list[Interval]:
+        return sorted(rows[what, ""], key=lambda row: row.start_s)
+
     plan = GesturePlan(
         duration_s,
         left,
         right,
-        tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in told.of_body("nods")),
-        tuple(Gaze(r.start_s, r.end_s, *_direction(r)) for r in told.of_body("gaze")),
-        tuple(Brow(r.middle_s, _height(r)) for r in told.of_body("brows")),
-        tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in told.of_body("smile")),
-        tuple(Blink(r.middle_s) for r in told.of_body("blinks")),
-        tuple(_stand(r) for r in told.of_body("weight")),
-        tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in told.rows["foot", side]),
+        tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in in_time("nods")),
+        tuple(Gaze(r.start_s, r.end_s, *_direction(r)) for r in in_time("gaze")),
+        tuple(Brow(r.middle_s, _height(r)) for r in in_time("brows")),
+        tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in in_time("smile")),
+        tuple(Blink(r.middle_s) for r in in_time("blinks")),
+        tuple(_stand(r) for r in in_time("weight")),
+        tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in rows["foot", side]),
     )
-    return Noted(plan, tuple(told.notes))
+    return Noted(plan, tuple(notes))
 
 
-@dataclass
-class _Told:
-    """Rows by what they tell."""
-
-    rows: defaultdict[tuple[str, str], list[Interval]] = field(
-        default_factory=lambda: defaultdict(list)
+def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
+    """A hand's phases with their places; where none are told, with usual ones, which is noted."""
+    phases = sorted(rows[PHASE_TIER, side], key=lambda row: row.start_s)
+    kinds_at, words_at = (
+        {round(row.end_s, 4): row.text for row in rows[what, side]}
+        for what in (KIND_TIER, WORD_TIER)
     )
-    """By what they tell, and of which hand or foot; "" of all of the body."""
-    at_end: dict[tuple[str, str, float], str] = field(default_factory=dict)
-    """Labels by when their rows end."""
-    apexes: list[Interval] = field(default_factory=list)
-    phases: dict[Side, list[tuple[Interval, Phase, str]]] = field(
-        default_factory=lambda: {side: [] for side in SIDES}
-    )
-    """Of each hand, with their kinds."""
-    notes: list[str] = field(default_factory=list)
+    told = sorted(rows[GOAL_TIER, side], key=lambda row: row.end_s)
+    places = {round(row.end_s, 4): _place(row) for row in told}
+    times = list(places)
+    if phases and not places:
+        notes.append(
+            f"No places are told for the {side} hand; it goes where such gestures usually do."
+        )
+    names = [next(p for p in PHASES if row.text.startswith(f"{p} ")) for row in phases]
+    kinds = [
+        row.text.partition(" ")[2]
+        or kinds_at.get(round(row.end_s, 4))
+        or next((r.text for r in rows[KIND_TIER, side] if r.start_s <= row.middle_s < r.end_s), "")
+        for row in phases
+    ]
+    found: list[HandPhase] = []
+    goal = REST_PLACE
+    for k, (row, phase) in enumerate(zip(phases, names, strict=True)):
+        end_s = round(row.end_s, 4)
+        if places:  # that of the phase's end, or else the last one reached by then
+            last = max(bisect_right(times, row.end_s + _SAME_MOMENT_S) - 1, 0)
+            goal = places.get(end_s, places[times[last]])
+        else:
+            stroke = names.index("stroke", k) if "stroke" in names[k:] else k
+            goal = usual_goal(phase, kinds[k] or kinds[stroke], goal)
+        word = words_at.get(end_s, "")
+        if not word and phase == "stroke":
+            word = _landed_on(rows["apex", ""], side, row.end_s)
+        found.append(HandPhase(row.start_s, row.end_s, phase, goal, kinds[k], word))
+    return tuple(found)
 
-    def of_body(self, what: str) -> list[Interval]:
-        """In time."""
-        return sorted(self.rows[what, ""], key=lambda row: row.start_s)
 
-    def add_more(self, what: str, sides: Iterable[Side], tier: NamedTier) -> None:
-        """A tier that tells more of a hand's phases."""
-        for side in sides or ("right",):
-            self.rows[what, side] += tier.rows
-            self.at_end |= {(what, side, round(row.end_s, 4)): row.text for row in tier.rows}
-
-    def add_phases(self, tiers: Sequence[tuple[NamedTier, tuple[Side, ...], Phase | None]]) -> None:
-        """Tiers of phases, each of one phase alone if that is told."""
-        strokes = set()
-        for tier, sides, phase in tiers:
-            if not sides:
-                self.notes.append(
-                    f"Tier {tier.name[:40]} names no hand; it was taken for the right."
-                )
-            for row in tier.rows:
-                name, kind = (phase, row.text) if phase else _phase_of(row.text)
-                if name is None:
-                    strokes.add(row.text)
-                    name, kind = "stroke", row.text.lower()
-                for side in sides or ("right",):
-                    self.phases[side].append((row, name, kind))
-        if strokes:
-            self.notes.append(
-                f"Taken as kinds of strokes: {_listed(sorted(strokes))}; phases are "
-                f"{', '.join(PHASES)}."
-            )
-
-    def hand(self, side: Side) -> tuple[HandPhase, ...]:
-        """A hand's phases with their places; where none are told, with usual ones."""
-        phases = sorted(self.phases[side], key=lambda found: found[0].start_s)
-        kinds = [
-            kind or self._at_end(KIND_TIER, side, row) or self._around(KIND_TIER, side, row)
-            for row, _, kind in phases
-        ]
-        goals = self._goals(side, [row for row, _, _ in phases])
-        if phases and all(goal is None for goal in goals):
-            self.notes.append(
-                f"No places are told for the {side} hand; it goes where such gestures usually do."
-            )
-        found: list[HandPhase] = []
-        before = REST_PLACE
-        for k, (row, phase, _) in enumerate(phases):
-            goal = goals[k]
-            if goal is None:
-                stroke = next((j for j in range(k, len(phases)) if phases[j][1] == "stroke"), k)
-                goal = usual_goal(phase, kinds[k] or kinds[stroke], before, goals[stroke])
-            word = self._at_end(WORD_TIER, side, row)
-            if not word and phase == "stroke":
-                word = self._landed_on(side, row.end_s)
-            found.append(HandPhase(row.start_s, row.end_s, phase, goal, kinds[k], word))
-            before = goal
-        return tuple(found)
-
-    def _goals(self, side: Side, rows: Sequence[Interval]) -> list[Place | None]:
-        """That which is told for a row's end, or else the last one reached by then."""
-        told = sorted(self.rows[GOAL_TIER, side], key=lambda row: row.end_s)
-        goals = {round(row.end_s, 4): _place(row) for row in told}
-        times = list(goals)
-        if not goals:
-            return [None] * len(rows)
-        return [
-            goals.get(round(row.end_s, 4))
-            or goals[times[max(bisect_right(times, row.end_s + _SAME_MOMENT_S) - 1, 0)]]
-            for row in rows
-        ]
-
-    def _at_end(self, what: str, side: Side, row: Interval) -> str:
-        return self.at_end.get((what, side, round(row.end_s, 4)), "")
-
-    def _around(self, what: str, side: Side, row: Interval) -> str:
-        """Of the row of some longer tier in which this one lies."""
-        around = (r for r in self.rows[what, side] if r.start_s <= row.middle_s < r.end_s)
-        return next((more.text for more in around), "")
-
-    def _landed_on(self, side: Side, end_s: float) -> str:
-        """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
-        marks = ((row.end_s, row.text.split(" ")) for row in self.apexes)
-        words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
-        at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
-        return words[at] if abs(at - end_s) < APEX_S else ""
+def _landed_on(apexes: Sequence[Interval], side: Side, end_s: float) -> str:
+    """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
+    marks = ((row.end_s, row.text.split(" ")) for row in apexes)
+    words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
+    at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
+    return words[at] if abs(at - end_s) < APEX_S else ""
 
 
 def _words(name: str) -> set[str]:

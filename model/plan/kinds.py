@@ -66,17 +66,16 @@ def ready_for(goal: Place) -> Place:
     return _moved(goal, PREPARED)
 
 
-def usual_goal(phase: str, kind: str, before: Place, stroke: Place | None) -> Place:
+def usual_goal(phase: str, kind: str, before: Place) -> Place:
     """Where a phase leads whose place nobody has told.
 
     Args:
         before: where the hand is when it begins.
-        stroke: where the next stroke ends, if that is told.
     """
     if phase in ("rest", "retraction"):
         return REST_PLACE
     if phase == "preparation":
-        return ready_for(stroke or usual_place(kind))
+        return ready_for(usual_place(kind))
     if phase == "stroke":
         return usual_place(kind)
     if phase == "beat":
