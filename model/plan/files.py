@@ -263,7 +263,7 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
         notes.append(
             f"No places are told for the {side} hand; it goes where such gestures usually do."
         )
-    names = [next(p for p in PHASES if row.text.startswith(f"{p} ")) for row in phases]
+    names: list[Phase] = [next(p for p in PHASES if row.text.startswith(f"{p} ")) for row in phases]
     kinds = [
         row.text.partition(" ")[2]
         or kinds_at.get(round(row.end_s, 4))
