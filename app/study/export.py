@@ -24,7 +24,6 @@ from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources, shown_motions
-from app.study.make.mp4 import fill_alike
 from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.storage.files import file_sha256
@@ -223,7 +222,7 @@ class _Maker:
             on_done=encode,
             should_cancel=self.should_cancel,
         )
-        fill_alike(list(streams.values()))
+        media.fill_alike(list(streams.values()))
         return streams
 
 

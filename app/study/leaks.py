@@ -33,7 +33,6 @@ from app.study.make.bundle import (
     fixed_words,
     index_html,
 )
-from app.study.make.mp4 import Mp4, num_picture_bytes, read_mp4
 from app.study.make.workspace import Workspace
 from model.storage.files import file_sha256
 
@@ -69,10 +68,10 @@ class Study:
     """Blind ids."""
 
     @cached_property
-    def files(self) -> dict[Stimulus, Mp4]:
+    def files(self) -> dict[Stimulus, media.Mp4]:
         """Every video, taken apart."""
         return {
-            stimulus: read_mp4(self.workspace.video(blind))
+            stimulus: media.read_mp4(self.workspace.video(blind))
             for stimulus, blind in self.stimuli.items()
         }
 
@@ -92,7 +91,7 @@ class Study:
                     "stimulus": stimulus,
                     "size": file.num_bytes,
                     "bit rate": sum(picture.sizes) / picture.duration,
-                    "filling": num_picture_bytes(stream),
+                    "filling": media.num_picture_bytes(stream),
                     "compressed size": len(zlib.compress(stream)),
                     "duration": str([track.duration for track in file.tracks]),
                     "frames": str([len(track.sizes) for track in file.tracks]),

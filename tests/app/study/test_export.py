@@ -18,7 +18,6 @@ from app.study.design.plan import Plan, read_plan
 from app.study.export import export_study
 from app.study.leaks import check_study
 from app.study.make import media
-from app.study.make.mp4 import read_mp4
 from app.study.make.workspace import Workspace
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
@@ -76,7 +75,9 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
         key = read_key(study.key)
         assert len(key.videos) == num_videos
         for clip in {video.clip for video in key.videos.values()}:
-            files = [read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip]
+            files = [
+                media.read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip
+            ]
             assert len({file.num_bytes for file in files}) == 1
             assert {len(file.tracks[0].sizes) for file in files} == {FRAMES}
             assert {len(file.tracks) for file in files} == {num_tracks}
@@ -235,7 +236,7 @@ def test_length_body_face_and_place_are_the_same_for_every_system(inputs, tmp_pa
 
     length = f"length_s = {FRAMES / 30}"
     study = export_study(plan_of(inputs, length, HERE[1:]), tmp_path / "out", draw=look)
-    assert {len(read_mp4(path).tracks[0].sizes) for path in study.media.iterdir()} == {FRAMES}
+    assert {len(media.read_mp4(path).tracks[0].sizes) for path in study.media.iterdir()} == {FRAMES}
     first, second = (seen[name] for name in TWO)
     assert first.stage == second.stage and first.settings == second.settings
     for job in (first, second):

@@ -11,8 +11,6 @@ from app.study.design.key import read_key
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.bundle import DATA, INDEX
-from app.study.make.media import set_time
-from app.study.make.mp4 import frames_of, joined
 from app.study.make.workspace import Workspace
 from tests.app.study.made_study import (
     CLIPS,
@@ -61,7 +59,7 @@ def _title(study: Workspace) -> None:
     change_data(study, lambda data: data.update(title="Globalnet against the rest"))
     index = study.bundle / INDEX
     index.write_text(index.read_text().replace("Which moves better?", "Globalnet against the rest"))
-    set_time(index)
+    media.set_time(index)
 
 
 def _always_left(study: Workspace) -> None:
@@ -77,13 +75,13 @@ def _always_left(study: Workspace) -> None:
 def _script(study: Workspace) -> None:
     path = study.bundle / "study.js"
     path.write_text(path.read_text() + "// globalnet first\n")
-    set_time(path)
+    media.set_time(path)
 
 
 def _key_in_bundle(study: Workspace) -> None:
     shutil.copy(study.key, study.bundle / "key.json")
-    set_time(study.bundle / "key.json")
-    set_time(study.bundle)
+    media.set_time(study.bundle / "key.json")
+    media.set_time(study.bundle)
 
 
 def _slightly_larger_files(study: Workspace) -> None:
@@ -105,7 +103,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
     """In the place of the picture of one video, in a file of the old size."""
     video, stream = video_of(study, "localnet", clip), study.private / "changed.h264"
     size = video.stat().st_size
-    stream.write_bytes(joined(frames))
+    stream.write_bytes(media.joined(frames))
     media.join(stream, None, video)
     missing = size - video.stat().st_size
     if missing < 8:
@@ -116,7 +114,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
 
 def _packets(study: Workspace) -> None:
     """As many bytes in all, filled up at the end alone."""
-    frames = frames_of(media.picture_stream(video_of(study, "localnet", "street")))
+    frames = media.frames_of(media.picture_stream(video_of(study, "localnet", "street")))
     own = [[unit for unit in units if unit[0] & 31 != 6] for units in frames]
     own[-1][:0] = [unit for units in frames for unit in units if unit[0] & 31 == 6]
     put_stream(study, "street", own)
@@ -126,10 +124,11 @@ def _filling(study: Workspace) -> None:
     """Packets as large as the others', of a picture that needed less."""
     video, out = video_of(study, "localnet", "office"), study.private / "changed.h264"
     sizes = [
-        sum(4 + len(unit) for unit in units) for units in frames_of(media.picture_stream(video))
+        sum(4 + len(unit) for unit in units)
+        for units in media.frames_of(media.picture_stream(video))
     ]
     media.encode_picture(video, out, SIZE, 0.5)
-    frames = frames_of(out.read_bytes())
+    frames = media.frames_of(out.read_bytes())
     for units, size in zip(frames, sizes, strict=True):
         missing = size - sum(4 + len(unit) for unit in units)
         if missing > 6:
@@ -262,7 +261,7 @@ def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(silent_study, tm
         check_study(tmp_path)
     study = copy_study(silent_study, tmp_path / "study")
     (study.bundle / DATA).write_text("window.STUDY = {")
-    set_time(study.bundle / DATA)
+    media.set_time(study.bundle / DATA)
     with pytest.raises(RunError, match="is not what the export wrote"):
         check_study(tmp_path / "study")
     digest = next(iter(read_key(study.key).videos.values())).sha256

@@ -18,7 +18,6 @@ from app.study.design.trials import Design, make_design
 from app.study.make import media
 from app.study.make.bundle import genea_tables
 from app.study.make.motions import Source, read_sources, shown_motions
-from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from model.generation.windows import GenerateOptions, generate_motion
 from model.plan.editing import Gesture, added, deleted
 from model.plan.files import read_plan_file, write_plan_file
@@ -41,7 +40,7 @@ def encoded(drawn: list[Path], folder: Path, track: Path | None = None) -> list[
     streams = [folder / f"{source.stem}.h264" for source in drawn]
     for source, stream in zip(drawn, streams, strict=True):
         media.encode_picture(source, stream, 128)
-    fill_alike(streams)
+    media.fill_alike(streams)
     videos = [stream.with_suffix(".mp4") for stream in streams]
     for stream, video in zip(streams, videos, strict=True):
         media.join(stream, track, video)
@@ -72,7 +71,7 @@ def made(made_once: MadeOnce) -> Path:
 
 
 def test_calm_and_wild_motion_give_equal_files(made):
-    calm, wild = (read_mp4(video) for video in sorted((made / "spoken").glob("*.mp4")))
+    calm, wild = (media.read_mp4(video) for video in sorted((made / "spoken").glob("*.mp4")))
     assert calm.num_bytes == wild.num_bytes
     assert calm.tracks == wild.tracks  # packet by packet
     assert [track.handler for track in calm.tracks] == ["vide", "soun"]
@@ -95,7 +94,7 @@ def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(m
         if source.stem == "calm":
             apart = np.subtract(shown, wanted, dtype=float)
             assert abs(apart.mean()) < 0.2 and apart.std() < 3  # the grain
-        file = read_mp4(video)
+        file = media.read_mp4(video)
         assert not {"udta", "meta", "uuid"} & set(file.boxes) and not file.has_times
         assert b"x264" not in video.read_bytes() and media.sound_digest(video) is None
 
@@ -115,13 +114,13 @@ def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path):
 
 def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made):
     streams = [media.picture_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
-    calm, wild = (num_picture_bytes(stream) for stream in streams)
+    calm, wild = (media.num_picture_bytes(stream) for stream in streams)
     assert abs(calm - wild) < 0.03 * wild  # of 45 small pictures
     assert calm > 0.5 * len(streams[0])
     packed = [len(zlib.compress(stream)) for stream in streams]
     assert max(packed) - min(packed) < 64
     for stream in streams:
-        kinds = [[unit[0] & 31 for unit in units] for units in frames_of(stream)]
+        kinds = [[unit[0] & 31 for unit in units] for units in media.frames_of(stream)]
         assert all(frame[-3:-1] == [6, 6] and 12 not in frame for frame in kinds)
 
 
@@ -132,12 +131,12 @@ def test_frames_are_filled_to_any_size(tmp_path):
         for path, size in zip(paths, sizes, strict=True):
             units = [b"\x67" + b"s" * 9, b"\x65" + b"x" * size, b"\x41" + b"y" * (5000 - size)]
             path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
-        own = [num_picture_bytes(path.read_bytes()) for path in paths]
-        fill_alike(paths)
-        frames = [frames_of(path.read_bytes()) for path in paths]
+        own = [media.num_picture_bytes(path.read_bytes()) for path in paths]
+        media.fill_alike(paths)
+        frames = [media.frames_of(path.read_bytes()) for path in paths]
         found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
         assert len(found) == 1
-        assert [num_picture_bytes(path.read_bytes()) for path in paths] == own
+        assert [media.num_picture_bytes(path.read_bytes()) for path in paths] == own
 
 
 def test_padding_reaches_any_size(tmp_path):
@@ -150,7 +149,7 @@ def test_padding_reaches_any_size(tmp_path):
         for path, size in zip(paths, sizes, strict=True):
             assert path.read_bytes().startswith(b"x" * size)
         with pytest.raises(RunError, match=r"0\.mp4 is no whole mp4 file"):
-            read_mp4(paths[0])
+            media.read_mp4(paths[0])
 
 
 def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
