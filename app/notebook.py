@@ -22,7 +22,7 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
 from app.page.alone import player_alone
-from app.run.ask import TIP, Ask
+from app.run.ask import TIP, Ask, Ear
 from app.run.bodies import TipSource
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.made import make_plan
@@ -380,7 +380,7 @@ def generate(
         **_fields(Ask, asked),
     )
     with Bars(is_shown=progress, stays=False) as bars:
-        result = do(ask, bars.take)
+        result = do(ask, Ear(bars.take))
     motions, plans = (row_files(ask.out, kind) for kind in ("motion", "performed"))
     return Performance(
         speech=read_speech(ask.speech or ""),
@@ -448,5 +448,5 @@ def render(
         moved, sound = (in_file(Path(held), given) for given in (motion, speech))
         motions = () if moved is None else (moved,)
         ask = RenderAsk(motions=motions, out=out, speech=sound, **_fields(RenderAsk, asked))
-        files, _ = render_motion(ask, bars.take)
+        files, _ = render_motion(ask, Ear(bars.take))
     return files

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
-from app.run.ask import Ask, Event, Grown
+from app.run.ask import Ask, Ear, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
@@ -154,7 +154,7 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,
     )
-    do(ask, watch)
+    do(ask, Ear(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"

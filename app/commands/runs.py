@@ -25,7 +25,7 @@ from app.flags import (
     whole,
     written,
 )
-from app.run.ask import SAMPLING, Ask
+from app.run.ask import SAMPLING, Ask, Ear
 from app.run.display import Display
 from app.run.many.board import board_page, entries_of, merged, read_board, write_board
 from app.run.output.run_folder import read_run
@@ -167,7 +167,7 @@ def _do(task: Task, ask: Ask, files: Files = None) -> None:
     if files is not None:
         use_family_files(vars(files))
     with Bars() as shown:
-        task(ask, shown.take, lambda: False)
+        task(ask, Ear(shown.take))
     record = read_run(ask.out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
     said = [record.says.get(key) for key in ("step", "beats")]
@@ -333,7 +333,7 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     from app.run.videos.export import render_motion
 
     with Bars() as shown:
-        files, notes = render_motion(whole(RenderAsk, ask), shown.take)
+        files, notes = render_motion(whole(RenderAsk, ask), Ear(shown.take))
     _finish(files, notes)
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of
-from app.run.ask import Event, OnEvent, ShouldCancel
+from app.run.ask import DEAF, Ear, Event
 from processes.child import Child, Gone, heard, parent_channel
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
-Task = Callable[[Asked, OnEvent, ShouldCancel], Found]
+Task = Callable[[Asked, Ear], Found]
 
 GRACE_S = 1.0
 """How long a process may go on after it was told to stop."""
@@ -87,27 +87,21 @@ class Worker:
         with self._turn:
             self._ready()
 
-    def do(
-        self,
-        task: Task[Asked, Found],
-        request: Asked,
-        on_event: OnEvent = lambda event: None,
-        should_cancel: ShouldCancel = lambda: False,
-    ) -> Found:
+    def do(self, task: Task[Asked, Found], request: Asked, ear: Ear = DEAF) -> Found:
         """Do a task, which is a function of a module, as soon as the one before is done.
 
         Raises:
-            Cancelled: within about a second of ``should_cancel`` saying so.
+            Cancelled: within about a second of ``ear`` saying so.
             RunError: with the sentence of what went wrong, or the limit that was met.
             FaultElsewhere: for a fault of the program.
         """
-        while not should_cancel():
+        while not ear.should_cancel():
             if self._turn.acquire(timeout=_POLL_S):
                 break
         else:
             raise Cancelled
         try:
-            return self._done_by(self._ready(), (task, request), on_event, should_cancel)
+            return self._done_by(self._ready(), (task, request), ear)
         finally:
             try:
                 if self._is_closed or not self._is_kept:
@@ -139,13 +133,7 @@ class Worker:
         if child is not None:
             child.end()
 
-    def _done_by(
-        self,
-        child: Child,
-        work: tuple[Task[Any, Found], Any],
-        on_event: OnEvent,
-        should_cancel: ShouldCancel,
-    ) -> Found:
+    def _done_by(self, child: Child, work: tuple[Task[Any, Found], Any], ear: Ear) -> Found:
         limits, self._is_fit = self._limits, False
         child.forget()
         started = told_at = time.monotonic()
@@ -155,7 +143,7 @@ class Worker:
             child.send((pickle.dumps(work), limits.memory_bytes))
             while True:
                 now = time.monotonic()
-                if stop_by is None and should_cancel():
+                if stop_by is None and ear.should_cancel():
                     stop_by = now + GRACE_S
                     child.send(None)
                 if stop_by is not None and now > stop_by:
@@ -171,7 +159,7 @@ class Worker:
                     return self._outcome(kind, value)
                 if value != news:
                     news, told_at = value, now
-                on_event(value)
+                ear.hear(value)
         except Gone as error:
             if stop_by is not None:
                 raise Cancelled from error
@@ -217,7 +205,7 @@ def main() -> None:
         before = _limit_memory(memory_bytes)
         try:
             task, request = pickle.loads(work)
-            result = task(request, on_event, stop.is_set)
+            result = task(request, Ear(on_event, stop.is_set))
             told = ("done", (result, _data_bytes() - before))
         except Cancelled:
             told = ("cancelled", None)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from tyro.conf import arg
 
 from app.config import BUNDLED_WEIGHTS
-from app.errors import RunError
+from app.errors import Cancelled, RunError
 from app.flags import (
     File,
     Minutes,
@@ -364,8 +364,50 @@ class Grown:
 
 
 Event = Progress | Grown
-OnEvent = Callable[[Event], None]
-ShouldCancel = Callable[[], bool]
+
+
+class Ear:
+    """Of whoever asked for a run."""
+
+    def __init__(
+        self,
+        hear: Callable[[Event], None] = lambda event: None,
+        should_cancel: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """
+        Args:
+            hear: told of progress, and when the folder holds more.
+            should_cancel: asked many times a second.
+        """
+        self.hear = hear
+        self.should_cancel = should_cancel
+
+    def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
+        self.hear(Progress(stage, fraction, detail))
+
+    def share(
+        self, stage: Stage, part: float = 1.0, before: float = 0.0
+    ) -> Callable[[float], None]:
+        """What takes the share done of a part of a stage: it tells of it, or ends the work by
+        `Cancelled`."""
+
+        def on_share(share: float) -> None:
+            self.stop_if_asked()
+            self.progress(stage, before + part * share)
+
+        return on_share
+
+    def stop_if_asked(self) -> None:
+        """Between steps that cannot be interrupted themselves.
+
+        Raises:
+            Cancelled: if the person asked to stop.
+        """
+        if self.should_cancel():
+            raise Cancelled
+
+
+DEAF = Ear()
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from pandas import DataFrame
 
 from app.errors import RunError
 from app.findings.comparison import ALIKE
-from app.run.ask import TIP, OnEvent, ShouldCancel
+from app.run.ask import DEAF, TIP, Ear
 from app.run.bodies import choose_tip_source
 from app.run.display import Display
 from app.run.made import options_of
@@ -72,22 +72,18 @@ class _Made:
     """Of the first speech, by speaker and seed."""
 
 
-def measure_hearing(
-    ask: HearingAsk,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> None:
+def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
     """Generate each speech with each seed, or read what is in the folder; leave numbers, the
     figure, what the numbers say as notes, and what was generated.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """
     ask.check()
     record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
-    with writing_run(ask.out, record, on_event, should_cancel) as run:
+    with writing_run(ask.out, record, ear) as run:
         if ask.is_of_motions:
             of_system = {name: _Made(grid) for name, grid in _read_grids(ask.speeches[0]).items()}
         else:
@@ -249,16 +245,12 @@ _DRAWN = 0.85
 """Share of the work that is done when both bodies are drawn."""
 
 
-def show_mechanism(
-    ask: MechanismAsk,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> None:
+def show_mechanism(ask: MechanismAsk, ear: Ear = DEAF) -> None:
     """Move two bodies, leave both for a player with what the noise does, and draw them beside each
     other where a video is asked for.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     ask.check()
@@ -272,7 +264,7 @@ def show_mechanism(
     )
     noisy = dict(zip(NAMES, noisy_motions(found.motion, ask.noise_rad, ask.seed), strict=True))
     record = RunRecord(kind="given", point=TIP)
-    with writing_run(ask.out, record, on_event, should_cancel, is_kept=ask.is_kept) as run:
+    with writing_run(ask.out, record, ear, is_kept=ask.is_kept) as run:
         tip = choose_tip_source(ask.body, TIP)
         run.note(*found.notes, *_growth_told(growth, ask.noise_rad))
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
@@ -357,16 +349,12 @@ class StepPoint:
     most steps that were tried."""
 
 
-def measure_step_curve(
-    ask: StepsAsk,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> None:
+def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
     """Generate with each system and number of steps; leave the table, the plot, and what they say
     as notes.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     ask.check()
@@ -375,7 +363,7 @@ def measure_step_curve(
     systems = [get_system(name, ask.weights) for name in ask.systems]
     record = RunRecord(kind="generated", point=TIP)
     points: list[StepPoint] = []
-    with writing_run(ask.out, record, on_event, should_cancel) as run:
+    with writing_run(ask.out, record, ear) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
             points += _points_of(system, speech, ask, run.share("numbers", part, number * part))

@@ -16,7 +16,6 @@ from app.run.models import get_body, get_system
 from app.run.output.provenance import origin_of, title_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
-from app.run.output.telling import Reporter
 from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import make_timeline
 from app.run.videos.videos import names_that_fit
@@ -105,7 +104,10 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: Version = "savgol" if ask.post_filter == "savgol" else "raw"
-    fitting = names_that_fit(list(staged), run) if ask.has_video or ask.has_figures else []
+    fitting, left = [], ""
+    if ask.has_video or ask.has_figures:
+        fitting, left = names_that_fit(list(staged))
+    run.note(*filter(None, [left]))
     return Rows(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,
@@ -251,7 +253,7 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     return GenerateOptions(**{**usual, **more})
 
 
-def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[str, GenerateOptions]:
+def _options(ask: Ask, systems: Sequence[System], run: RunWriter) -> dict[str, GenerateOptions]:
     """By system. A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
@@ -263,7 +265,7 @@ def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[st
     for what, given in (("plan", ask.plan), ("style", ask.style)):
         if given is not None and not any(map(_performs, systems)):
             raise RunError(f"None of these systems performs plans; leave the {what} out.")
-    reporter.note(*(() if read is None else read.notes))
+    run.note(*(() if read is None else read.notes))
     samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
     if ask.sampler not in (None, *samplers):
         raise RunError(f"There is no sampler {ask.sampler!r}; choose one of {', '.join(samplers)}.")
@@ -274,26 +276,26 @@ def _options(ask: Ask, systems: Sequence[System], reporter: Reporter) -> dict[st
         performs = _performs(system)
         own = options_of(ask, system, conditions=plans if performs else ())
         if ask.sampler not in (None, own.sampler):
-            reporter.note(f"{system.name} has no sampler {ask.sampler}; it took {own.sampler}.")
+            run.note(f"{system.name} has no sampler {ask.sampler}; it took {own.sampler}.")
         if ask.guidance not in (None, own.guidance):
-            reporter.note(f"{system.name} takes no guidance.")
+            run.note(f"{system.name} takes no guidance.")
         if (plans or ask.style) and not performs:
-            reporter.note(f"{system.name} performs no plans.")
+            run.note(f"{system.name} performs no plans.")
         options[system.name] = own
     return options
 
 
-def _read_reference(ask: Ask, speech: Speech, reporter: Reporter) -> dict[str, Motion]:
+def _read_reference(ask: Ask, speech: Speech, run: RunWriter) -> dict[str, Motion]:
     """The recorded motion by its name, no longer than the speech, where there is one."""
     if ask.reference is None:
         return {}
     ask.told.check([ask.reference])
     read = read_any_motion(ask.reference, ask.told, ask.body, REFERENCE_NAME)
-    reporter.note(*read.notes)
+    run.note(*read.notes)
     motion = read.motion
     if motion.num_frames != speech.num_frames:
         is_longer = motion.num_frames > speech.num_frames
-        reporter.note(
+        run.note(
             f"The reference has {motion.num_frames} frames and the speech {speech.num_frames}; "
             + (
                 f"the reference was cut to {speech.num_frames}."

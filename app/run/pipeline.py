@@ -15,7 +15,7 @@ from dataclasses import replace
 from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.ask import Ask, Done, OnEvent, ShouldCancel
+from app.run.ask import DEAF, Ask, Done, Ear
 from app.run.bodies import body_motion, in_register
 from app.run.diagnostics import (
     figure6_of,
@@ -49,19 +49,11 @@ MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
 
-def do(
-    ask: Ask,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> Done:
+def do(ask: Ask, ear: Ear = DEAF) -> Done:
     """Do one run and leave its files in ``ask.out``, all of them or none.
 
-    Args:
-        on_event: told of progress, and when the folder holds more.
-        should_cancel: asked many times a second.
-
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
         CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
         the person who asked.
@@ -71,7 +63,7 @@ def do(
     started = time.monotonic()
     with (
         SpokenWords(said_in(ask.opened) if ask.opened else ask.transcript, ask.words) as words,
-        writing_run(ask.out, record_of(ask), on_event, should_cancel, is_kept=ask.is_kept) as run,
+        writing_run(ask.out, record_of(ask), ear, is_kept=ask.is_kept) as run,
     ):
         if words.need_speech and ask.speech is None:
             raise RunError(NO_SPEECH)

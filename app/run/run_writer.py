@@ -16,7 +16,7 @@ from app.errors import Cancelled, sentence_of
 from app.findings.measure_rows import numbers_of
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
-from app.run.ask import Grown, OnEvent, ShouldCancel
+from app.run.ask import DEAF, Ear, Grown
 from app.run.bodies import Register, TipSource, register_of
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
@@ -35,7 +35,6 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
-from app.run.output.telling import Reporter
 from app.run.pieces import MAX_FRAMES, frames_message
 from app.run.timeline import (
     make_timeline,
@@ -124,15 +123,14 @@ class Rows:
 def writing_run(
     out: Path,
     record: RunRecord,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
+    ear: Ear = DEAF,
     *,
     is_kept: bool = False,
 ) -> Iterator[RunWriter]:
     """Keep a run's folder for the block, as `ResultFolder`; of a block that is left by an error it
     is said in ``run.json``."""
     with ResultFolder(out, is_kept=is_kept) as folder:
-        run = RunWriter(folder, record, on_event, should_cancel)
+        run = RunWriter(folder, record, ear)
         try:
             yield run
         except BaseException as error:
@@ -144,28 +142,27 @@ def writing_run(
             raise
 
 
-class RunWriter(Reporter):
+class RunWriter(Ear):
     """Tells of a run by its folder."""
 
-    def __init__(
-        self,
-        folder: ResultFolder,
-        record: RunRecord,
-        on_event: OnEvent = lambda event: None,
-        should_cancel: ShouldCancel = lambda: False,
-    ) -> None:
-        super().__init__(on_event, should_cancel)
+    def __init__(self, folder: ResultFolder, record: RunRecord, ear: Ear = DEAF) -> None:
+        super().__init__(ear.hear, ear.should_cancel)
+        self.notes: list[str] = []
         self.folder = folder
         self.record = record
         self._path = folder.path(RUN, grows=True)
         self._growing: dict[str, _Growing] = {}
         self.tell()
 
+    def note(self, *sentences: str) -> None:
+        """Keep what the person should read; each sentence once."""
+        self.notes.extend(note for note in sentences if note not in self.notes)
+
     def tell(self) -> None:
         """Write what is known, and say so."""
         self.record.notes = [cut(note) for note in self.notes[:MAX_TOLD]]
         self.record.write(self._path)
-        self._on_event(Grown(self._path.parent))
+        self.hear(Grown(self._path.parent))
 
     def finish(self, sentence: str) -> None:
         """All has come."""

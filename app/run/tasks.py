@@ -12,7 +12,7 @@ from tyro.conf import arg
 
 from app.errors import RunError
 from app.flags import File, a_count, written
-from app.run.ask import MAX_STEPS, Ask, CloseUps, Height, OnEvent, ShouldCancel
+from app.run.ask import MAX_STEPS, Ask, CloseUps, Ear, Height
 from app.run.display import Seen
 from conventions.views import Framing
 from model.storage.cards import two_speakers
@@ -30,8 +30,8 @@ class Task:
     def __name__(self) -> str:
         return self.name
 
-    def __call__(self, request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
-        return getattr(import_module(self.module), self.name)(request, on_event, should_cancel)
+    def __call__(self, request: Any, ear: Ear) -> Any:
+        return getattr(import_module(self.module), self.name)(request, ear)
 
 
 DRAW_BEHIND = Task("app.run.videos.videos", "draw_behind")

@@ -10,7 +10,7 @@ from typing import Literal
 from zipfile import is_zipfile
 
 from app.errors import RunError, sentence_of
-from app.run.ask import MAX_CLIPS, OnEvent, ShouldCancel
+from app.run.ask import MAX_CLIPS
 from conventions.names import printable
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
@@ -55,11 +55,7 @@ class Given:
     max_speech_s: float
 
 
-def refusal_of(
-    given: Given,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> str:
+def refusal_of(given: Given, *_: object) -> str:
     """Why the first of these files that cannot be used cannot be, in one sentence; empty where all
     can."""
     try:

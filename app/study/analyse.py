@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.ask import OnEvent, ShouldCancel
 from app.run.output.result_folder import ResultFolder
 from app.study.design.key import read_key
 
@@ -31,11 +30,7 @@ class AnalysisRequest:
     """Folder of measured clips (see `app.study.statistics.results.read_jitter`)."""
 
 
-def analyse(
-    request: AnalysisRequest,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> tuple[Path, ...]:
+def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     """Write ``report.html``, ``results.csv``, ``table.tex``, ``preference.pdf`` and, of choices,
     ``battles.csv``, the report first of those returned.
 

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import Ask, Ear
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
-from app.run.output.telling import Reporter
 from app.run.videos.videos import picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
@@ -35,15 +34,13 @@ Draw = Callable[..., object]
 """As `renderer.video.workers.draw_jobs`."""
 
 
-def export_planned(
-    request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel
-) -> Workspace:
+def export_planned(request: ExportRequest, ear: Ear) -> Workspace:
     """As `export_study`."""
     made = export_study(
         read_plan(request.plan),
         *(request.out, request.weights, request.body),
-        on_progress=Reporter(on_event, should_cancel).share("video"),
-        should_cancel=should_cancel,
+        on_progress=ear.share("video"),
+        should_cancel=ear.should_cancel,
     )
     return zipped(made, request)
 

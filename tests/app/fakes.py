@@ -23,11 +23,11 @@ from app.page.tabs.runner import Services
 from app.page.visitors.files import Jobs
 from app.page.worker import Task, Worker
 from app.run.ask import (
+    DEAF,
     Ask,
+    Ear,
     Grown,
-    OnEvent,
     Progress,
-    ShouldCancel,
 )
 from app.run.bodies import TipSource
 from app.run.made import row_names
@@ -61,7 +61,7 @@ def catalogue_of(*speeches: Path) -> Catalogue:
 
 def does(task: Callable[..., Any], request: Any) -> Any:
     """As `Worker.do`, in this process."""
-    return task(request, lambda event: None, lambda: False)
+    return task(request, DEAF)
 
 
 class FakeWorker(Worker):
@@ -78,14 +78,8 @@ class FakeWorker(Worker):
     def start(self) -> None:
         """There is no process."""
 
-    def do(
-        self,
-        task: Task[Any, Any],
-        request: Any,
-        on_event: OnEvent = lambda event: None,
-        should_cancel: ShouldCancel = lambda: False,
-    ) -> Any:
-        return self._does.get(task.__name__, task)(request, on_event, should_cancel)
+    def do(self, task: Task[Any, Any], request: Any, ear: Ear = DEAF) -> Any:
+        return self._does.get(task.__name__, task)(request, ear)
 
 
 def made_services(
@@ -176,17 +170,17 @@ def make_generate(
     before_figures: threading.Event | None = None,
     plan: GesturePlan | None = None,
     late_error: BaseException | None = None,
-) -> Callable[[Ask, OnEvent, ShouldCancel], None]:
+) -> Callable[[Ask, Ear], None]:
     """A pipeline without models, which writes a run's folder as the real one does; it can be told
     to fail, at once or with all motion there; with ``before_window`` motion comes in windows, held
     before each; figures wait for ``before_figures``; the first system performs ``plan``."""
 
-    def generate(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def generate(request: Ask, ear: Ear) -> None:
         if on_start is not None:
             on_start(request)
         names, num_frames = row_names(request, request.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
-        how = request.out, record_of(request), on_event, should_cancel
+        how = request.out, record_of(request), ear
         with writing_run(*how, is_kept=request.is_kept) as run:
             run.progress("speech", 1.0)
             run.progress("motion", 0.4, names[0])
@@ -238,10 +232,10 @@ def make_generate(
     return generate
 
 
-def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+def diagnose(request: Ask, ear: Ear) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
-    on_event(Progress("numbers", 0.5))
-    with writing_run(request.out, record_of(request), on_event, is_kept=request.is_kept) as run:
+    ear.hear(Progress("numbers", 0.5))
+    with writing_run(request.out, record_of(request), ear, is_kept=request.is_kept) as run:
         motions = {name: made_motion(30) for name in request.names}
         run.rows(motions)
         for name, motion in motions.items():
@@ -261,25 +255,25 @@ def diagnose(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
 
 def make_draw(
     before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
-) -> Callable[[Ask, OnEvent, ShouldCancel], None]:
+) -> Callable[[Ask, Ear], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def draw(request: Ask, ear: Ear) -> None:
         (run,) = request.motions
         names = [row.name for row in read_run(run).rows]
         with ResultFolder(request.out) as folder:
             for i, name in enumerate(names):
                 while before_video is not None and not before_video(i).wait(0.05):
-                    if should_cancel():
+                    if ear.should_cancel():
                         raise Cancelled
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
-                on_event(Progress("video", (i + 1) / len(names)))
+                ear.hear(Progress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
-                on_event(Grown(run))
+                ear.hear(Grown(run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
             add_file(run, comparison)
-            on_event(Grown(run))
+            ear.hear(Grown(run))
 
     return draw

@@ -1,9 +1,9 @@
 """What a task of `app.page.worker` tells while it works."""
 
-from app.run.ask import Event, Progress, Stage
+from app.run.ask import Ear, Event, Progress, Stage
 
 
-class Heard:
+class Heard(Ear):
     """Takes its events, and says when it shall stop."""
 
     def __init__(self, stop_at: float = 2.0, count: int = 1, stage: Stage | None = None) -> None:
@@ -12,6 +12,7 @@ class Heard:
             stop_at: share from which on so many have been told when it stops.
             stage: of which they are; None of any.
         """
+        super().__init__(self.take, self.should_stop)
         self.told: list[Progress] = []
         self._stage = stage
         self._stop_at, self._count = stop_at, count

@@ -26,7 +26,7 @@ from playwright.sync_api import (
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import Ask, Ear
 from app.run.many.opened import do_in_folder
 from app.study.design.plan import read_plan
 from app.study.export import export_study, zipped
@@ -218,11 +218,11 @@ def served(
         os.environ["GRADIO_TEMP_DIR"] = before
 
 
-def _of_noise(request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+def _of_noise(request: ExportRequest, ear: Ear) -> Any:
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.weights, request.body)
-    made = export_study(plan, *asked, should_cancel=should_cancel, draw=draw_noise)
+    made = export_study(plan, *asked, should_cancel=ear.should_cancel, draw=draw_noise)
     return zipped(made, request)
 
 

@@ -30,7 +30,7 @@ from app.page.routes.media import Media
 from app.page.visitors.files import Job, Jobs
 from app.page.visitors.visitors import Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
-from app.run.ask import Event, Grown, OnEvent, Progress, ShouldCancel
+from app.run.ask import Ear, Event, Grown, Progress
 from app.run.display import Display
 from app.run.upload_check import Given, UploadKind, refusal_of
 from conventions.views import CLOSE_UPS
@@ -116,7 +116,7 @@ Told = Callable[[list[Event]], Updates]
 
 
 def follow(
-    do: Callable[[OnEvent, ShouldCancel], Found], job: Job, told: Told, as_it_is: Updates
+    do: Callable[[Ear], Found], job: Job, told: Told, as_it_is: Updates
 ) -> Generator[Updates, None, Found]:
     """Do a run in a thread of its own; updates several times a second until it has ended, then its
     result, or whatever it raises. Whoever closes this, as Gradio does when the visitor has
@@ -126,7 +126,7 @@ def follow(
 
     def run() -> None:
         try:
-            outcome["result"] = do(events.put, job.is_cancelled)
+            outcome["result"] = do(Ear(events.put, job.is_cancelled))
         except BaseException as error:
             outcome["error"] = error
         finally:
@@ -258,7 +258,7 @@ class TabRunner(ABC):
         return self.followed(job, partial(self._services.worker.do, task, asked), told)
 
     def followed(
-        self, job: Job, do: Callable[[OnEvent, ShouldCancel], Found], told: Told | str
+        self, job: Job, do: Callable[[Ear], Found], told: Told | str
     ) -> Generator[Updates, None, Found]:
         def line(events: list[Event]) -> Updates:
             share = last_share(events) if told else None

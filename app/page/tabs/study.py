@@ -25,7 +25,7 @@ from app.page.tabs.motion import SEED_LIMIT, fresh_copy
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
-from app.run.ask import OnEvent, ShouldCancel
+from app.run.ask import Ear
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
@@ -360,7 +360,7 @@ class StudyRunner(TabRunner):
         job.beside += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
 
-        def make(on_event: OnEvent, should_cancel: ShouldCancel) -> Path:
+        def make(ear: Ear) -> Path:
             """The participants' page. What a run that was stopped has left goes when its process
             has ended, which may be after the page has gone on."""
             try:
@@ -371,8 +371,8 @@ class StudyRunner(TabRunner):
                 asked = ExportRequest(
                     *(written, work / "study", config.weights, config.body), (bundle, key)
                 )
-                study = services.worker.do(EXPORT_STUDY, asked, on_event, should_cancel)
-                if should_cancel():
+                study = services.worker.do(EXPORT_STUDY, asked, ear)
+                if ear.should_cancel():
                     raise Cancelled
                 return Path(shutil.move(study.bundle, job.folder / "bundle"))
             except BaseException:

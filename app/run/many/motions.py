@@ -19,7 +19,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, numbers_of
-from app.run.ask import Ask, OnEvent, ShouldCancel, absolute
+from app.run.ask import DEAF, Ask, Ear, absolute
 from app.run.diagnostics import onsets_of
 from app.run.many.distances import check_weights, codes_path, distance_rows, keep_codes
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
@@ -28,7 +28,6 @@ from app.run.many.speeches import do_jobs, stamp_of
 from app.run.many.table import draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import UnpackLimits, unpack_sets
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import Reporter
 from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
@@ -58,22 +57,17 @@ MAX_BYTES, MAX_FILES = 10**9, 1500
 """Of all zips that a visitor brings at once, unpacked."""
 
 
-def measure_sets(
-    ask: Ask,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> Sets:
+def measure_sets(ask: Ask, ear: Ear = DEAF) -> Sets:
     """As `diagnose_folders`, of zips, each a system's results, which stay unpacked below
     ``ask.out``.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError: also where all together hold too much.
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES)
     folders = unpack_sets(sets_of(ask), ask.out / "unpacked", limits)
-    run = Reporter(on_event, should_cancel)
-    return replace(diagnose_folders(in_folders(ask, folders), run.share("numbers")), ask=ask)
+    return replace(diagnose_folders(in_folders(ask, folders), ear.share("numbers")), ask=ask)
 
 
 def diagnose_folders(

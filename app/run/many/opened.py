@@ -13,10 +13,9 @@ from app.run.ask import (
     MAX_COMPARED,
     Ask,
     Done,
+    Ear,
     Event,
-    OnEvent,
     Progress,
-    ShouldCancel,
 )
 from app.run.many.speeches import asks_of, do_clips
 from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
@@ -42,7 +41,7 @@ SPEECHES = "form"
 """Folder beside the results in which several clips lie."""
 
 
-def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+def do_in_folder(ask: Ask, ear: Ear) -> None:
     """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip
     that is what the run shows, measured anew; of several clips, which lie beside the folder, that
     of each. No list of paths is read: it might name anybody's files.
@@ -59,7 +58,7 @@ def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
         asks = asks_of(ask)
         check_clips([each.speech for each in asks.values() if each.speech], ask.max_speech_s)
     if "" in asks:
-        do(asks[""], on_event, should_cancel)
+        do(asks[""], ear)
         return
     order = list(asks)
 
@@ -67,9 +66,9 @@ def do_in_folder(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> No
         told = f"{clip}, {order.index(clip) + 1} of {len(order)}"
 
         def tell(event: Event) -> None:
-            on_event(replace(event, clip=told) if isinstance(event, Progress) else event)
+            ear.hear(replace(event, clip=told) if isinstance(event, Progress) else event)
 
-        return do(own, tell, should_cancel)
+        return do(own, Ear(tell, ear.should_cancel))
 
     done = do_clips(asks, JobPool(1), do=do_clip)
     if not done.clips:

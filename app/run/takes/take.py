@@ -10,7 +10,7 @@ from typing import Any
 
 from app import text
 from app.errors import RunError
-from app.run.ask import SAMPLING, Ask, Grown, OnEvent, ShouldCancel
+from app.run.ask import SAMPLING, Ask, Ear, Grown
 from app.run.made import options_of
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
@@ -64,14 +64,14 @@ class _TakeWriter(RunWriter):
             for row in self.record.rows:
                 record.put(row)
             record.files += [name for name in self.record.files if name not in record.files]
-        self._on_event(Grown(self.folder.out))
+        self.hear(Grown(self.folder.out))
 
 
-def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
+def make_take(ask: TakeAsk, ear: Ear) -> MadeTake:
     """Change the plan and perform it again; of the motion each window is told as it is made.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
     record = read_run(ask.out)
@@ -95,7 +95,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
     speech = load_speech(asked.speech or "", SpeechLimits(max_s=asked.max_speech_s))
     with ResultFolder(ask.out, is_kept=True) as folder:
         options = options_of(asked, system, samples=1, first_sample=sample.number - 1)
-        before = _ready(asked, start, system, speech, options, plan, words, should_cancel)
+        before = _ready(asked, start, system, speech, options, plan, words, ear)
         if not ask.edits:
             return MadeTake(0)
         try:
@@ -112,7 +112,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
         row.take = take = TakeOf(number=number, of=of, start=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows
-        run = _TakeWriter(folder, alone, on_event, should_cancel)
+        run = _TakeWriter(folder, alone, ear)
         written = run.performed(name, done.plan)
         beside = load_motion(_there(ask.out, record, of))
 
@@ -121,7 +121,7 @@ def make_take(ask: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> M
                 run.grow(name, motion, speech.num_frames, like=beside)
 
         options = replace(options, conditions=(written,))
-        made = perform(system, speech, options, before, should_cancel, on_piece)
+        made = perform(system, speech, options, before, ear.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
         row.files["windows"] = shown_file(name, ENDING)
         save_performance(made, ask.out / row.files["windows"])
@@ -141,7 +141,7 @@ def _ready(
     options: GenerateOptions,
     plan: GesturePlan,
     words: Sequence[Word],
-    should_cancel: ShouldCancel,
+    ear: Ear,
 ) -> KeptPerformance:
     """The motion that a take begins with, performed once more where its windows are not there."""
     windows = file_of(ask.out, row.files.get("windows"))
@@ -149,7 +149,7 @@ def _ready(
         motion = load_motion(_there(ask.out, read_run(ask.out), row.name))
         return load_performance(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
-    made = perform(system, speech, performed, None, should_cancel)
+    made = perform(system, speech, performed, None, ear.should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
     save_performance(made, ask.out / row.files["windows"])
     _tell(ask.out, row, plan, words)

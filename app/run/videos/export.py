@@ -9,10 +9,9 @@ import numpy as np
 from PIL import Image
 
 from app.errors import RunError
-from app.run.ask import OnEvent, ShouldCancel
+from app.run.ask import DEAF, Ear
 from app.run.bodies import body_motion, choose_tip_source
 from app.run.models import get_body
-from app.run.output.telling import Reporter
 from app.run.tasks import MARKERS_ENDING, MAX_STILLS, SHEET_POSES, RenderAsk
 from app.run.videos.videos import jobs_of
 from conventions.views import View
@@ -29,18 +28,14 @@ from renderer.video.compose import contact_sheet
 from renderer.video.workers import draw_jobs
 
 
-def render_motion(
-    ask: RenderAsk,
-    on_event: OnEvent = lambda event: None,
-    should_cancel: ShouldCancel = lambda: False,
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+def render_motion(ask: RenderAsk, ear: Ear = DEAF) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Make what is asked for.
 
     Returns:
         The files written, and what a person should know of them.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError: if what is asked for cannot be.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
@@ -51,7 +46,7 @@ def render_motion(
     motion = body_motion(read)
     body = get_body(ask.body, ask.look)
     if ask.is_picture:
-        files = _draw(ask, read, body, Reporter(on_event, should_cancel).share("video"))
+        files = _draw(ask, read, body, ear.share("video"))
     else:
         files = _export(ask, body, motion)
     apart = () if ask.speech is None else _apart(ask.speech, read)

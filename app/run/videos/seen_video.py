@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import Ask, OnEvent, ShouldCancel
+from app.run.ask import Ask, Ear
 from app.run.bodies import MAX_FRAMES, body_motion, choose_tip_source, in_register
 from app.run.display import Seen, SeenPanel
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import Reporter
 from app.run.tasks import SeenAsk, SeenVideo
 from app.run.videos.videos import jobs_of
 from conventions.rates import FPS
@@ -40,16 +39,15 @@ _FINE_CRF = 14
 """Of the pictures that are encoded once more."""
 
 
-def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+def draw_seen(ask: SeenAsk, ear: Ear) -> SeenVideo:
     """Draw the video.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     seen = ask.seen
-    run = Reporter(on_event, should_cancel)
-    run.share("video")(0.0)
+    ear.share("video")(0.0)
     motions = [in_register(load_motion(path)) for path in ask.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
@@ -73,15 +71,15 @@ def draw_seen(ask: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> S
                 raise RunError(TOO_SMALL.format(why=error)) from error
             (jobs[i],) = made.values()
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_jobs(jobs, run.share("video", _DRAWN))
+        draw_jobs(jobs, ear.share("video", _DRAWN))
         _compose(
             ask,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
-            *(room, folder, run.share("video", 1 - _DRAWN, _DRAWN)),
+            *(room, folder, ear.share("video", 1 - _DRAWN, _DRAWN)),
         )
         (video,) = folder.publish()
-    run.progress("video", 1.0)
+    ear.progress("video", 1.0)
     return SeenVideo(
         video,
         max(motion.num_frames for motion in shown.values()),

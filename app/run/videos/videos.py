@@ -14,13 +14,12 @@ import numpy as np
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.ask import MAX_COMPARED, Ask, Grown, OnEvent, ShouldCancel
+from app.run.ask import MAX_COMPARED, Ask, Ear, Grown
 from app.run.bodies import TipSource, body_motion, choose_tip_source, picture_motions
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run
-from app.run.output.telling import Reporter
 from conventions.names import REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.measures.smoothness import derivative_magnitudes
@@ -276,18 +275,16 @@ def _round_up(value: float) -> float:
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
-def names_that_fit(names: list[str], reporter: Reporter) -> list[str]:
-    """All, or where they are too many the first sample of each system and the reference."""
+def names_that_fit(names: list[str]) -> tuple[list[str], str]:
+    """All, or where they are too many the first sample of each system and the reference; and what
+    the person should know of that."""
     if len(names) <= MAX_COMPARED:
-        return names
+        return names, ""
     reference = [name for name in names if name == REFERENCE_NAME]
     first = [name for name in names if name not in reference and SampleName.parse(name).number == 1]
     fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
-    reporter.note(
-        f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
-        f"{', '.join(fitting)}."
-    )
-    return fitting
+    told = f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
+    return fitting, f"{told}{', '.join(fitting)}."
 
 
 @contextmanager
@@ -295,7 +292,7 @@ def joined_side_by_side(
     names: Sequence[str],
     wav: Path | None,
     folder: ResultFolder,
-    reporter: Reporter,
+    ear: Ear,
     on_file: OnFile,
 ) -> Iterator[None]:
     """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
@@ -304,7 +301,7 @@ def joined_side_by_side(
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
-    reporter.progress("comparison", 0.0)
+    ear.progress("comparison", 0.0)
     out = folder.path("comparison.mp4")
     done, is_given_up = [0.0], Event()
     with ThreadPoolExecutor(1) as beside:
@@ -315,22 +312,22 @@ def joined_side_by_side(
             out,
             wav,
             on_progress=done.append,
-            should_cancel=lambda: is_given_up.is_set() or reporter.should_cancel(),
+            should_cancel=lambda: is_given_up.is_set() or ear.should_cancel(),
         )
         try:
             yield
             while not joining.done():
-                reporter.progress("comparison", done[-1])
+                ear.progress("comparison", done[-1])
                 wait([joining], timeout=_POLL_S)
         except BaseException:
             is_given_up.set()
             raise
     joining.result()
     on_file(out)
-    reporter.progress("comparison", 1.0)
+    ear.progress("comparison", 1.0)
 
 
-def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+def draw_behind(ask: Ask, ear: Ear) -> None:
     """Draw videos of a run's motions, all alike, and ``comparison.mp4``.
 
     Args:
@@ -338,15 +335,15 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
             is whole; they are drawn in the ask's own.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``ear`` said so.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     (run,) = ask.motions
-    record, reporter = read_run(run), Reporter(on_event, should_cancel)
+    record = read_run(run)
 
     def add(path: Path, row: str = "", kind: RowKind | None = None) -> None:
         add_file(run, path, row, kind)
-        on_event(Grown(run))
+        ear.hear(Grown(run))
 
     motions = {
         row.name: load_motion(file)
@@ -358,10 +355,10 @@ def draw_behind(ask: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Non
     with ResultFolder(ask.out) as folder:
         draw_rows(
             *(picture_motions(motions)[0], ask, body),
-            *(choose_tip_source(ask.body, record.point), reporter.share("video")),
+            *(choose_tip_source(ask.body, record.point), ear.share("video")),
             *(folder, speech, add),
         )
         if len(motions) > 1:
-            names = names_that_fit(list(motions), reporter)
-            with joined_side_by_side(names, speech, folder, reporter, add):
+            names = names_that_fit(list(motions))[0]
+            with joined_side_by_side(names, speech, folder, ear, add):
                 pass

@@ -3,14 +3,13 @@
 import os
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import Grown, OnEvent, Progress
+from app.run.ask import Ear, Grown, Progress
 
 
 def carry_on(request: str, *_: Any) -> str:
@@ -18,10 +17,10 @@ def carry_on(request: str, *_: Any) -> str:
     return request
 
 
-def leave(path: Path, on_event: OnEvent, *_: Any) -> Path:
-    on_event(Progress("numbers", 0.5))
+def leave(path: Path, ear: Ear) -> Path:
+    ear.hear(Progress("numbers", 0.5))
     path.touch()
-    on_event(Grown(path.parent))
+    ear.hear(Grown(path.parent))
     return path
 
 
@@ -31,8 +30,8 @@ def wait(*_: Any) -> None:
         signal.pause()
 
 
-def wait_for_stop(request: str, on_event: Any, should_cancel: Callable[[], bool]) -> None:
-    while not should_cancel():
+def wait_for_stop(request: str, ear: Ear) -> None:
+    while not ear.should_cancel():
         pass
 
 

@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.page.visitors.files import Jobs
-from app.run.ask import OnEvent, ShouldCancel
+from app.run.ask import Ear
 from tests.app.page.test_runner import Runner
 from tests.waiting import wait_for
 
@@ -37,10 +37,10 @@ class Page:
         blocks.queue(max_size=PLACES, default_concurrency_limit=SLOTS)
         self.blocks, self.fn = blocks, next(iter(blocks.fns))
 
-    def work(self, on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+    def work(self, ear: Ear) -> str:
         self.begun.append(self.jobs._jobs[-1].visitor)
         while not self.may_end.acquire(timeout=0.02):
-            if should_cancel():
+            if ear.should_cancel():
                 raise KeyError("it has ended in the middle")
         return "done"
 

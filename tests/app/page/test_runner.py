@@ -18,17 +18,16 @@ from app.page.tabs.runner import TabRunner, follow
 from app.page.visitors.files import Job, Jobs, sweep
 from app.run.ask import (
     Ask,
+    Ear,
     Event,
     Grown,
-    OnEvent,
     Progress,
-    ShouldCancel,
 )
 from tests.app import fakes
 from tests.app.page.made import browser
 
 VISITOR = browser("cookie")
-Do = Callable[[OnEvent, ShouldCancel], str]
+Do = Callable[[Ear], str]
 
 
 class Runner(TabRunner):
@@ -71,14 +70,14 @@ def jobs(tmp_path: Path) -> Jobs:
     return Jobs(tmp_path / "jobs")
 
 
-def half_done(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-    on_event(Progress("numbers", 0.5))
+def half_done(ear: Ear) -> str:
+    ear.hear(Progress("numbers", 0.5))
     return "done"
 
 
-def wait_to_stop(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+def wait_to_stop(ear: Ear) -> str:
     moment = threading.Event()
-    while not should_cancel():
+    while not ear.should_cancel():
         moment.wait(0.01)
     raise Cancelled
 
@@ -90,7 +89,7 @@ def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
 
 
 def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
-    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+    def do(ear: Ear) -> str:
         raise RunError("It is <broken>.")
 
     runner = Runner(jobs, do)
@@ -136,8 +135,8 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
         )
 
-        def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-            fakes.make_generate()(asked, on_event, should_cancel)
+        def do(ear: Ear) -> str:
+            fakes.make_generate()(asked, ear)
             return "done"
 
         news: list[Event] = []

@@ -9,7 +9,7 @@ import pytest
 
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
-from app.run.ask import Event, Grown, Progress
+from app.run.ask import Ear, Event, Grown, Progress
 from processes import ended
 from tests.app.page import ends
 from tests.processes.made import kill, run_out_of_memory
@@ -32,7 +32,7 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
     worker, tmp_path
 ):
     events: list[Event] = []
-    assert worker.do(ends.leave, tmp_path / "left", events.append).is_file()
+    assert worker.do(ends.leave, tmp_path / "left", Ear(events.append)).is_file()
     assert events == [Progress("numbers", 0.5), Grown(tmp_path)]
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
@@ -57,10 +57,10 @@ def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at
     worker.do(ends.carry_on, "")
     first, asked = pid_of(worker), iter([False] * 3)
     with pytest.raises(Cancelled):
-        worker.do(ends.wait, "", should_cancel=lambda: next(asked, True))
+        worker.do(ends.wait, "", Ear(should_cancel=lambda: next(asked, True)))
     assert pid_of(worker) != first and worker.do(ends.carry_on, "said") == "said"
     with pytest.raises(Cancelled):
-        worker.do(ends.carry_on, "", should_cancel=lambda: True)
+        worker.do(ends.carry_on, "", Ear(should_cancel=lambda: True))
 
 
 def test_a_cancel_that_comes_with_the_work_is_heard(worker):
@@ -68,7 +68,7 @@ def test_a_cancel_that_comes_with_the_work_is_heard(worker):
     first = pid_of(worker)
     for _ in range(20):
         asked = iter([False])
-        worker.do(ends.wait_for_stop, "", should_cancel=lambda asked=asked: next(asked, True))
+        worker.do(ends.wait_for_stop, "", Ear(should_cancel=lambda asked=asked: next(asked, True)))
     assert pid_of(worker) == first
 
 
@@ -135,7 +135,7 @@ def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeyp
         return False
 
     with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
-        worker.do(ends.wait, "", should_cancel=strike)
+        worker.do(ends.wait, "", Ear(should_cancel=strike))
 
 
 @pytest.mark.slow

@@ -56,7 +56,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
-    measure_hearing(HearingAsk(out=out, speeches=speeches, speakers=both, **asked), heard.take)
+    measure_hearing(HearingAsk(out=out, speeches=speeches, speakers=both, **asked), heard)
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
     assert sorted(record.results) == [
@@ -159,7 +159,7 @@ def asked(tmp_path: Path) -> MechanismAsk:
 @pytest.mark.gl
 def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismAsk) -> None:
     heard = Heard()
-    show_mechanism(replace(asked, noise_rad=0.05, has_video=True), heard.take)
+    show_mechanism(replace(asked, noise_rad=0.05, has_video=True), heard)
     with av.open(str(asked.out / VIDEO)) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     assert len(frames) == 12 and frames[0].shape[1] == 2 * 192
@@ -215,7 +215,7 @@ def test_points_are_what_generation_and_measures_say(
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
     heard = Heard()
     ask = StepsAsk(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
-    measure_step_curve(ask, heard.take)
+    measure_step_curve(ask, heard)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
     one, three = (

@@ -58,7 +58,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         start_frame=20, has_poses=False,
     )  # fmt: skip
     heard = Heard()
-    found = do(request, heard.take)
+    found = do(request, heard)
     assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
@@ -154,7 +154,7 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
 ) -> None:
     request = Ask(motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False)
     with pytest.raises(Cancelled):
-        do(request, (heard := Heard(0.3, stage=stage)).take, heard.should_stop)
+        do(request, Heard(0.3, stage=stage))
     assert not request.out.exists()
 
 
@@ -264,7 +264,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         display=Display(has_trail=True),
         size=256,
     )
-    do(request, heard.take)
+    do(request, heard)
     shares = heard.shares_of("video")
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     names, told = (name, "reference"), read_run(request.out)

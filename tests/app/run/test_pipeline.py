@@ -16,6 +16,7 @@ from app.run.ask import (
     FIGURE_PANELS,
     Ask,
     Done,
+    Ear,
     Event,
     Grown,
     Progress,
@@ -86,7 +87,7 @@ def whole(short: Path, weights: Path) -> Whole:
         seed=5, post_filter="savgol", joint="left_elbow", start_frame=5, has_video=True,
         reference=short.with_name("reference.npz"), size=256,
     )  # fmt: skip
-    return do(request, noted(events)), events
+    return do(request, Ear(noted(events))), events
 
 
 @pytest.mark.gl
@@ -267,7 +268,7 @@ def parts(message: bytes) -> tuple[bytes, ...]:
 def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, long: Path) -> None:
     """All systems begin before any goes on, and files come when they are whole."""
     events: Told = []
-    result = do(ask(speech=long, samples=2), noted(events))
+    result = do(ask(speech=long, samples=2), Ear(noted(events)))
     grown = [event for event in events if isinstance(event, RunRecord)]
     each = [
         (row.name, end)
@@ -318,7 +319,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
     events: Told = []
     asked = ask(speech=long)
     with pytest.raises(Cancelled):
-        do(asked, noted(events), lambda: is_time(events))
+        do(asked, Ear(noted(events), lambda: is_time(events)))
     assert not asked.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
@@ -336,7 +337,7 @@ def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
         return bool(seen)
 
     with pytest.raises(Cancelled):
-        do(request, told.append, should_cancel)
+        do(request, Ear(told.append, should_cancel))
     assert seen and not request.out.exists()
     wait_for(lambda: not children_that_draw())
 

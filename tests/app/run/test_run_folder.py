@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
-from app.run.ask import Ask, Event, Grown
+from app.run.ask import Ask, Ear, Event, Grown
 from app.run.many.opened import copied_run, opened
 from app.run.output.run_folder import (
     RUN,
@@ -101,7 +101,7 @@ def test_names_are_harmless_and_no_link_leads_out(tmp_path):
 def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_path):
     events: list[Event] = []
     motion = made_motion(37)
-    with writing_run(tmp_path, RunRecord(**RECORD), events.append, is_kept=True) as run:
+    with writing_run(tmp_path, RunRecord(**RECORD), Ear(events.append), is_kept=True) as run:
         run.rows(NAMES)
         for start, end in pairwise([0, 10, 11, 37]):
             run.grow(NAMES[0], motion.part(slice(start, end)), 37)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
-from app.run.ask import Ask, Event, Grown
+from app.run.ask import DEAF, Ask, Ear, Event, Grown
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import do
@@ -215,17 +215,13 @@ def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> Ask:
     return run
 
 
-def never() -> bool:
-    return False
-
-
 def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_goes(
     run: Ask, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.out, folder)
     asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED)
-    assert make_take(asked, lambda event: None, never) == MadeTake(0)
+    assert make_take(asked, DEAF) == MadeTake(0)
     rows: list[Row] = []
 
     def noted(event: Event) -> None:
@@ -233,7 +229,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
             rows.append(read_run(event.folder).rows[-1])
 
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
-    take = make_take(replace(asked, edits=(edit,)), noted, never)
+    take = make_take(replace(asked, edits=(edit,)), Ear(noted))
     record = read_run(folder)
     assert (take.number, record.state) == (1, "done") and record.sentence
     own, made = record.rows
@@ -261,7 +257,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
     again = replace(asked, out=elsewhere, start=made.name, edits=(back,))
-    assert make_take(again, lambda event: None, never).number == 2
+    assert make_take(again, DEAF).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
     plan = read_plan_file(elsewhere / last.files["performed"]).plan
@@ -275,9 +271,9 @@ def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
     asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED, edits=(late,))
     before = read_run(folder)
     with pytest.raises(Cancelled):
-        make_take(asked, lambda event: None, lambda: True)
+        make_take(asked, Ear(should_cancel=lambda: True))
     assert read_run(folder) == before
     with pytest.raises(PlanError, match=r"the end at 12.00 s"):
-        make_take(asked, lambda event: None, never)
+        make_take(asked, DEAF)
     drop_unfinished(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]

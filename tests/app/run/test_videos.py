@@ -11,12 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import Cancelled, RunError
-from app.run.ask import Ask, Progress
+from app.run.ask import DEAF, Ask, Ear, Progress
 from app.run.bodies import SOLE_M, TipSource, body_motion, in_register, picture_motions, register_of
 from app.run.display import MAX_SHOWN, Look, Mode, Seen, SeenBody, SeenPanel
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
-from app.run.output.telling import Reporter
 from app.run.pipeline import _draw_poses, _draw_videos
 from app.run.tasks import SeenAsk
 from app.run.videos import seen_video, videos
@@ -125,7 +124,7 @@ def test_all_bodies_of_a_run_are_in_register(
         staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
     )
     rows.drawn = {"a": motion}
-    run: Any = Reporter(lambda event: None, lambda: False)
+    run: Any = Ear()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
         run.folder, run.file = folder, None
         _draw_videos(ask, rows, run)
@@ -228,7 +227,7 @@ def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = No
 
 def drawn(request: SeenAsk) -> np.ndarray:
     """The pictures under the band with the names."""
-    video = draw_seen(request, lambda event: None, lambda: False)
+    video = draw_seen(request, DEAF)
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
     with av.open(str(video.path)) as file:
         frames = np.stack([each.to_ndarray(format="rgb24") for each in file.decode(video=0)])
@@ -321,18 +320,18 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     panels = ((SeenPanel(rect=(0, 0, 10, 10)), face),)
     seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
     with pytest.raises(RunError, match="too small on the stage"):
-        draw_seen(asked(tmp_path, seen), lambda event: None, lambda: False)
+        draw_seen(asked(tmp_path, seen), DEAF)
     told: list[object] = []
     with pytest.raises(Cancelled):
-        draw_seen(asked(tmp_path, GRID), told.append, lambda: bool(told))
+        draw_seen(asked(tmp_path, GRID), Ear(told.append, lambda: bool(told)))
     assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
 
 
 def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_by_side() -> None:
-    reporter = Reporter(lambda event: None, lambda: False)
     for number in (1, 5, 6, 8):
         names = [f"system{i}" for i in range(number)]
-        assert names_that_fit([*names, "reference"], reporter) == [*names[:5], "reference"]
-    assert "they show system0, system1, " in reporter.notes[0]
+        fitting, told = names_that_fit([*names, "reference"])
+        assert fitting == [*names[:5], "reference"]
+        assert ("they show system0, system1, " in told) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
-    assert names_that_fit(names, reporter) == ["a/b", "a/c"]
+    assert names_that_fit(names)[0] == ["a/b", "a/c"]

@@ -5,7 +5,7 @@ import pytest
 from app.errors import RunError
 from app.page.results.player import first_look
 from app.page.routes.media import Media
-from app.run.ask import Ask, Event, Grown
+from app.run.ask import Ask, Ear, Event, Grown
 from app.run.examples import STEADY, TREMBLING
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
@@ -31,7 +31,7 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     with pytest.raises(RunError, match=r"run\.json is missing"):
         showing.value()
     plan = GesturePlan(1.0, nods=(Nod(0.5, 6.0),))
-    make_generate(seconds=1.0, plan=plan)(asked, noted, lambda: False)
+    make_generate(seconds=1.0, plan=plan)(asked, Ear(noted))
     rows = [value["rows"] for value in values if value["rows"]]
     assert all([row["name"] for row in each] == list(NAMES) for each in rows)
     assert [row["is_reference"] for row in rows[0]] == [False, False, True]

@@ -28,7 +28,7 @@ from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
 from app.page.tabs.stage import VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
-from app.run.ask import Ask, OnEvent, Progress, ShouldCancel
+from app.run.ask import Ask, Ear, Progress
 from app.run.output.run_folder import zip_run
 from app.run.tasks import Sets
 from app.study.make.workspace import ExportRequest
@@ -107,9 +107,9 @@ class Measured:
         self.asked: list[Ask] = []
         self._folder = folder
 
-    def __call__(self, request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
+    def __call__(self, request: Ask, ear: Ear) -> Sets:
         self.asked.append(request)
-        on_event(Progress("numbers", 0.5))
+        ear.hear(Progress("numbers", 0.5))
         request.out.mkdir()
         table = request.out / "many.csv"
         table.write_text("0")
@@ -286,9 +286,9 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
 ):
     private, may_end = tmp_path / "private", threading.Event()
 
-    def export(asked: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
-        on_event(Progress("motion", 0.5))
-        wait_for(should_cancel)
+    def export(asked: ExportRequest, ear: Ear) -> None:
+        ear.hear(Progress("motion", 0.5))
+        wait_for(ear.should_cancel)
         assert may_end.wait(60)
         for path in (asked.out, *asked.zips):
             path.parent.mkdir(parents=True, exist_ok=True)

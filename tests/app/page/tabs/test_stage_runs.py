@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
 from app.page.visitors.files import Job
-from app.run.ask import Grown, OnEvent, Progress, ShouldCancel
+from app.run.ask import Ear, Grown, Progress
 from app.run.display import Display, Seen
 from app.run.output.run_folder import TakeOf, changed, read_run
 from app.run.run_writer import writing_run
@@ -107,8 +107,8 @@ class Stage:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
 
 
-def draw(request: SeenAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
-    on_event(Progress("video", 0.43))
+def draw(request: SeenAsk, ear: Ear) -> SeenVideo:
+    ear.hear(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
     video.write_bytes(bytes(2_100_000))
@@ -159,7 +159,7 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
+def make(request: TakeAsk, ear: Ear) -> MadeTake:
     number = 0
     with changed(request.out) as record:
         start = record.row(request.start)
@@ -173,7 +173,7 @@ def make(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> Ma
             row.files.pop("told", None)
             record.put(row)
     if number:
-        on_event(Grown(request.out))
+        ear.hear(Grown(request.out))
     with changed(request.out) as record:
         row.files["told"] = "told.json"
         (request.out / "told.json").write_text("{}")
@@ -230,8 +230,8 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: TakeAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> MadeTake:
-        made = make(request, on_event, should_cancel)
+    def fails(request: TakeAsk, ear: Ear) -> MadeTake:
+        made = make(request, ear)
         with changed(request.out) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")
         raise PlanError(f"The hand has no time for {made.number}.")

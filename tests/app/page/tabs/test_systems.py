@@ -8,7 +8,7 @@ import gradio as gr
 import pytest
 
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
-from app.run.ask import Ask, Grown, OnEvent, Progress, ShouldCancel
+from app.run.ask import Ask, Ear, Grown, Progress
 from app.run.examples import CLEAN
 from app.run.experiments import NAMES, MechanismAsk, show_mechanism
 from app.run.output.run_folder import RunRecord, changed
@@ -37,9 +37,9 @@ class Measured:
         self.parts = parts_of(self.runner, "message", "figure")
         self.asked: list[Any] = []
 
-    def measure(self, request: Ask, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def measure(self, request: Ask, ear: Ear) -> None:
         self.asked.append(request)
-        on_event(Progress("numbers", 0.5))
+        ear.hear(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
         with writing_run(request.out, record) as run:
             run.note("<b> hears.")
@@ -101,11 +101,11 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     asked: list[MechanismAsk] = []
 
-    def show(request: MechanismAsk, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+    def show(request: MechanismAsk, ear: Ear) -> None:
         asked.append(request)
         made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
-        on_event(Grown(request.out))
-        on_event(Progress("numbers", 0.5))
+        ear.hear(Grown(request.out))
+        ear.hear(Progress("numbers", 0.5))
         with changed(request.out) as record:
             record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
 

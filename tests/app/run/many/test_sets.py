@@ -57,7 +57,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             reference=zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
             speech=zipped(folders / "sound", tmp_path / "sound.zip"),
         ),
-        heard.take,
+        heard,
     )
     assert found.told["clips"] == list(CLIPS)
     shares = heard.shares

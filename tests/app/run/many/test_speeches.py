@@ -12,7 +12,7 @@ from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
-from app.run.ask import Ask, Event, Progress
+from app.run.ask import DEAF, Ask, Ear, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import asks_of, do_clips, find_speeches, is_many
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
@@ -117,18 +117,16 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
     for speech in (elsewhere, tmp_path):
         with pytest.raises(SpeechError):  # whoever's files it names
-            do_in_folder(
-                replace(asked, speech=speech, out=tmp_path / "0"), lambda event: None, lambda: False
-            )
+            do_in_folder(replace(asked, speech=speech, out=tmp_path / "0"), DEAF)
     with pytest.raises(SpeechError, match=r"b\.wav"):
-        do_in_folder(asked, lambda event: None, lambda: False)
+        do_in_folder(asked, DEAF)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(RunError, match=r"may last 0\.02 minutes together; these last 0\.0"):
-        do_in_folder(replace(asked, max_speech_s=1.2), lambda event: None, lambda: False)
+        do_in_folder(replace(asked, max_speech_s=1.2), DEAF)
     with pytest.raises(Cancelled):
-        do_in_folder(asked, lambda event: None, lambda: True)
+        do_in_folder(asked, Ear(should_cancel=lambda: True))
     events: list[Event] = []
-    do_in_folder(asked, events.append, lambda: False)
+    do_in_folder(asked, Ear(events.append))
     told = [event.clip for event in events if isinstance(event, Progress)]
     assert list(dict.fromkeys(told)) == ["a, 1 of 2", "b, 2 of 2"]
     runs = runs_in(asked.out)
@@ -142,7 +140,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     assert is_run_zip(packed)
     (tmp_path / "anew").mkdir()
     again = Ask(motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True)
-    do_in_folder(again, lambda event: None, lambda: False)
+    do_in_folder(again, DEAF)
     measured = [
         by_measure(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
