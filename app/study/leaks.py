@@ -175,7 +175,7 @@ def _times(study: Study) -> Iterator[str]:
 
 
 def _metadata(study: Study) -> Iterator[str]:
-    secrets = [name for name in (*study.key.systems, *_clips(study)) if len(name) >= 6]
+    secrets = [name for name in (*study.key.systems, *study.key.clips) if len(name) >= 6]
     for stimulus, file in study.files.items():
         name = f"media/{study.stimuli[stimulus]}.mp4"
         telling = sorted(_TELLING_BOXES & set(file.boxes))
@@ -275,7 +275,7 @@ def _texts(study: Study) -> Iterator[str]:
     parts = [data.get(key) for key in ("study", "trials", "lists")]
     parts += [data.get(key) for key in standard if data.get(key) not in (None, standard[key])]
     structure = "\n".join(sorted(set(_strings(parts)) - _VOCABULARY))
-    names = {*study.key.systems, *_clips(study)}
+    names = {*study.key.systems, *study.key.clips}
     pieces = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
     for name in sorted(names | {part for part in pieces if len(part) >= _LEAST_PART}):
         if _holds(structure, name):
@@ -301,10 +301,6 @@ def _strings(value: Any) -> Iterator[str]:
 def _holds(text: str, name: str) -> bool:
     """Whether the name occurs as a word, whatever its case."""
     return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
-
-
-def _clips(study: Study) -> tuple[str, ...]:
-    return tuple(sorted({video.clip for video in study.key.videos.values()}))
 
 
 _CHECKS = (_names, _times, _metadata, _videos, _sounds, _lists, _texts)

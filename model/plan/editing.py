@@ -248,14 +248,12 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
     """When the phase ends that is the other hand's part in the phase of a hand that ends at
     ``end_s``; None where the hands do not make a gesture together, or end it apart."""
     filled = replace(plan, left=tuple(_phases(plan, "left")), right=tuple(_phases(plan, "right")))
-    k, strokes = _ending_at(filled.hand(side), end_s), strokes_of(filled)
-    if k is None:
+    k = _ending_at(filled.hand(side), end_s)
+    own = None if k is None else _gesture_with(filled, side, filled.hand(side)[k])
+    partner = partner_of(plan, own) if own else None
+    theirs = _found(filled, partner) if partner else None
+    if partner is None or theirs is None or k is None:
         return None
-    own = next((s for s in strokes if s.side == side and s.first <= k <= s.last), None)
-    partner = partner_of(plan, Gesture(side, own.lands.end_s)) if own else None
-    if partner is None:
-        return None
-    theirs = next(s for s in strokes if Gesture(s.side, s.lands.end_s) == partner)
     near = [
         phase.end_s
         for phase in filled.hand(partner.side)[theirs.first : theirs.last + 1]

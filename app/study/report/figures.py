@@ -112,52 +112,35 @@ def _add_legend(figure: Figure, key: Key) -> None:
         entry.set_text(name)  # given above, names that begin with "_" would be left out
 
 
-def pair_shares(shares: Sequence[Number]) -> Figure:
-    """Share of the first system of each pair with its interval, ordered as in the table."""
-    rows = [(_against(str(one.first), str(one.second)), one) for one in shares]
-    label = "votes for the first, ties half (%)"
-    return _forest(rows, label, middle=50, limits=(0, 100), scale=100)
-
-
-def strengths(found: Sequence[Number]) -> Figure:
-    """Log-strengths from best to worst."""
-    rows = [(_short(str(one.first)), one) for one in _sorted(found)[::-1]]
-    return _forest(rows, "log-strength (0 = the systems' mean)", middle=0, limits=None)
-
-
-def mean_values(result: QuestionResult) -> Figure:
-    """Mean ranks or ratings, best first."""
-    if ranks := _sorted(result.all("mean_rank")):
-        rows = [(_short(str(one.first)), one) for one in ranks]
-        return _forest(rows, "mean rank (1 = best)", (len(ranks) + 1) / 2, (1, len(ranks)))
-    rows = [(_short(str(one.first)), one) for one in _sorted(result.all("mean_rating"))[::-1]]
-    return _forest(rows, "mean rating (0 to 100)", None, (0, 100))
-
-
-def _sorted(found: Sequence[Number]) -> list[Number]:
-    return sorted(found, key=lambda one: one.limits[0])
-
-
-def _forest(
-    rows: Sequence[tuple[str, Number]],
-    label: str,
-    middle: float | None,
-    limits: tuple[float, float] | None,
-    scale: float = 1,
-) -> Figure:
-    """Values with intervals, one below the other, names beside them."""
+def forest(found: Sequence[Number]) -> Figure:
+    """Values of one measure with their intervals, one below the other: pairs as in their table,
+    systems from best to worst."""
+    measure, count = found[0].measure, len(found)
+    label, middle, limits = {
+        "share": ("votes for the first, ties half (%)", 50, (0, 100)),
+        "log_strength": ("log-strength (0 = the systems' mean)", 0, None),
+        "mean_rank": ("mean rank (1 = best)", (count + 1) / 2, (1, count)),
+        "mean_rating": ("mean rating (0 to 100)", None, (0, 100)),
+    }[measure]
+    scale = 1
+    if measure == "share":
+        scale, names = 100, [_against(str(one.first), str(one.second)) for one in found]
+    else:
+        best_first = slice(None, None, 1 if measure == "mean_rank" else -1)
+        found = sorted(found, key=lambda one: one.limits[0])[best_first]
+        names = [_short(str(one.first)) for one in found]
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * len(rows)), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * count), layout="constrained")
         axes = figure.add_subplot()
         if middle is not None:
             axes.axvline(middle, color=FAINT, lw=1, ls=(0, (4, 3)))
-        places = np.arange(len(rows))[::-1]
-        for place, (_, found) in zip(places, rows, strict=True):
-            value, low, high = (scale * each for each in found.limits)
+        places = np.arange(count)[::-1]
+        for place, one in zip(places, found, strict=True):
+            value, low, high = (scale * each for each in one.limits)
             axes.plot([low, high], [place, place], color=INK, lw=1.6)
             axes.plot(value, place, "o", color=INK, ms=5)
-        axes.set_yticks(places, [name for name, _ in rows])
-        axes.set_ylim(-0.6, len(rows) - 0.4)
+        axes.set_yticks(places, names)
+        axes.set_ylim(-0.6, count - 0.4)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
         if limits is not None:
