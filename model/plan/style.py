@@ -66,10 +66,6 @@ class Style:
     smile: float
     """Mean size of smiles over all the time, none being 0."""
 
-    def __post_init__(self) -> None:
-        for name, limits in LIMITS.items():
-            _number(name, getattr(self, name), *limits)
-
 
 def style_of(plan: GesturePlan) -> Style:
     """What the plan is like now: where a slider stands before anybody moves it."""
@@ -94,8 +90,6 @@ def style_of(plan: GesturePlan) -> Style:
 
 def excited(style: Style, by: float) -> Style:
     """The style calmer (``by`` -1) or more excited (1); 0 leaves it."""
-    if not -1 <= by <= 1:
-        raise PlanError(f"Excitement goes from -1 to 1; got {by:g}.")
     return replace(style, **_within({
         "gestures_per_min": style.gestures_per_min * 1.6**by,
         "size_m": style.size_m * 1.3**by,
@@ -340,16 +334,11 @@ class Manner:
     """How many times as likely one hand joins the other."""
     smile: float = 1.0
 
-    def __post_init__(self) -> None:
-        for name, limits in MANNER_LIMITS.items():
-            _number(name, getattr(self, name), *limits)
-
     @staticmethod
     def of(told: Any) -> Manner:
         """From what a program tells: an object of numbers."""
-        names = {each.name for each in fields(Manner)}
-        if not isinstance(told, dict) or not set(told) <= names:
-            raise PlanError(f"A manner is an object of some of {', '.join(sorted(names))}.")
+        if not isinstance(told, dict) or not set(told) <= set(MANNER_LIMITS):
+            raise PlanError(f"A manner is an object of some of {', '.join(sorted(MANNER_LIMITS))}.")
         return Manner(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
 
     def done(self, phase: HandPhase) -> HandPhase:

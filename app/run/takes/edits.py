@@ -341,7 +341,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "remove": _kind(_remove, list=Literal["nods", "looks", "blinks"], at=_Second),
     "style": _kind(
-        _style, **dict.fromkeys(LIMITS, NotRequired[_within(-1000, 1000)]),
+        _style, **{name: NotRequired[_within(*limits)] for name, limits in LIMITS.items()},
         excite=NotRequired[_within(-1, 1)],
     ),
     "plan": _kind(_plan, name=_text(200), text=_text(MAX_PLAN_CHARACTERS)),
