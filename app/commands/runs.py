@@ -237,11 +237,11 @@ def diagnose(
 
 
 def _check_sets(ask: Ask) -> None:
-    from app.run.many.check import check_sets, told
+    from app.run.many.check import check_sets
 
     found = check_sets(ask.motions, ask.reference, ask.out)
-    for name, checked in found.items():
-        for sentence in told(name, checked):
+    for checked in found.values():
+        for sentence in checked.told:
             say(sentence)
     name_file(ask.out / "check.md")
     wrong = [name for name, checked in found.items() if not checked.is_right]

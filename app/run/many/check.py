@@ -7,9 +7,8 @@ form as BEAT2 has it, as long as the recording, and for five samples of each whe
 from __future__ import annotations
 
 import csv
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
@@ -30,20 +29,13 @@ _MOST_FRAMES_APART = 1
 
 @dataclass(frozen=True)
 class Checked:
-    """What is wrong with one set; nothing where it can be handed in."""
+    """How one set stands to the rules."""
 
-    clips: int
-    samples: int
-    wrong: tuple[str, ...]
-    """Sentences."""
-    missing: tuple[str, ...] = ()
-    extra: tuple[str, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
-    """By file, what is wrong with it."""
-
-    @property
-    def is_right(self) -> bool:
-        return not (self.wrong or self.missing or self.extra or self.files)
+    told: list[str]
+    """Sentences for a person, the gravest first; one that all is right where it is."""
+    listed: list[str]
+    """Clips that are missing, and such as are too many."""
+    is_right: bool
 
 
 def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> dict[str, Checked]:
@@ -71,32 +63,13 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
                 raise RunError(f"{folder} is no folder or archive; --check takes whole sets.")
-        found = {name: _checked(folder, recorded) for name, folder in named.items()}
-        results.path("check.md").write_text("\n".join(_lines(found)) + "\n", "utf-8")
+        found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
+        lines = ["# Held against the rules of the GENEA leaderboard", ""]
+        for each in found.values():
+            lines += [f"- {line}" for line in each.told] + [f"  - {clip}" for clip in each.listed]
+        results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
     return found
-
-
-def told(name: str, checked: Checked) -> list[str]:
-    """Sentences for a person, the gravest first; one that all is right where it is."""
-    if checked.is_right:
-        random = f", {checked.samples} samples of each" if checked.samples > 1 else ""
-        return [f"{name}: all {checked.clips} clips are as the leaderboard asks{random}."]
-    lines = [f"{name}: {sentence}" for sentence in checked.wrong]
-    if checked.missing:
-        lines.append(
-            f"{name}: clips that are missing: {len(checked.missing)}: {some_of(checked.missing)}."
-        )
-    if checked.extra:
-        lines.append(
-            f"{name}: clips that are none of the test set, to be left out: {len(checked.extra)}:"
-            f" {some_of(checked.extra)}."
-        )
-    same = Counter(checked.files.values())
-    return lines + [
-        f"{name}: {some_of(file for file, other in checked.files.items() if other == why)}: {why}"
-        for why in same
-    ]
 
 
 def _name_of(path: Path) -> str:
@@ -116,31 +89,39 @@ def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path
     return wanted
 
 
-def _checked(folder: Path, recorded: Path) -> Checked:
+def _checked(name: str, folder: Path, recorded: Path) -> Checked:
     sets = {"set": (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
     files_of = paired_files(sets, (REFERENCE_NAME,))
     found, wanted = files_of["set"], _of_test_split(files_of[REFERENCE_NAME], recorded)
-    wrong = []
-    counts = {clip: len(found[clip]) for clip in found if clip in wanted}
+    counts = {clip: len(found[clip]) for clip in sorted(found.keys() & wanted.keys())}
     most = max(counts.values(), default=0)
     uneven = [clip for clip, count in counts.items() if count != most]
+    missing, extra = sorted(wanted.keys() - found.keys()), sorted(found.keys() - wanted.keys())
+    files: dict[str, list[str]] = {}
+    for clip in counts:
+        for file, why in _wrong_files(folder, found[clip], wanted[clip]).items():
+            files.setdefault(why, []).append(file)
+    told = []
     if uneven:
-        wrong.append(f"{some_of(uneven)} have fewer samples than the {most} of others.")
+        told.append(f"{some_of(uneven)} have fewer samples than the {most} of others.")
     if most not in (0, 1, SAMPLES):
-        wrong.append(
+        told.append(
             f"it has {most} samples of a clip; a system that draws hands in {SAMPLES}, one that "
             "does not hands in 1."
         )
-    files: dict[str, str] = {}
-    for clip in sorted(counts):
-        files |= _wrong_files(folder, found[clip], wanted[clip])
+    if missing:
+        told.append(f"clips that are missing: {len(missing)}: {some_of(missing)}.")
+    if extra:
+        told.append(
+            f"clips that are none of the test set, to be left out: {len(extra)}: {some_of(extra)}."
+        )
+    told += [f"{some_of(named)}: {why}" for why, named in files.items()]
+    random = f", {most} samples of each" if most > 1 else ""
+    right = f"all {len(counts)} clips are as the leaderboard asks{random}."
     return Checked(
-        clips=len(counts),
-        samples=most,
-        wrong=tuple(wrong),
-        missing=tuple(sorted(set(wanted) - set(found))),
-        extra=tuple(sorted(set(found) - set(wanted))),
-        files=files,
+        [f"{name}: {sentence}" for sentence in told or [right]],
+        [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
+        is_right=not told,
     )
 
 
@@ -164,12 +145,3 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
         if other != name:
             wrong[name] = f"it is the same file as {other}, so they are no samples."
     return wrong
-
-
-def _lines(found: Mapping[str, Checked]) -> list[str]:
-    lines = ["# Held against the rules of the GENEA leaderboard", ""]
-    for name, checked in found.items():
-        lines += [f"- {line}" for line in told(name, checked)]
-        for title, names in (("Missing", checked.missing), ("Extra", checked.extra)):
-            lines += [f"  - {title}: {each}" for each in names]
-    return lines

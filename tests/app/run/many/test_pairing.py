@@ -10,7 +10,7 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.run.ask import Ask
-from app.run.many.check import check_sets, told
+from app.run.many.check import check_sets
 from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
 from conventions.names import REFERENCE_NAME
@@ -206,19 +206,20 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
 
     folders = (tmp_path / "good", tmp_path / "bad")
     found = check_sets(folders, tmp_path / "beat2", tmp_path / "out")
-    assert found["good"].is_right
-    assert told("good", found["good"]) == [
-        "good: all 3 clips are as the leaderboard asks, 5 samples of each."
-    ]
-    bad = found["bad"]
-    assert bad.missing == (clips[2],) and bad.extra == ("2_scott_0_9_9",)
-    assert any("3 samples" in line and "in 5" in line for line in bad.wrong)
-    assert any(clips[1] in line and "fewer samples" in line for line in bad.wrong)
-    assert "15 frames where the recording has 20" in bad.files[f"{clips[0]}_sample0.npz"]
-    assert "the same file as" in bad.files[f"{clips[0]}_sample1.npz"]
-    assert "lacks trans" in bad.files[f"{clips[1]}_sample0.npz"]
+    good, bad = found.values()
+    assert good.is_right and not bad.is_right
+    assert good.told == ["good: all 3 clips are as the leaderboard asks, 5 samples of each."]
+    assert bad.listed == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
+    for words in (
+        f"{clips[1]} have fewer samples than the 3",
+        "3 samples of a clip; a system that draws hands in 5",
+        f"{clips[0]}_sample0.npz: it has 15 frames where the recording has 20",
+        f"{clips[0]}_sample2.npz: it is the same file as {clips[0]}_sample0.npz",
+        f"{clips[1]}_sample0.npz: it lacks trans",
+    ):
+        assert any(words in line for line in bad.told), words
     report = (tmp_path / "out" / "check.md").read_text()
-    assert all(sentence in report for sentence in told("bad", bad))
+    assert all(sentence in report for sentence in (*bad.told, *bad.listed))
     with pytest.raises(RunError, match="give them, too"):
         check_sets(folders, None, tmp_path / "none")
     assert REFERENCE_NAME not in found
