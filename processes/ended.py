@@ -7,6 +7,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -138,24 +139,21 @@ def _counters() -> Iterator[Path]:
     except OSError:
         return
     for line in groups:
-        _, _, rest = line.partition(":")
-        controllers, _, group = rest.partition(":")
-        inside = group.lstrip("/")
-        if not controllers:
-            for folder in dict.fromkeys((_CGROUPS / inside, _CGROUPS)):
-                yield folder / "memory.events"
-        elif "memory" in controllers.split(","):
-            for folder in dict.fromkeys((_CGROUPS / "memory" / inside, _CGROUPS / "memory")):
-                yield folder / "memory.oom_control"
+        _, controllers, group = line.split(":", 2)
+        top, name = _CGROUPS, "memory.events"
+        if controllers:
+            top, name = _CGROUPS / "memory", "memory.oom_control"
+        if not controllers or "memory" in controllers.split(","):
+            yield from dict.fromkeys((top / group.lstrip("/") / name, top / name))
 
 
-_KEPT_LINES = 200
+_KEPT_LINES, _PATIENCE_S = 200, 1.0
 
 
 class ChildLog:
     """Keeps the last of what children say."""
 
-    def __init__(self, stream: IO[bytes], is_handed_on: bool = True) -> None:
+    def __init__(self, stream: IO[bytes], is_handed_on: bool) -> None:
         """
         Args:
             stream: the reading end of a pipe; closed when its writers are gone.
@@ -171,9 +169,9 @@ class ChildLog:
         """Of what was said so far; another piece of work begins."""
         self._kept.clear()
 
-    def lines(self, patience_s: float = 1.0) -> tuple[str, ...]:
+    def lines(self) -> tuple[str, ...]:
         """The last lines of a child that has ended; others may hold the pipe open."""
-        self._reader.join(patience_s)
+        self._reader.join(_PATIENCE_S)
         return last_lines("\n".join(list(self._kept)))
 
     def _read(self) -> None:
@@ -182,11 +180,5 @@ class ChildLog:
                 text = line.decode(errors="replace").rstrip("\r\n")
                 self._kept.append(text)
                 if self._is_handed_on:
-                    _say(text)
-
-
-def _say(text: str) -> None:
-    try:
-        sys.stderr.write(f"{text}\n")
-    except (OSError, ValueError):  # nobody reads it any more
-        pass
+                    with suppress(OSError, ValueError):  # nobody reads it any more
+                        sys.stderr.write(f"{text}\n")

@@ -60,12 +60,12 @@ class JobPool:
         if self.scheduler is not None:
             return do_by_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
-        return (do_by_processes if workers > 1 else do_here)(waiting, on_done, workers)
+        return (
+            do_by_processes(waiting, on_done, workers) if workers > 1 else do_here(waiting, on_done)
+        )
 
 
-def do_here(
-    jobs: Sequence[Job], on_done: Callable[[str], object], workers: int = 1
-) -> dict[str, Exception]:
+def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, Exception]:
     """As `JobPool.do_all`, of jobs that are not done."""
     failed: dict[str, Exception] = {}
     for job in jobs:

@@ -72,7 +72,7 @@ document.querySelector("header select")?.addEventListener("change", ({{ target }
 """  # noqa: E501
 
 
-def player_alone(folder: Path, title: str = "") -> str:
+def player_alone(folder: Path) -> str:
     """HTML that needs nothing beside itself, of the folder of a run, or of those of several clips.
     Raises `RunError` if it is none, or has no motion that a browser plays."""
     files: dict[str, bytes] = {}
@@ -95,7 +95,7 @@ def player_alone(folder: Path, title: str = "") -> str:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
     values = [{**each.value(), "running": False, "begins": False} for each in played.values()]
     first = records[next(iter(played))]
-    title = title or title_of(list(records.values()))
+    title = title_of(list(records.values()))
     head = f"<h1>{escape(title)}</h1>" if title else ""
     if over_clips:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
