@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of
-from app.run.ask import DEAF, Ear, Event
+from app.run.ask import DEAF, Ear
 from processes.child import Child, Gone, heard, parent_channel
 
 Asked = TypeVar("Asked")
@@ -154,30 +154,22 @@ class Worker:
                     raise RunError(SILENT.format(seconds=limits.silent_s))
                 if not child.has_message(_POLL_S):
                     continue
-                kind, value = child.receive()
-                if kind != "event":
-                    return self._outcome(kind, value)
-                if value != news:
-                    news, told_at = value, now
-                ear.hear(value)
+                match child.receive():
+                    case Exception() as error:
+                        self._is_fit = True
+                        raise error
+                    case (result, grown):
+                        self._is_fit = grown < GROWN_BYTES
+                        return result
+                    case event:
+                        if event != news:
+                            news, told_at = event, now
+                        ear.hear(event)
         except Gone as error:
             if stop_by is not None:
                 raise Cancelled from error
             allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
             raise RunError(child.ended().sentences(ENDED, allowed, AGAIN)) from error
-
-    def _outcome(self, kind: str, value: Any) -> Any:
-        self._is_fit = True
-        match kind:
-            case "done":
-                result, grown = value
-                self._is_fit = grown < GROWN_BYTES
-                return result
-            case "cancelled":
-                raise Cancelled
-            case "sentence":
-                raise RunError(value)
-        raise FaultElsewhere(value)
 
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
@@ -190,12 +182,9 @@ def main() -> None:
     works = heard(channel)
     lock = threading.Lock()
 
-    def tell(kind: str, value: object) -> None:
+    def tell(told: object) -> None:
         with lock:
-            channel.send((kind, value))
-
-    def on_event(event: Event) -> None:
-        tell("event", event)
+            channel.send(told)
 
     reading = _warming_up(*map(Path, needed)) if needed else iter(())
     while True:
@@ -205,17 +194,22 @@ def main() -> None:
         before = _limit_memory(memory_bytes)
         try:
             task, request = pickle.loads(work)
-            result = task(request, Ear(on_event, stop.is_set))
-            told = ("done", (result, _data_bytes() - before))
-        except Cancelled:
-            told = ("cancelled", None)
+            result = task(request, Ear(tell, stop.is_set))
+            told = result, _data_bytes() - before
         except Exception as error:
-            if any(words in str(error) for words in _NO_MEMORY):
-                error = MemoryError()
-            sentence = sentence_of(error)
-            told = ("fault", traceback.format_exc()) if sentence is None else ("sentence", sentence)
+            told = _as_told(error)
         _limit_memory(None)
-        tell(*told)
+        tell(told)
+
+
+def _as_told(error: Exception) -> Exception:
+    """As the page needs it: a cancel, a sentence or a fault."""
+    if isinstance(error, Cancelled):
+        return error
+    if any(words in str(error) for words in _NO_MEMORY):
+        error = MemoryError()
+    sentence = sentence_of(error)
+    return FaultElsewhere(traceback.format_exc()) if sentence is None else RunError(sentence)
 
 
 def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
