@@ -24,7 +24,6 @@ from model.plan.kinds import (
     STROKE_S,
     TOGETHER_S,
     Place,
-    Spoken,
     Stroke,
     ready_for,
     strokes_of,
@@ -48,6 +47,7 @@ from model.plan.plan import (
     Stand,
     without_gaps,
 )
+from model.plan.tier_files import Interval
 
 LEAST_S: dict[Phase, float] = {
     "rest": LEAST_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,
@@ -93,7 +93,7 @@ def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
     return tuple(Gesture(side, s.lands.end_s) for s in strokes_of(plan) if s.side == side)
 
 
-def on_word(word: Spoken) -> float:
+def on_word(word: Interval) -> float:
     """Where a stroke on a word ends."""
     return word.start_s + LANDS_AT * (word.end_s - word.start_s)
 

@@ -12,12 +12,13 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, without_gaps
+from model.plan.tier_files import Interval
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -107,18 +108,6 @@ LEAST_REST_S = 0.2
 _MIN_SPREAD_M = 0.03
 _AS_USUAL = 20
 """So many strokes of everybody's are added to those of each speaker."""
-
-
-@runtime_checkable
-class Spoken(Protocol):
-    """A word with its times."""
-
-    @property
-    def start_s(self) -> float: ...
-    @property
-    def end_s(self) -> float: ...
-    @property
-    def text(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -250,7 +239,7 @@ class KindTable:
         self,
         plan: GesturePlan,
         speaker: int,
-        words: Sequence[Spoken],
+        words: Sequence[Interval],
         rng: np.random.Generator,
     ) -> GesturePlan:
         """The plan with a kind for every gesture, and the words that its strokes land on; a word
@@ -285,7 +274,7 @@ class KindTable:
         return replace(plan, left=left, right=right)
 
     def with_called_strokes(
-        self, plan: GesturePlan, words: Sequence[Spoken], rng: np.random.Generator
+        self, plan: GesturePlan, words: Sequence[Interval], rng: np.random.Generator
     ) -> GesturePlan:
         """The plan with strokes on words that call for them. A planner that hears only the sound
         strikes on what is stressed; some words are gestured on most of the times they are said
@@ -393,7 +382,7 @@ def _calls(
     return calls
 
 
-def _word_at(words: Sequence[Spoken], time_s: float) -> str:
+def _word_at(words: Sequence[Interval], time_s: float) -> str:
     near = [
         word
         for word in words
@@ -405,7 +394,7 @@ def _word_at(words: Sequence[Spoken], time_s: float) -> str:
     return "" if nearest is None else nearest.text.lower()
 
 
-def _is_struck(plan: GesturePlan, word: Spoken) -> bool:
+def _is_struck(plan: GesturePlan, word: Interval) -> bool:
     return any(
         phase.phase == "stroke"
         and word.start_s - BEFORE_WORD_S <= phase.end_s <= word.end_s + AFTER_WORD_S

@@ -33,8 +33,9 @@ from model.plan.editing import (
     with_hands,
     within_reach,
 )
-from model.plan.kinds import REST_PLACE, TOGETHER_S, Spoken, strokes_of
+from model.plan.kinds import REST_PLACE, TOGETHER_S, strokes_of
 from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Smile
+from model.plan.tier_files import Interval
 from model.storage.files import bytes_within
 
 _CLOSE = 0.02
@@ -99,7 +100,7 @@ def excited(style: Style, by: float) -> Style:
     }))  # fmt: skip
 
 
-def with_style(plan: GesturePlan, style: Style, words: Sequence[Spoken] = ()) -> Noted:
+def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) -> Noted:
     """The plan with another style, as far as there are gestures, words and time for it.
 
     Args:
@@ -153,7 +154,7 @@ def _spread(count: int, most: int) -> list[int]:
     return [int((k + 0.5) * most / count) for k in range(min(count, most))]
 
 
-def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Spoken]) -> GesturePlan:
+def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
     there = together(plan)
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
@@ -228,7 +229,7 @@ class StyleWish:
     excite: float = 0.0
     wrong_words: bool = False
 
-    def done(self, plan: GesturePlan, words: Sequence[Spoken] = ()) -> Noted:
+    def done(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
         """The plan as wished, as far as there are gestures, words and time for it."""
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
@@ -240,7 +241,7 @@ class StyleWish:
         return Noted(wrong.plan, (*found.notes, *wrong.notes))
 
 
-def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Noted:
+def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
     """Every gesture as it is, but at least `AWAY_S` from where any was called for: on another word
     if words are known, else at another time. One that has no room stays, and that is said."""
     groups = together(plan)

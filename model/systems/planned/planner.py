@@ -18,8 +18,9 @@ from model.data.annotated import kinds_of
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
-from model.plan.kinds import KindTable, Spoken, drawn_by
+from model.plan.kinds import KindTable, drawn_by
 from model.plan.plan import GesturePlan
+from model.plan.tier_files import Interval
 from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
@@ -208,7 +209,7 @@ class Planner:
         self,
         features: Float[Tensor, "T speech_dim"],
         speaker: int,
-        words: Sequence[Spoken],
+        words: Sequence[Interval],
         noise_key: Sequence[int],
         strength: float,
     ) -> GesturePlan:

@@ -1,7 +1,5 @@
 """A plan with something of everything, and tiers as the corpus has them."""
 
-from dataclasses import dataclass
-
 from model.plan.plan import (
     Blink,
     Brow,
@@ -58,13 +56,9 @@ def resting(duration_s: float) -> GesturePlan:
     return GesturePlan(duration_s, left=rest, right=rest)
 
 
-@dataclass(frozen=True)
-class Said:
+def said(text: str, start_s: float, end_s: float) -> Interval:
     """A word as it was heard."""
-
-    text: str
-    start_s: float
-    end_s: float
+    return Interval(float(start_s), float(end_s), text)
 
 
 def tier(name: str, *rows: tuple) -> NamedTier:

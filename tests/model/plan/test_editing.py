@@ -27,7 +27,7 @@ from model.plan.editing import (
 )
 from model.plan.kinds import PLACES, REST_PLACE, strokes_of
 from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, Noted, PlanError, Smile
-from tests.model.plan.made import LOW, Said, made_plan, phase, resting
+from tests.model.plan.made import LOW, made_plan, phase, resting, said
 
 STILL = resting(10.0)
 
@@ -58,7 +58,7 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
     assert edited.plan.left == STILL.left and edited.notes == ()
     both = added(STILL, "big", 4.0).plan
     assert lands(both, "left") == lands(both, "right") == [4.0]
-    assert on_word(Said("you", 3.0, 4.0)) == 3.3
+    assert on_word(said("you", 3.0, 4.0)) == 3.3
 
 
 def test_a_hand_without_time_to_go_back_stays_where_it_was():

@@ -9,7 +9,7 @@ import pytest
 from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, strokes_of
 from model.plan.plan import SIDES, GesturePlan, Side
 from model.plan.tracks import tracks_of
-from tests.model.plan.made import REST, Said, made_plan, phase, resting
+from tests.model.plan.made import REST, made_plan, phase, resting, said
 
 HERE, THERE = (0.1, 0.0, 0.3), (0.4, 0.2, 0.3)
 
@@ -56,12 +56,12 @@ def test_kinds_go_by_speaker_place_and_hands(table):
 
 def test_a_word_that_calls_gets_its_gesture_and_its_place(table):
     plan = one_stroke("", THERE)
-    told = table.drawn(plan, 2, (Said("Huge", 0.8, 1.1),), np.random.default_rng(0))
+    told = table.drawn(plan, 2, (said("Huge", 0.8, 1.1),), np.random.default_rng(0))
     assert [p.kind for p in told.right] == ["big", "big", "big", ""]
     assert told.right[1].word == "huge"
     moved = np.linalg.norm(np.subtract(told.right[1].goal, HERE))
     assert moved < 0.4 * np.linalg.norm(np.subtract(THERE, HERE))
-    far = table.drawn(plan, 2, (Said("huge", 1.6, 1.9),), np.random.default_rng(0))
+    far = table.drawn(plan, 2, (said("huge", 1.6, 1.9),), np.random.default_rng(0))
     assert far.right[1].word == "" and far.right[1].goal == THERE
 
 
@@ -117,7 +117,7 @@ def test_how_often_a_word_is_struck_is_counted_once_for_both_hands_and_weights_c
 
 
 def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(calling):
-    word = Said("There", 4.0, 4.5)
+    word = said("There", 4.0, 4.5)
     plan = called(STILL, [word], calling)
     ((side, kind, landed),) = strokes(plan)
     assert (kind, landed) == ("point", "there")
@@ -136,26 +136,26 @@ def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(cal
 
 def test_both_hands_make_what_both_make_as_often_as_people_do(calling):
     counts = [
-        len(strokes(called(STILL, [Said("huge", 4, 4.4)], calling, seed))) for seed in range(80)
+        len(strokes(called(STILL, [said("huge", 4, 4.4)], calling, seed))) for seed in range(80)
     ]
     assert set(counts) == {0, 2} and 25 < counts.count(2) < 55
     busy = replace(STILL, left=made_plan().right)
-    words = [Said("huge", at, at + 0.4) for at in (1.7, 2.5)]
+    words = [said("huge", at, at + 0.4) for at in (1.7, 2.5)]
     assert all(called(busy, words, calling, seed) == busy for seed in range(20))
 
 
 def test_what_is_struck_already_or_has_no_room_stays(calling):
     plan = replace(STILL, right=made_plan().right)
-    assert called(plan, [Said("there", 1.8, 2.0)], calling) == plan  # lands at 1.9
-    assert called(STILL, [Said("there", 0.3, 0.6), Said("there", 7.9, 8.0)], calling) == STILL
-    assert called(STILL, [Said("so", 4.0, 4.3), Said("what", 5.0, 5.2)], calling) == STILL
+    assert called(plan, [said("there", 1.8, 2.0)], calling) == plan  # lands at 1.9
+    assert called(STILL, [said("there", 0.3, 0.6), said("there", 7.9, 8.0)], calling) == STILL
+    assert called(STILL, [said("so", 4.0, 4.3), said("what", 5.0, 5.2)], calling) == STILL
 
 
 def test_a_hold_gives_way_and_is_held_on_until_the_next_phase(calling):
     held = (phase(0.0, 1.0, "stroke", HERE, "here"), phase(1.0, 5.0, "hold", HERE, "here"),
             phase(5.0, 6.0, "retraction"), phase(6.0, 8.0, "rest"))  # fmt: skip
     left = (phase(0.0, 8.0, "preparation", HERE, "here"),)  # no room
-    plan = called(replace(STILL, right=held, left=left), [Said("there", 3.0, 3.4)], calling)
+    plan = called(replace(STILL, right=held, left=left), [said("there", 3.0, 3.4)], calling)
     names = [(p.phase, p.kind) for p in plan.right]
     assert names[1:5] == [("hold", "here"), ("preparation", "point"), ("stroke", "point"),
                           ("hold", "point")]  # fmt: skip
@@ -163,9 +163,9 @@ def test_a_hold_gives_way_and_is_held_on_until_the_next_phase(calling):
 
 
 def test_words_that_are_not_used_spend_their_chances_too(calling):
-    said = [Said("huge", 2.0, 2.4), Said("huge", 6.0, 6.4)]
-    other = [Said("tea", 2.0, 2.4), Said("huge", 6.0, 6.4)]
+    both = [said("huge", 2.0, 2.4), said("huge", 6.0, 6.4)]
+    other = [said("tea", 2.0, 2.4), said("huge", 6.0, 6.4)]
     for seed in range(12):
-        one, two = (called(STILL, words, calling, seed) for words in (said, other))
+        one, two = (called(STILL, words, calling, seed) for words in (both, other))
         last = [{p.word for p in plan.right if p.end_s > 5.5} for plan in (one, two)]
         assert last[0] == last[1]

@@ -19,11 +19,11 @@ from model.plan.style import (
     wish_of,
     with_style,
 )
-from tests.model.plan.made import Said, resting
+from tests.model.plan.made import resting, said
 from tests.model.plan.test_editing import BUSY, lands
 
-FEW_WORDS = [Said(f"w{k}", 0.5 + k * 0.9, 1.0 + k * 0.9) for k in range(10)]
-WORDS = [Said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
+FEW_WORDS = [said(f"w{k}", 0.5 + k * 0.9, 1.0 + k * 0.9) for k in range(10)]
+WORDS = [said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
 
 
 def test_sliders_stand_where_the_plan_is_and_leave_it_there():
@@ -122,7 +122,7 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
 def test_a_gesture_without_room_stays_and_is_counted():
     plan = plan_of(tuple(np.arange(1.0, 19.5, 0.72).round(2)))
     times = [one.lands_s for one in gestures(plan, "right")]
-    made = on_wrong_words(plan, [Said("x", at, at + 0.01) for at in times])
+    made = on_wrong_words(plan, [said("x", at, at + 0.01) for at in times])
     assert made.plan == plan and made.notes == ("26 of 26 gestures stay on their words.",)
     assert len(times) == 26 and all(b > a for a, b in pairwise(times))
     assert Gesture("right", times[0]) in gestures(plan, "right")
