@@ -129,9 +129,9 @@ def high_frequency_share(evidence: Evidence) -> float:
     """Power of the wrists' velocities above 5 Hz over all their power, the pelvis in place."""
     wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
     spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
-    if spectrum is None or not spectrum.power.any():
+    if spectrum is None or not spectrum.velocity_power.any():
         return float("nan")
-    return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.power.sum())
+    return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
 
 
 def amplitude_deg(evidence: Evidence) -> float:

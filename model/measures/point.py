@@ -21,6 +21,7 @@ from conventions.rates import FPS
 from model.measures.smoothness import (
     HIGH_FREQUENCY_HZ,
     STILL_M_S3,
+    VelocitySpectrum,
     derivative_magnitudes,
     mean_over_time,
     velocity_spectrum,
@@ -101,14 +102,6 @@ SPARC_PADDING = 4
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """Bin by bin, summing to 1."""
-
-    frequency_hz: Float[np.ndarray, " bins"]
-    velocity_power: Float[np.ndarray, " bins"]
-
-
-@dataclass(frozen=True)
 class PointMeasures:
     """Of the followed point."""
 
@@ -116,7 +109,8 @@ class PointMeasures:
     tip_acceleration_m_s2: float
     tip_path_m_s: float
     tip_velocity_power_above_5hz: float
-    tip_spectrum: Spectrum | None
+    tip_spectrum: VelocitySpectrum | None
+    """In shares of the whole."""
     tip_sparc: float
     tip_log_dimensionless_jerk: float
     tip_jerk_attribution: JerkAttribution
@@ -133,9 +127,9 @@ def point_measures(
     arc_length, log_jerk = mean_over_movements(point)
     above_5hz, shares = math.nan, None
     spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
-    if spectrum is not None and spectrum.power.any():
-        above_5hz = float(spectrum.share_above(HIGH_FREQUENCY_HZ))
-        shares = Spectrum(spectrum.frequency_hz, spectrum.share())
+    if spectrum is not None and spectrum.velocity_power.any():
+        shares = spectrum.shares()
+        above_5hz = float(shares.above(HIGH_FREQUENCY_HZ))
     return PointMeasures(
         tip_jerk_m_s3=mean(3),
         tip_acceleration_m_s2=mean(2),

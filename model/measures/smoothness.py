@@ -1,5 +1,7 @@
 """How positions change over time: derivatives, their means and spectra; metres, 30 fps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -63,21 +65,19 @@ class VelocitySpectrum:
     """Power of one velocity by frequency, its mean removed, summed over the three axes."""
 
     frequency_hz: Float[np.ndarray, " bins"]
-    power: Float[np.ndarray, " *points bins"]
+    velocity_power: Float[np.ndarray, " *points bins"]
     """Mean square of the velocity in each bin, in its unit squared."""
 
     def above(self, hertz: float) -> Float[np.ndarray, " *points"]:
-        """Mean square of what lies above a frequency."""
-        return self.power[..., self.frequency_hz > hertz].sum(-1)
+        """What lies above a frequency."""
+        return np.asarray(self.velocity_power[..., self.frequency_hz > hertz].sum(-1))
 
-    def share_above(self, hertz: float) -> Float[np.ndarray, " *points"]:
-        """Part, 0 to 1, of the power that lies above a frequency; NaN for what does not move."""
-        return np.asarray(self.share()[..., self.frequency_hz > hertz].sum(-1))
-
-    def share(self) -> Float[np.ndarray, " *points bins"]:
+    def shares(self) -> VelocitySpectrum:
         """Each bin's part of the whole, which is 1; NaN for what does not move."""
-        total = self.power.sum(-1, keepdims=True)
-        return np.divide(self.power, total, out=np.full_like(self.power, np.nan), where=total > 0)
+        power = self.velocity_power
+        total = power.sum(-1, keepdims=True)
+        shares = np.divide(power, total, out=np.full_like(power, np.nan), where=total > 0)
+        return VelocitySpectrum(self.frequency_hz, shares)
 
 
 def velocity_spectrum(velocity: Float[np.ndarray, "T *points 3"]) -> VelocitySpectrum | None:

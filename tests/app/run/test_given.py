@@ -25,7 +25,7 @@ from model.diagnostics import diagnose
 from model.faults.evidence import Finding
 from model.faults.table import FAULTS, without
 from model.measures.beats import speech_onsets
-from model.measures.point import Spectrum
+from model.measures.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
 from model.plan.tier_files import Interval
@@ -179,7 +179,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
 
 
 def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
-    spectrum = Spectrum(np.array([0.0, 5.0]), np.array([0.25, 0.75]))
+    spectrum = VelocitySpectrum(np.array([0.0, 5.0]), np.array([0.25, 0.75]))
     found = diagnostics_of(
         both(foot_slide_m_s=0.5), **{"a/b": both(tip_jerk_m_s3=1.5, tip_spectrum=spectrum)}
     )
