@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -33,7 +34,6 @@ from renderer.video.marks import Heat, Marks, Trail
 from renderer.video.render import RenderSettings, projected_joints, stage_for
 from renderer.video.workers import RenderJob, draw_jobs
 
-_POLL_S = 0.1
 OnFile = Callable[..., None]
 """As `app.run.run_writer.RunWriter.file`."""
 
@@ -302,8 +302,7 @@ def joined_side_by_side(
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     ear.progress("comparison", 0.0)
-    out = folder.path("comparison.mp4")
-    done, is_given_up = [0.0], Event()
+    out, is_given_up = folder.path("comparison.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
@@ -311,18 +310,15 @@ def joined_side_by_side(
             names,
             out,
             wav,
-            on_progress=done.append,
+            on_progress=partial(ear.progress, "comparison"),
             should_cancel=lambda: is_given_up.is_set() or ear.should_cancel(),
         )
         try:
             yield
-            while not joining.done():
-                ear.progress("comparison", done[-1])
-                wait([joining], timeout=_POLL_S)
+            joining.result()
         except BaseException:
             is_given_up.set()
             raise
-    joining.result()
     on_file(out)
     ear.progress("comparison", 1.0)
 
