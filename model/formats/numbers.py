@@ -42,10 +42,6 @@ MOST_RADIANS = 4 * np.pi
 """A turn of more than two full circles is a number of degrees."""
 _MIXED = [0, 2, 4, 1, 3, 5]
 """Of two axes told number by number, the one and then the other."""
-_CURLS = {
-    **{f"left_{finger}{i}": -1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
-    **{f"right_{finger}{i}": 1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
-}
 
 
 @dataclass
@@ -206,20 +202,18 @@ def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> 
 def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
     """Positive where arms hang, elbows, knees and fingers bend as people's do; negative where all
     bend the other way."""
-    signs = {
-        **{"left_elbow": (1, -1.0), "right_elbow": (1, 1.0)},
-        **{"left_shoulder": (2, -1.0), "right_shoulder": (2, 1.0)},
-        **{"left_knee": (0, 0.7), "right_knee": (0, 0.7)},
-        **{name: (2, 0.3 * sign) for name, sign in _CURLS.items()},
-    }
+    curls = [f"{finger}{i}" for finger in ("index", "middle", "ring") for i in (1, 2, 3)]
+    signs = {"left_knee": (0, 0.7), "right_knee": (0, 0.7)}
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        signs |= {f"{side}_elbow": (1, sign), f"{side}_shoulder": (2, sign)}
+        signs |= {f"{side}_{curl}": (2, 0.3 * sign) for curl in curls}
     mean = poses.mean(axis=0)
     at = {joint: index for index, joint in enumerate(joints)}
-    bends = [
+    return sum(
         sign * float(np.clip(mean[at[JOINT_INDEX[name]], axis], -1, 1))
         for name, (axis, sign) in signs.items()
         if JOINT_INDEX[name] in at
-    ]
-    return sum(bends)
+    )
 
 
 def _form_of(

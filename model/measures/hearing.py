@@ -67,10 +67,6 @@ def turning(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
     return np.rad2deg(steps.sum(-1).numpy()) * FPS
 
 
-def _head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
-    return _smooth(head_speed(motion))
-
-
 def _brows(motion: Motion) -> Float[np.ndarray, " T"] | None:
     if motion.expression_basis != "arkit52":
         return None
@@ -84,7 +80,7 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
 
 TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
     "arms": arm_speed,
-    "head": _head_speed,
+    "head": lambda motion: _smooth(head_speed(motion)),
     "brows": _brows,
     "jaw": _jaw,
 }

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from model.plan.kinds import (
     BY_BOTH,
@@ -325,19 +325,17 @@ def with_event(plan: GesturePlan, event: Span | Moment) -> Noted:
         )
     events = getattr(plan, name)
     if isinstance(event, Span):
-        events = [part for one in events for part in _around_span(one, start_s, end_s)]
+        events = [
+            replace(one, start_s=from_s, end_s=to_s)
+            for one in events
+            for from_s, to_s in (
+                (one.start_s, min(one.end_s, start_s)),
+                (max(one.start_s, end_s), one.end_s),
+            )
+            if from_s < to_s
+        ]
     in_time = sorted((*events, event), key=lambda one: one.start_s)
     return Noted(replace(plan, **{name: tuple(in_time)}))
-
-
-def _around_span(event: Any, start_s: float, end_s: float) -> list[Any]:
-    """What is left of a span beside another."""
-    parts = []
-    if event.start_s < start_s:
-        parts.append(replace(event, end_s=min(event.end_s, start_s)))
-    if event.end_s > end_s:
-        parts.append(replace(event, start_s=max(event.start_s, end_s)))
-    return parts
 
 
 def _sides(hands: Hands) -> tuple[Side, ...]:
@@ -348,8 +346,7 @@ def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     """The gesture among the plan's, to a hundredth of a second."""
     own = (stroke for stroke in strokes_of(plan) if stroke.side == gesture.side)
     off = {abs(stroke.lands.end_s - gesture.lands_s): stroke for stroke in own}
-    nearest = min(off, default=math.inf)
-    return off[nearest] if nearest < SAME_S else None
+    return off[min(off)] if off and min(off) < SAME_S else None
 
 
 def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:

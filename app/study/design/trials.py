@@ -81,15 +81,6 @@ def make_design(plan: Plan) -> Design:
     return Design(tuple(in_order), (*trials, *checks), tuple(lists))
 
 
-def other_speech(plan: Plan) -> dict[str, str]:
-    """The clip whose speech is played as the wrong one, the same for every system.
-
-    The clips stand on a circle, so that each speech is as often right as it is wrong.
-    """
-    names = [clip.name for clip in plan.clips]
-    return dict(zip(names, [*names[1:], names[0]], strict=True))
-
-
 def _scenes(plan: Plan) -> list[tuple[str, str]]:
     return [(clip.name, view) for view in plan.views for clip in plan.clips]
 
@@ -108,8 +99,10 @@ def _pairs(plan: Plan) -> list[PlannedTrial]:
 
 
 def _matches(plan: Plan) -> list[PlannedTrial]:
-    """The right and a wrong speech under each motion."""
-    wrong = other_speech(plan)
+    """The right and a wrong speech under each motion, the same for every system. Clips stand on a
+    circle, so that each speech is as often right as it is wrong."""
+    names = [clip.name for clip in plan.clips]
+    wrong = dict(zip(names, [*names[1:], names[0]], strict=True))
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
         for index, system in enumerate(plan.systems):

@@ -172,18 +172,12 @@ def write_pdf(figure: Figure, path: Path) -> None:
         figure.savefig(path, format="pdf", metadata={"CreationDate": None})
 
 
-def _shade(system: int, count: int) -> tuple[float, float, float]:
+def _fill(system: int, count: int) -> dict[str, Any]:
     """Dark to light in one hue, which every eye and printer tells apart."""
     place = system / max(1, count - 1)
-    red, green, blue = (
-        dark + place * (light - dark) for dark, light in zip(DARKEST, LIGHTEST, strict=True)
-    )
-    return red, green, blue
-
-
-def _fill(system: int, count: int) -> dict[str, Any]:
+    shade = [dark + place * (light - dark) for dark, light in zip(DARKEST, LIGHTEST, strict=True)]
     hatch = HATCHES[system % len(HATCHES)] if count > FILLS_APART else ""
-    return {"facecolor": _shade(system, count), "edgecolor": INK, "lw": 0.8, "hatch": hatch}
+    return {"facecolor": shade, "edgecolor": INK, "lw": 0.8, "hatch": hatch}
 
 
 def _short(name: str) -> str:
