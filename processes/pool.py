@@ -151,7 +151,7 @@ def _raised(told: bytes, *_: object) -> Exception | None:
 CONNECT_S = 30
 SEEN_WITHIN_S = 30.0
 """Until a result that a worker has written must be seen here, on a shared disk."""
-_TELL_OF_LOSS = ("distributed.client", "distributed.core", "distributed.utils")
+_TELL_OF_LOSS = [f"distributed.{part}" for part in ("batched", "client", "core", "utils")]
 _GIVEN_UP = "Failed to reconnect to scheduler"
 """Loggers of Dask that print tracebacks when a scheduler is lost, or this."""
 _ONE_AT_A_TIME = threading.Lock()

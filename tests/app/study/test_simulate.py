@@ -92,7 +92,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
     side = ALIKE.left_advantage if protocol == "pairwise" else 0.0
     tie = ALIKE.tie if protocol == "pairwise" else 0.0
     held = []
-    for study in range(60):
+    for study in range(100):
         (result,) = analyse_participants(made_participants(key, 28, ALIKE, seed=study), key)
         for first, second in combinations(key.systems, 2):
             gap = STRENGTHS[first] - STRENGTHS[second]
@@ -102,4 +102,4 @@ def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
                 assert number is not None
                 held.append((measure, number.limits[1] <= truth <= number.limits[2]))
     for measure in ("share", "log_strength_gap"):
-        assert np.mean([is_held for name, is_held in held if name == measure]) > 0.91
+        assert np.mean([is_held for name, is_held in held if name == measure]) > 0.89

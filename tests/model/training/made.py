@@ -78,9 +78,9 @@ def killed_at(step: int) -> Iterator[None]:
         yield
 
 
-def train_in_two_processes(arguments: list[str], out: Path) -> None:
-    """``python -m model.train`` under torchrun."""
-    launched = ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
+def train_in_processes(count: int, arguments: list[str], out: Path) -> None:
+    """``python -m model.train`` under torchrun, without what fixtures change."""
+    launched = ["-m", "torch.distributed.run", "--standalone", f"--nproc_per_node={count}"]
     done = subprocess.run(
         [sys.executable, *launched, "-m", "model.train", *arguments, "--out", out],
         cwd=ROOT,

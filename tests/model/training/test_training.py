@@ -14,13 +14,12 @@ from model.motion.packing import ROTATION_DIM, decode, to_vectors
 from model.networks.branch import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
-from model.train import main
 from model.training import losses, parallel
 from model.training.config import TrainConfig
 from model.training.targets import prepare_targets
 from model.training.task import learning_rate_factor
 from tests.helpers import ROOT
-from tests.model.training.made import log_of, train_in_two_processes
+from tests.model.training.made import log_of, train_in_processes
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +130,7 @@ def test_attention_written_out_is_torchs_own():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)  # a compiler takes its time
 def test_a_compiled_step_is_the_step(tmp_path, data_folder):
     """In processes of their own: the tests' checks of shapes are nothing that compiles."""
     if not parallel.can_compile():
@@ -183,8 +183,8 @@ def test_two_processes_train_as_one_does(tmp_path, data_folder, system):
     """
     arguments = ["smoke", "--system", system, "--set", "steps=4", "--data", str(data_folder)]
     arguments += ["--no-compile"]
-    assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
-    train_in_two_processes(arguments, tmp_path / "two")
+    train_in_processes(1, arguments, tmp_path / "one")
+    train_in_processes(2, arguments, tmp_path / "two")
     one, two = log_of(tmp_path / "one"), log_of(tmp_path / "two")
     assert [row["split"] for row in one] == [row["split"] for row in two] == ["val", "train"]
     for row, other in zip(one, two, strict=True):
