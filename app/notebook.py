@@ -300,9 +300,7 @@ def compare(
     named = named_motions(motions, reference)
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
-    of_all = dict(diagnostics.systems)
-    if diagnostics.reference is not None:
-        of_all[REFERENCE_NAME] = diagnostics.reference
+    of_all = diagnostics.of_all
     numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}

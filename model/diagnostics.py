@@ -84,6 +84,12 @@ class Diagnostics:
     lacks: dict[str, list[str]] = field(default_factory=dict)
     """Parts that a file does not tell, of which nothing is found."""
 
+    @property
+    def of_all(self) -> dict[str, Versions]:
+        """By name, the reference last."""
+        reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
+        return {**self.systems, **reference}
+
     def as_json(self) -> dict[str, Any]:
         """The content of ``diagnostics.json``."""
         return {

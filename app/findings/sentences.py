@@ -20,7 +20,7 @@ from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, listed, short_names
 
 if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics, Versions
+    from model.diagnostics import Diagnostics
 
 SMOOTHED = "After Savitzky-Golay smoothing"
 """Of `model.motion.altered`, as the official code does it."""
@@ -38,7 +38,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     diagnostics = replace(diagnostics, systems=systems)
-    of_all = _with_reference(diagnostics)
+    of_all = diagnostics.of_all
     tables: dict[Version, Table] = {
         kind: by_measure([{name: numbers_of(each.of(kind)) for name, each in of_all.items()}])
         for kind in VERSIONS
@@ -68,7 +68,7 @@ def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
 
 def _depth(diagnostics: Diagnostics) -> str:
     """How jerk grows along the chain."""
-    told, of_all = [], _with_reference(diagnostics)
+    told, of_all = [], diagnostics.of_all
     for system, samples in samples_by_system(of_all).items():
         found = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
@@ -130,14 +130,9 @@ def _periods(diagnostics: Diagnostics) -> str:
     return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
 
 
-def _with_reference(diagnostics: Diagnostics) -> Mapping[str, Versions]:
-    reference = diagnostics.reference
-    return diagnostics.systems | ({} if reference is None else {REFERENCE_NAME: reference})
-
-
 def _beats(diagnostics: Diagnostics) -> str:
     """In which motions beats follow the speech more than chance has it; empty where in none."""
-    found = {name: versions.raw.beats for name, versions in _with_reference(diagnostics).items()}
+    found = {name: versions.raw.beats for name, versions in diagnostics.of_all.items()}
     beats = {
         name: each
         for name, each in found.items()
@@ -154,7 +149,7 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 def _step(diagnostics: Diagnostics) -> str:
     """How late each motion is."""
-    found = {name: versions.raw.lag for name, versions in _with_reference(diagnostics).items()}
+    found = {name: versions.raw.lag for name, versions in diagnostics.of_all.items()}
     told = [
         f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
         f" {lag.lag_ground})"

@@ -111,10 +111,7 @@ def write_diagnostics(
 
 
 def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float]]:
-    motions = dict(diagnostics.systems)
-    if diagnostics.reference is not None:
-        motions[REFERENCE_NAME] = diagnostics.reference
-    for name, versions in motions.items():
+    for name, versions in diagnostics.of_all.items():
         for post_filter, values in versions.as_json().items():
             for measure, value in values.items():
                 for index, number in _numbers(value):
@@ -195,8 +192,8 @@ def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str
 
 def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) -> JitterSheet:
     """The jitter sheet of some systems."""
-    reference = {} if diagnostics.reference is None else {REFERENCE_NAME: diagnostics.reference}
-    shown = reference | {name: diagnostics.systems[name] for name in names}
+    of_all = diagnostics.of_all
+    shown = {name: of_all[name] for name in (REFERENCE_NAME, *names) if name in of_all}
     windows = diagnostics.windows
     return JitterSheet(
         {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},

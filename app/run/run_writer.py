@@ -309,12 +309,10 @@ class RunWriter(Ear):
         """Numbers that nothing will change any more, and what they say."""
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
-        of_all = dict(diagnostics.systems)
-        if diagnostics.reference is not None:
-            of_all = {REFERENCE_NAME: diagnostics.reference, **of_all}
+        of_all = sorted(diagnostics.of_all.items(), key=lambda of: of[0] != REFERENCE_NAME)
         record.numbers = {
             name: {kind: numbers_of(versions.of(kind)) for kind in VERSIONS}
-            for name, versions in list(of_all.items())[:MAX_ROWS]
+            for name, versions in of_all[:MAX_ROWS]
         }
         record.findings = findings_told(diagnostics.findings)
         verdict = verdict_of(record.point, [record.numbers], is_made)
