@@ -17,7 +17,7 @@ from app.run.output.provenance import names_of_motions
 from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import ending_of, row_files
 from app.run.run_writer import Rows, RunWriter
-from app.run.words import SpokenWords
+from app.run.timeline import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding

@@ -17,9 +17,8 @@ from app.run.output.provenance import origin_of, title_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
 from app.run.run_writer import Rows, RunWriter
-from app.run.timeline import make_timeline
+from app.run.timeline import SpokenWords, make_timeline
 from app.run.videos.videos import names_that_fit
-from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
 from model.formats.read import ENDINGS, Assumptions, read_any_motion
 from model.generation.base import System, Windowing

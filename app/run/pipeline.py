@@ -29,9 +29,8 @@ from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE, settings_of, title_of
 from app.run.output.run_folder import RunRecord, cut, read_run, told_of
 from app.run.run_writer import Rows, RunWriter, writing_run
-from app.run.timeline import said_in
+from app.run.timeline import SpokenWords, said_in
 from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
-from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion

@@ -1,15 +1,16 @@
-"""What is drawn under the bodies: speech and motion over time, and the worst seconds."""
+"""What is drawn under the bodies: speech with its words, given or looked for while a run goes on,
+and motion over time, with the worst seconds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, Field
 
-from app.run.ask import NUM_SECONDS
+from app.run.ask import NUM_SECONDS, WordsAsked
 from app.run.bodies import TipSource
 from app.run.diagnostics import onsets_of
 from app.run.output.run_folder import Text, file_of, read_run
@@ -21,13 +22,8 @@ from model.motion.motion import Motion
 from model.networks.speech_codes import heard_accents
 from model.plan.tier_files import Interval
 from model.speech.audio import Speech
-from model.speech.transcript import (
-    NOTHING_SAID,
-    Accent,
-    Origin,
-    Transcript,
-    Word,
-)
+from model.speech.recognised import Hearing
+from model.speech.transcript import NOTHING_SAID, Accent, Origin, Transcript, Word, read_words
 from model.storage.checked import read_checked
 
 
@@ -143,7 +139,7 @@ def _times(interval: Interval) -> tuple[float, float, str]:
     return interval.start_s, interval.end_s, interval.text
 
 
-_MAX_LINE_BYTES = 20_000_000
+_MAX_LINE_BYTES, _LOOK_EVERY_S = 20_000_000, 0.1
 Seconds = Annotated[float, Field(ge=0, le=1e5)]
 Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
 
@@ -175,6 +171,61 @@ def said_in(folder: Path) -> Transcript:
         return NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).said
     except ValueError:
         return NOTHING_SAID
+
+
+class SpokenWords:
+    """Of one run: a TextGrid wins, then a plain text, then what is recognised, if that is asked
+    for. Use it as a context: leaving it ends the looking for words."""
+
+    def __init__(self, given: Path | Transcript | None, asked: WordsAsked) -> None:
+        """
+        Raises:
+            TranscriptError: if the transcript cannot be used.
+        """
+        self._given = read_words(given) if isinstance(given, Path) else given
+        self._asked: WordsAsked = asked
+        self._hearing: Hearing | None = None
+
+    def __enter__(self) -> SpokenWords:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        if self._hearing is not None:
+            self._hearing.__exit__()
+
+    @property
+    def given(self) -> Transcript:
+        """What a transcript tells at once: nothing of a plain text, whose words are still to be
+        found."""
+        return self._given if isinstance(self._given, Transcript) else NOTHING_SAID
+
+    @property
+    def need_speech(self) -> bool:
+        """Whether words are to be looked for in the speech."""
+        if self._given is None:
+            return self._asked == "recognise"
+        return isinstance(self._given, str)
+
+    def begin(self, waveform: np.ndarray) -> None:
+        """Look for them in this speech, if they are to be looked for and are not yet, and return at
+        once."""
+        if self.need_speech and self._hearing is None:
+            text = self._given if isinstance(self._given, str) else None
+            self._hearing = Hearing(waveform, text)
+
+    def found(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
+        """What was said, with what a person should know of it.
+
+        Args:
+            on_wait: called again and again while they are still looked for; what it raises ends
+                that.
+        """
+        if self._hearing is None:
+            return self.given, ()
+        while not self._hearing.is_over(_LOOK_EVERY_S):
+            on_wait()
+        heard = self._hearing.heard()
+        return heard.transcript, heard.notes
 
 
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:

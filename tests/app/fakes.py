@@ -35,8 +35,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of
 from app.run.run_writer import RunWriter, writing_run
-from app.run.timeline import make_timeline
-from app.run.words import SpokenWords
+from app.run.timeline import SpokenWords, make_timeline
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics import Versions

@@ -10,7 +10,7 @@ from app.config import EXAMPLES
 from app.errors import Cancelled
 from app.run.examples import CLEAN
 from app.run.pipeline import do
-from app.run.words import SpokenWords
+from app.run.timeline import SpokenWords
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
 
