@@ -64,8 +64,12 @@ MAX_ROWS = 100_000
 _FEW = 6
 
 
-def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
+def tiers_of(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
     """All that the plan tells. Times and numbers are rounded to four decimals.
+
+    Args:
+        for_praat: as its users have it, whose tiers have no parents: phases with their kinds in one
+            label, and what tells more of them as points at their ends.
 
     Raises:
         PlanError: if events of one list overlap: no tier can hold them.
@@ -73,14 +77,18 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     tiers: list[NamedTier] = []
     for side in SIDES:
         name, phases = f"{PHASE_TIER}_{side}", plan.hand(side)
-        tiers.append(NamedTier(name, tuple(_row(phase, phase.phase) for phase in phases)))
-        for what, labels in (
-            (KIND_TIER, [phase.kind for phase in phases]),
-            (WORD_TIER, [phase.word for phase in phases]),
-            (GOAL_TIER, [_numbered(*phase.goal) for phase in phases]),
-        ):
-            rows = tuple(_row(p, label) for p, label in zip(phases, labels, strict=True) if label)
-            tiers.append(NamedTier(f"{what}_{side}", rows, parent=name))
+        more = {
+            KIND_TIER: [phase.kind for phase in phases],
+            WORD_TIER: [phase.word for phase in phases],
+            GOAL_TIER: [_numbered(*phase.goal) for phase in phases],
+        }
+        kinds = more.pop(KIND_TIER) if for_praat else [""] * len(phases)
+        labels = [f"{p.phase} {kind}".rstrip(" ") for p, kind in zip(phases, kinds, strict=True)]
+        tiers.append(NamedTier(name, tuple(map(_row, phases, labels))))
+        for what, texts in more.items():
+            told = [(p, text) for p, text in zip(phases, texts, strict=True) if text]
+            rows = tuple(_row(phase, text, for_praat) for phase, text in told)
+            tiers.append(NamedTier(f"{what}_{side}", rows, for_praat, "" if for_praat else name))
     of_body: tuple[tuple[str, Sequence[Any], Callable[[Any], str]], ...] = (
         ("nods", plan.nods, lambda nod: _numbered(nod.depth_deg)),
         ("brows", plan.brows, lambda brow: _numbered(brow.height)),
@@ -103,36 +111,13 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
     return tuple(tiers)
 
 
-def _row(event: Span | Moment, label: str) -> Interval:
-    return Interval(round(event.start_s, 4), round(event.end_s, 4), label)
+def _row(event: Span | Moment, label: str, is_point: bool = False) -> Interval:
+    start_s = event.end_s if is_point else event.start_s
+    return Interval(round(start_s, 4), round(event.end_s, 4), label)
 
 
 def _numbered(*numbers: float) -> str:
     return " ".join(f"{number:.4f}" for number in numbers)
-
-
-def as_points(tiers: Sequence[NamedTier]) -> list[NamedTier]:
-    """The same as Praat's users have it, whose tiers have no parents: phases with their kinds in
-    one label, and what tells more of them as points at their ends."""
-    kinds = {
-        (tier.parent, row.end_s): f" {row.text}"
-        for tier in tiers
-        if tier.name.startswith(f"{KIND_TIER}_")
-        for row in tier.rows
-    }
-    found = []
-    for tier in tiers:
-        if tier.name.startswith(f"{KIND_TIER}_"):
-            continue
-        rows = tier.rows
-        if tier.parent:
-            rows = tuple(Interval(row.end_s, row.end_s, row.text) for row in rows)
-        elif tier.name.startswith(PHASE_TIER):
-            labels = (row.text + kinds.get((tier.name, row.end_s), "").rstrip(" ") for row in rows)
-            told = zip(rows, labels, strict=True)
-            rows = tuple(Interval(row.start_s, row.end_s, label) for row, label in told)
-        found.append(NamedTier(tier.name, rows, tier.has_points or bool(tier.parent)))
-    return found
 
 
 _LEFT, _RIGHT, _BOTH = {"left", "lh", "l"}, {"right", "rh", "r"}, {"both", "bh", "bimanual"}
@@ -489,7 +474,7 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         sound = "" if speech is None else os.path.relpath(speech, path.parent)
         text = elan_of(tiers_of(plan), plan.duration_s, sound)
     else:
-        tiers = as_points(tiers_of(plan))
+        tiers = tiers_of(plan, for_praat=True)
         end_s = max(plan.duration_s, *(row.end_s for tier in tiers for row in tier.rows), 0.0)
         text = textgrid_of(tiers, plan.duration_s, end_s)
     with written_atomically(path) as part:

@@ -15,7 +15,6 @@ from model.plan.files import (
     ENDINGS,
     USUAL_NOD_DEG,
     annotated_plan,
-    as_points,
     markers_csv,
     markers_of,
     plan_of_tiers,
@@ -436,7 +435,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-GRID = textgrid_of(as_points(tiers_of(made_plan())), 6.0)
+GRID = textgrid_of(tiers_of(made_plan(), for_praat=True), 6.0)
 NO_GRID = [
     (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
     (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
