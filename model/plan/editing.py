@@ -406,12 +406,10 @@ def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
 def _on_hands(
     plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase], lands_s: float
 ) -> Noted:
-    notes: list[str] = []
+    done = Noted(plan)
     for side in sides:
-        edited = _laid(plan, side, _phases(plan, side), block, lands_s)
-        plan = edited.plan
-        notes += edited.notes
-    return Noted(plan, tuple(dict.fromkeys(notes)))
+        done = done.then(lambda new, on=side: _laid(new, on, _phases(new, on), block, lands_s))
+    return done
 
 
 def _laid(

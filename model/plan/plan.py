@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -237,6 +237,11 @@ class Noted:
 
     plan: GesturePlan
     notes: tuple[str, ...] = ()
+
+    def then(self, change: Callable[[GesturePlan], Noted]) -> Noted:
+        """Changed once more, with the notes of both; each sentence once."""
+        done = change(self.plan)
+        return Noted(done.plan, tuple(dict.fromkeys((*self.notes, *done.notes))))
 
 
 def _check(name: str, event: Any) -> None:

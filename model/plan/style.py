@@ -235,10 +235,7 @@ class StyleWish:
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
         wish = replace(now, **times)
         found = with_style(plan, excited(replace(wish, **self.to), self.excite), words)
-        if not self.wrong_words:
-            return found
-        wrong = on_wrong_words(found.plan, words)
-        return Noted(wrong.plan, (*found.notes, *wrong.notes))
+        return found.then(lambda new: on_wrong_words(new, words)) if self.wrong_words else found
 
 
 def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:

@@ -118,12 +118,10 @@ def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
     Raises:
         PlanError, RunError: with one sentence, if one cannot be done; then none is.
     """
-    notes: list[str] = []
+    done = Noted(plan)
     for edit in edits:
-        done = KINDS[edit.do].does(plan, edit.values, words)
-        plan = done.plan
-        notes += done.notes
-    return Noted(plan, tuple(dict.fromkeys(notes)))
+        done = done.then(lambda new, one=edit: KINDS[one.do].does(new, one.values, words))
+    return done
 
 
 def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
@@ -217,10 +215,7 @@ def _of_both(change: Callable[..., Noted], *names: str) -> Does:
         gesture, values = _gesture(told), [told[name] for name in names]
         partner = editing.partner_of(plan, gesture)
         done = change(plan, gesture, *values)
-        if partner is None:
-            return done
-        also = change(done.plan, partner, *values)
-        return Noted(also.plan, tuple(dict.fromkeys((*done.notes, *also.notes))))
+        return done if partner is None else done.then(lambda new: change(new, partner, *values))
 
     return does
 
@@ -245,10 +240,10 @@ def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
     done = editing.ended(plan, side, told["ends"], told["at"])
     also_s = editing.counterpart(plan, side, told["ends"])
-    new, notes = done.plan, list(done.notes)
     if also_s is not None:
-        also = editing.ended(new, SIDES[1 - SIDES.index(side)], also_s, also_s + by_s)
-        new, notes = also.plan, [*notes, *also.notes]
+        other = SIDES[1 - SIDES.index(side)]
+        done = done.then(lambda new: editing.ended(new, other, also_s, also_s + by_s))
+    new = done.plan
     for hand in SIDES:
         known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
         phases = tuple(
@@ -258,7 +253,7 @@ def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
             for one in new.hand(hand)
         )
         new = new.with_hand(hand, phases)
-    return Noted(new, tuple(dict.fromkeys(notes)))
+    return replace(done, plan=new)
 
 
 def _look(plan: GesturePlan, told: Values, words: Said) -> Noted:
