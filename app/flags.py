@@ -13,7 +13,7 @@ from contextlib import redirect_stderr
 from dataclasses import dataclass, field, fields, make_dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import tyro
 from tyro.conf import arg
@@ -22,11 +22,6 @@ from tyro.constructors import PrimitiveConstructorSpec
 from app.errors import RunError
 from conventions.names import printable
 from model.systems.registry import families
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-T = TypeVar("T", bound="DataclassInstance")
 
 
 def written(
@@ -119,7 +114,7 @@ Minutes = Annotated[
 
 
 def part_of(asked: type, *names: str, **instead: Any) -> Any:
-    """Marks a dataclass of which a command has flags of some fields alone.
+    """Marks a dataclass of which a command has flags of some fields alone; it is given the whole.
 
     Args:
         instead: of some fields another type, or with it another default: ``(type,)`` or ``(type,
@@ -136,13 +131,13 @@ def part_of(asked: type, *names: str, **instead: Any) -> Any:
             values[of.name] = field(
                 init=False, default=of.default, default_factory=of.default_factory
             )
-    part = type(asked.__name__, (asked,), {"__annotations__": own, **values})
+
+    def whole(cls: type, **given: Any) -> Any:
+        return asked(**given)
+
+    own_kind = {"__annotations__": own, "__new__": whole, **values}
+    part = type(asked.__name__, (asked,), own_kind)
     return arg(constructor=dataclass(frozen=True, kw_only=True)(part))
-
-
-def whole(asked: type[T], part: Any, **others: Any) -> T:
-    """What was asked for by some of its fields."""
-    return asked(**{of.name: getattr(part, of.name) for of in fields(asked)} | others)
 
 
 def family_files() -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,7 +22,6 @@ from app.flags import (
     no,
     part_of,
     use_family_files,
-    whole,
     written,
 )
 from app.run.ask import SAMPLING, Ask, Ear
@@ -155,11 +154,10 @@ def generate(ask: Annotated[Ask, _GENERATE], files: Files, pool: Pool) -> None:
     from app.run.many.speeches import is_many
 
     use_family_files(vars(files))
-    asked = whole(Ask, ask)
-    if asked.speech is not None and is_many(asked.speech):
-        _generate_many(asked, pool.jobs())
+    if ask.speech is not None and is_many(ask.speech):
+        _generate_many(ask, pool.jobs())
     else:
-        _do(RUN, asked)
+        _do(RUN, ask)
 
 
 def _do(task: Task, ask: Ask, files: Files = None) -> None:
@@ -222,18 +220,18 @@ def diagnose(
 
     if check not in (None, "genea"):
         raise RunError("--check takes genea.")
-    asked = whole(Ask, ask, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
-    if not asked.motions:
+    ask = replace(ask, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
+    if not ask.motions:
         raise RunError("There is no motion to measure; name at least one file.")
     if check is not None:
-        _check_sets(asked)
+        _check_sets(ask)
         return
-    if any(path.is_dir() or is_packed(path) for path in asked.motions):
-        _diagnose_folders(asked, pool.jobs())
+    if any(path.is_dir() or is_packed(path) for path in ask.motions):
+        _diagnose_folders(ask, pool.jobs())
         return
-    if asked.emage_weights is not None:
+    if ask.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
-    _do(RUN, asked)
+    _do(RUN, ask)
 
 
 def _check_sets(ask: Ask) -> None:
@@ -269,7 +267,7 @@ def steps(ask: Annotated[StepsAsk, _STEPS], files: Files) -> None:
     Generate the same motion with few and with many steps, and plot jerk, and the distance to the
     result of most steps, over milliseconds a frame.
     """
-    _do(MEASURE_STEPS, whole(StepsAsk, ask), files)
+    _do(MEASURE_STEPS, ask, files)
 
 
 def hearing(ask: Annotated[HearingAsk, _HEARING], files: Files) -> None:
@@ -279,7 +277,7 @@ def hearing(ask: Annotated[HearingAsk, _HEARING], files: Files) -> None:
     or neither. Or compare a folder of anyone's motion, whose files are called
     SYSTEM__SPEECH__SEED.npz.
     """
-    _do(MEASURE_HEARING, whole(HearingAsk, ask), files)
+    _do(MEASURE_HEARING, ask, files)
 
 
 def mechanism(ask: Annotated[MechanismAsk, _MECHANISM]) -> None:
@@ -289,7 +287,7 @@ def mechanism(ask: Annotated[MechanismAsk, _MECHANISM]) -> None:
     beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
     network takes part.
     """
-    _do(SHOW_MECHANISM, whole(MechanismAsk, ask, has_video=True))
+    _do(SHOW_MECHANISM, replace(ask, has_video=True))
 
 
 def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
@@ -305,22 +303,21 @@ def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")
     """
     from app.run.made import find_plan, is_motion, make_plan
 
-    asked = whole(Ask, ask)
-    source = asked.speech or Path()
+    source = ask.speech or Path()
     if is_motion(source):
         of_speech = {
-            "--speaker": asked.speaker,
-            "--guidance": asked.guidance,
-            "--transcript": asked.transcript,
+            "--speaker": ask.speaker,
+            "--guidance": ask.guidance,
+            "--transcript": ask.transcript,
             "--empty": is_empty,
-            "--style": asked.style,
+            "--style": ask.style,
         }
         given = [name for name, value in of_speech.items() if value]
         if given:
             raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
-        _finish([asked.out], find_plan(source, asked.out, asked.told))
+        _finish([ask.out], find_plan(source, ask.out, ask.told))
         return
-    _finish([asked.out], make_plan(asked, is_empty=is_empty).notes)
+    _finish([ask.out], make_plan(ask, is_empty=is_empty).notes)
 
 
 def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
@@ -333,7 +330,7 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     from app.run.videos.export import render_motion
 
     with Bars() as shown:
-        files, notes = render_motion(whole(RenderAsk, ask), Ear(shown.take))
+        files, notes = render_motion(ask, Ear(shown.take))
     _finish(files, notes)
 
 

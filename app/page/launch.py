@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from app import text
 from app.config import EXAMPLES, LOCAL_PROXIES, AppConfig
 from app.errors import RunError, sentence_of
-from app.flags import family_files, part_of, read_flags, use_family_files, whole
+from app.flags import family_files, part_of, read_flags, use_family_files
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def configured(
     flags: Annotated[AppConfig, _FLAGS], files: Annotated[Any, family_files()]
 ) -> AppConfig:
     use_family_files(vars(files))
-    return whole(AppConfig, flags)
+    return flags
 
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
