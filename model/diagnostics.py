@@ -279,19 +279,13 @@ def _measure_beats(
 def _usual_speed(
     published: Float[np.ndarray, " joints"] | None, recorded: Tracks | None, own: Tracks
 ) -> tuple[Float[np.ndarray, " joints"], BeatSpeeds]:
-    """Mean speeds of the joints, m/s, and whose: the published ones if there are any."""
+    """Mean speeds of the joints whose beats count, m/s, the pelvis in place, and whose: the
+    published ones if there are any."""
     if published is not None:
         return published, "emage"
-    if recorded is not None:
-        return _mean_speed(recorded), "reference"
-    return _mean_speed(own), "own"
-
-
-def _mean_speed(tracks: Tracks) -> Float[np.ndarray, " joints"]:
-    """Of the joints whose beats count, m/s, the pelvis in place."""
-    if len(tracks.joints) < 2:
-        return np.zeros(len(BEAT_JOINTS))
-    return joint_speeds(_rooted(tracks)[:, BEAT_JOINTS]).mean(axis=0)
+    joints = _rooted(own if recorded is None else recorded)[:, BEAT_JOINTS]
+    speeds = joint_speeds(joints).mean(axis=0) if len(joints) > 1 else np.zeros(len(BEAT_JOINTS))
+    return speeds, "own" if recorded is None else "reference"
 
 
 def _rooted(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:

@@ -23,7 +23,7 @@ from model.formats.numbers import (
     laid_out,
     shape_of,
 )
-from model.formats.read import Assumption
+from model.formats.read import Assumption, Part
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -82,7 +82,8 @@ class Columns:
     blocks: tuple[tuple[tuple[int, ...] | str, int], ...]
     is_offset: bool | None = False
     """See `Draft.is_offset`."""
-    lacks_place: str = ""
+    lacks: tuple[Part, ...] = ()
+    no_place: str = ""
     """Why a translation in it is not read."""
     width: int = 3
 
@@ -99,6 +100,7 @@ COLUMNS: dict[int, Columns] = {
         " stay at rest",
         ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
         is_offset=True,
+        lacks=("legs", "place"),
     ),
     322: Columns(
         "Motion-X's: root and body, hands, jaw, expression, face shape, translation, betas",
@@ -111,12 +113,17 @@ COLUMNS: dict[int, Columns] = {
         ((_ALL, 165), ("trans", 3), ("expression", 100)),
     ),
     168: Columns("55 joints and translation", ((_ALL, 165), ("trans", 3))),
-    75: Columns("SMPL's 24 joints and translation", ((BODY, 66), ("", 6), ("trans", 3))),
+    75: Columns(
+        "SMPL's 24 joints and translation",
+        ((BODY, 66), ("", 6), ("trans", 3)),
+        lacks=("hands",),
+    ),
     333: Columns("55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6),
     337: Columns(
         "EMAGE's inside: 55 joints as 6D, translation, contacts",
         ((_ALL, 330), ("", 7)),
-        lacks_place="its translation may be absolute or speeds, which the array does not tell, and"
+        lacks=("place",),
+        no_place="its translation may be absolute or speeds, which the array does not tell, and"
         " was left out",
         width=6,
     ),
@@ -225,13 +232,9 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
         elif what == "betas":
             draft.betas[:count] = block[0]
     draft.poses = poses
-    if layout.lacks_place:
-        draft.lacks.add("place")
-        draft.assume("place", "none", layout.lacks_place, "unsure")
-    if layout is COLUMNS[232]:
-        draft.lacks |= {"legs", "place"}
-    if layout is COLUMNS[75]:
-        draft.lacks.add("hands")
+    draft.lacks |= set(layout.lacks)
+    if layout.no_place:
+        draft.assume("place", "none", layout.no_place, "unsure")
     return draft
 
 
