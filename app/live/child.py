@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -60,19 +59,6 @@ def live_ask(told: Any) -> Ask:
     return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
 
 
-@dataclass(eq=False)
-class Place:
-    """One visitor's."""
-
-    session: LiveSession
-    cookie: str
-    """Of the browser; empty for one that keeps none."""
-    address: str
-    """Of the visitor; empty where it is not known."""
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    ended: float = 0.0
-
-
 class Performers:
     """Gives every session its turn. Sessions are known by numbers."""
 
@@ -83,25 +69,25 @@ class Performers:
                 beside them as an object, and as text the sentence with which it ends.
         """
         self._weights, self._tell = weights, tell
-        self.open: dict[int, Place] = {}
+        self.open: dict[int, LiveSession] = {}
         """Whoever has waited longest is first."""
-        self.ended: deque[Place] = deque(maxlen=KEPT_SESSIONS)
+        self.ended: deque[LiveSession] = deque(maxlen=KEPT_SESSIONS)
         self._prepared: set[str] = set()
 
     def take(self, number: int, verb: str, told: Any) -> None:
         """What the page says."""
         while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
             self.ended.popleft()
-        place = self.open.get(number)
+        session = self.open.get(number)
         try:
             match verb:
                 case "open":
                     self._open(number, *told)
-                case "sound" if place is not None:
-                    place.session.put(read_sound(told))
-                case "lead" if place is not None:
-                    place.session.lead(told)
-                case "close" if place is not None:
+                case "sound" if session is not None:
+                    session.put(read_sound(told))
+                case "lead" if session is not None:
+                    session.lead(told)
+                case "close" if session is not None:
                     self._leave(number)
                 case "keep":
                     self._tell(number, self._kept(*told))
@@ -122,24 +108,25 @@ class Performers:
             self._end(each, TAKEN_OVER)
         system = self.prepare(ask.systems[0], ask.speaker)
         session = LiveSession(system, ask, partial(self._tell, number))
-        place = self.open[number] = Place(session, cookie, address)
-        self._tell(number, {"token": place.token, **session.ready()})
+        session.cookie, session.address = cookie, address
+        self.open[number] = session
+        self._tell(number, {"token": session.token, **session.ready()})
 
     def _kept(self, token: str, cookie: str, folder: Path) -> Ask:
-        for place in (*self.open.values(), *self.ended):
-            is_it = secrets.compare_digest(place.token.encode(), token.encode())
-            if is_it and place.cookie == cookie:
-                return place.session.keep(folder)
+        for session in (*self.open.values(), *self.ended):
+            is_it = secrets.compare_digest(session.token.encode(), token.encode())
+            if is_it and session.cookie == cookie:
+                return session.keep(folder)
         raise RunError(NOT_THERE)
 
     def turn(self) -> bool:
         """One window of whoever has waited longest and has work; whether anybody had."""
-        number = next((each for each, of in self.open.items() if of.session.has_work), None)
+        number = next((each for each, of in self.open.items() if of.has_work), None)
         if number is None:
             return False
-        place = self.open[number] = self.open.pop(number)
+        session = self.open[number] = self.open.pop(number)
         try:
-            place.session.work(len(self.open))
+            session.work(len(self.open))
         except Exception as error:
             self._end(number, visitor_sentence(error))
         return True
@@ -160,9 +147,9 @@ class Performers:
 
     def _leave(self, number: int) -> None:
         if number in self.open:
-            place = self.open.pop(number)
-            place.ended = time.monotonic()
-            self.ended.append(place)
+            session = self.open.pop(number)
+            session.ended = time.monotonic()
+            self.ended.append(session)
 
     def _end(self, number: int, sentence: str) -> None:
         self._leave(number)

@@ -3,6 +3,7 @@ sound, motion and plan, frame beside frame. What goes back is in `app.run.pieces
 
 from __future__ import annotations
 
+import secrets
 import statistics
 import time
 from collections import deque
@@ -211,6 +212,10 @@ class LiveSession:
         self._due_since = 0.0
         self._costs: deque[float] = deque(maxlen=64)
         self.windows = 0
+        self.cookie = self.address = ""
+        """Of the visitor's browser and machine; empty where there is none, or it is not known."""
+        self.token = secrets.token_urlsafe(32)
+        self.ended = 0.0
 
     def ready(self) -> dict[str, Any]:
         """What a browser must know before it sends sound."""

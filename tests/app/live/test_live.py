@@ -479,7 +479,7 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
 
 def test_a_fault_ends_its_own_session_only(sessions, monkeypatch, told):
     numbers = [sessions.begin("a", told.append), sessions.begin("b")]
-    broken, whole = (sessions.performers.open[number].session for number in numbers)
+    broken, whole = (sessions.performers.open[number] for number in numbers)
     monkeypatch.setattr(broken, "work", lambda visitors: 1 / 0)
     for number in numbers:
         put_all(sessions, number, 1.5)

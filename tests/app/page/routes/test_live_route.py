@@ -47,7 +47,7 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         assert len(ready["token"]) >= 43 and not ready["plans"]
         for block in sound(2.5):
             socket.send_bytes(block)
-        session = next(iter(sessions.performers.open.values())).session
+        session = next(iter(sessions.performers.open.values()))
         wait_for(lambda: session._samples == 40_000)
         wait_for(lambda: sessions.performers.turn() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
