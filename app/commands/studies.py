@@ -4,7 +4,6 @@ answers to a report."""
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +32,7 @@ def export(
         out: folder of the study.
         body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
     """
+    from app.run.ask import Ear
     from app.study.design.plan import read_plan
     from app.study.export import export_study
 
@@ -40,8 +40,7 @@ def export(
     read = read_plan(plan.absolute())
     try:
         with Bars() as shown:
-            told = partial(shown.show, "draw the videos")
-            workspace = export_study(read, out, weights, body, on_progress=told)
+            workspace = export_study(read, out, weights, body, Ear(shown.take))
     except KeyboardInterrupt:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.run.ask import Ask, Ear
+from app.run.ask import DEAF, Ask, Ear
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
 from app.run.videos.videos import picture_of
@@ -36,13 +36,8 @@ Draw = Callable[..., object]
 
 def export_planned(request: ExportRequest, ear: Ear) -> Workspace:
     """As `export_study`."""
-    made = export_study(
-        read_plan(request.plan),
-        *(request.out, request.weights, request.body),
-        on_progress=ear.share("video"),
-        should_cancel=ear.should_cancel,
-    )
-    return zipped(made, request)
+    asked = request.out, request.weights, request.body
+    return zipped(export_study(read_plan(request.plan), *asked, ear), request)
 
 
 def zipped(made: Workspace, request: ExportRequest) -> Workspace:
@@ -58,9 +53,7 @@ def export_study(
     out: Path,
     weights: Path = BUNDLED_WEIGHTS,
     body: Path | None = None,
-    *,
-    on_progress: Callable[[float], None] = lambda fraction: None,
-    should_cancel: Callable[[], bool] = lambda: False,
+    ear: Ear = DEAF,
     draw: Draw = draw_jobs,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
@@ -71,10 +64,9 @@ def export_study(
 
     Args:
         body: a licensed SMPL-X npz; None is the open body.
-        on_progress: called with the share done, 0 to 1.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so; what is finished stays for the next run.
+        Cancelled: when ``ear`` said so; what is finished stays for the next run.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
@@ -85,7 +77,7 @@ def export_study(
     with held_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(*(plan, workspace, weights, body), draw, on_progress, should_cancel)
+        maker = _Maker(plan, workspace, weights, body, draw, ear)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -120,8 +112,7 @@ class _Maker:
     weights: Path
     body: Path | None
     draw: Draw
-    on_progress: Callable[[float], None]
-    should_cancel: Callable[[], bool]
+    ear: Ear
 
     def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
         """Make every video that is not there yet, scene after scene (a clip from one view); the key
@@ -138,13 +129,10 @@ class _Maker:
         for source in sources:
             clip = source.clip.name
             views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
-            asked = source, self.weights, self.body, self.should_cancel
+            asked = source, self.weights, self.body, self.ear.should_cancel
             motions = shown_motions(self.plan, *asked) if views else {}
             for view in views:
-
-                def tell(share: float, before: float = done, of: int = source.num_frames) -> None:
-                    self.on_progress((before + share * of) / whole)
-
+                tell = self.ear.share("video", source.num_frames / whole, done / whole)
                 here = clip, view
                 scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
                 self._make_scene(view, scene, motions, tracks, tell)
@@ -154,7 +142,7 @@ class _Maker:
                 key = replace(key, videos={**key.videos, **made})
                 write_key(key, self.workspace.key)
                 done += source.num_frames
-        self.on_progress(1.0)
+        self.ear.progress("video", 1.0)
         return key
 
     def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
@@ -217,7 +205,7 @@ class _Maker:
             },
             on_progress=on_progress,
             on_done=encode,
-            should_cancel=self.should_cancel,
+            should_cancel=self.ear.should_cancel,
         )
         media.fill_alike(list(streams.values()))
         return streams

@@ -222,7 +222,7 @@ def _of_noise(request: ExportRequest, ear: Ear) -> Any:
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.weights, request.body)
-    made = export_study(plan, *asked, should_cancel=ear.should_cancel, draw=draw_noise)
+    made = export_study(plan, *asked, ear, draw_noise)
     return zipped(made, request)
 
 
