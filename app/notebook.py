@@ -45,7 +45,7 @@ from model.plan.found import found_plan
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, Transcript
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 from model.systems.registry import family_of, list_systems, usual_planner
 
 __all__ = [
@@ -172,8 +172,7 @@ class Player:
         Raises:
             WriteError: with the reason.
         """
-        with written_atomically(Path(path)) as part:
-            part.write_text(self.html, encoding="utf-8")
+        write_atomically(Path(path), self.html)
         return Path(path)
 
     def __repr__(self) -> str:

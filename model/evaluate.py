@@ -52,7 +52,7 @@ from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError, two_speakers
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import HEARING_JUDGE
 from model.systems.helpers.matching import load_judge
@@ -130,8 +130,7 @@ def _plans(args: argparse.Namespace) -> None:
         answers = finding(args.data, args.clips, args.fit)
     told = {}
     for told in tqdm(answers, desc="clips", unit="clip"):
-        with written_atomically(args.out) as path:  # what there is so far
-            path.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        write_atomically(args.out, json.dumps(told, indent=1) + "\n")  # what there is so far
     for question, answer in told.items():
         numbers = ", ".join(f"{name} {number:.4g}" for name, number in answer.items())
         sys.stdout.write(f"{question}: {numbers}\n")
@@ -150,8 +149,7 @@ def write(table: dict, out: Path) -> None:
         "tex": tables.as_latex(table),
     }
     for ending, content in contents.items():
-        with written_atomically(out / f"evaluation.{ending}") as path:
-            path.write_text(content)
+        write_atomically(out / f"evaluation.{ending}", content)
 
 
 def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:

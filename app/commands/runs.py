@@ -41,7 +41,7 @@ from app.run.tasks import (
     Task,
 )
 from conventions.views import CLOSE_UPS
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
@@ -383,8 +383,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
     told = board_page(merged([read_board(board)]))
-    with written_atomically(out) as part:
-        part.write_text(told, encoding="utf-8")
+    write_atomically(out, told)
     name_file(out)
 
 

@@ -23,7 +23,7 @@ from app.errors import RunError
 from app.study.design.key import Key, Trial, read_key
 from app.study.statistics.answers import HIGHEST_RATING, TIE, TRUTH_NAME
 from app.study.statistics.votes import SMOOTHNESS
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 
 MAX_RATERS = 10_000
 MAX_LOG_STRENGTH = 20.0
@@ -92,8 +92,7 @@ def simulate(
 
 
 def _write(content: Mapping[str, Any], path: Path) -> None:
-    with written_atomically(path) as part:
-        part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", "utf-8")
+    write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def made_answers(

@@ -32,7 +32,7 @@ from model.data.recordings import (
 from model.motion.motion import Motion
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically, written_atomically
 from model.storage.npz import MotionError
 
 log = logging.getLogger(__name__)
@@ -203,8 +203,7 @@ def prepare(
         _write(cache, columns, _by_clip(folder, encoder, split, augmented_copies, read))
         named = dict(sorted(speaker_of(clip.name) for clip in read))
         told = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
-        with written_atomically(index_path) as path:
-            path.write_text(json.dumps(told))
+        write_atomically(index_path, json.dumps(told))
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
         raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
@@ -232,8 +231,7 @@ def arrays_beside(
     if not index.is_file() or json.loads(index.read_text()) != origin:
         bar = tqdm(by_clip, desc=name, unit="clip", total=len(data.clips))
         _write(data.folder, columns, (rows for rows in bar))
-        with written_atomically(index) as path:
-            path.write_text(json.dumps(origin))
+        write_atomically(index, json.dumps(origin))
     return [*_mapped(data.folder, columns, len(data.poses)).values()]
 
 

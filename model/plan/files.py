@@ -51,7 +51,7 @@ from model.plan.tier_files import (
     textgrid_tiers,
 )
 from model.storage.checked import FieldError, checked
-from model.storage.files import bytes_within, written_atomically
+from model.storage.files import bytes_within, write_atomically
 from model.storage.harmless import csv_text
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
@@ -477,8 +477,7 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         tiers = tiers_of(plan, for_praat=True)
         end_s = max(plan.duration_s, *(row.end_s for tier in tiers for row in tier.rows), 0.0)
         text = textgrid_of(tiers, plan.duration_s, end_s)
-    with written_atomically(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    write_atomically(path, text)
 
 
 def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:

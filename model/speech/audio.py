@@ -22,7 +22,7 @@ from jaxtyping import Float, Float32, Float64
 
 from conventions.names import counted, printable
 from conventions.rates import FPS, SAMPLE_RATE
-from model.storage.files import file_sha256, written_atomically
+from model.storage.files import file_sha256, write_atomically
 
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""
@@ -159,8 +159,7 @@ def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
     Raises:
         WriteError: if the file cannot be written; the message says why.
     """
-    with written_atomically(path) as temporary:
-        temporary.write_bytes(wav_bytes(waveform))
+    write_atomically(path, wav_bytes(waveform))
 
 
 def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from conventions.names import file_stem
 from model.storage.cards import Card, CheckpointError, load_card
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
 
@@ -35,8 +35,7 @@ def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: di
     card = {"system": system, "sha256": hashlib.sha256(content).hexdigest(), **card}
     for suffix, data in ((".safetensors", content), (".json", _json_bytes(card))):
         path = folder / (file_stem(system) + suffix)
-        with written_atomically(path) as temporary:
-            temporary.write_bytes(data)
+        write_atomically(path, data)
 
 
 def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:

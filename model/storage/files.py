@@ -68,6 +68,16 @@ def written_atomically(path: str | Path) -> Iterator[Path]:
             pass
 
 
+def write_atomically(path: str | Path, content: str | bytes) -> None:
+    """A file's whole content at once; text in UTF-8, with the ends of lines that it has.
+
+    Raises:
+        WriteError: as `written_atomically`.
+    """
+    with written_atomically(path) as part:
+        part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
 def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
     """What a file holds; an ``error`` with one sentence if it is missing or larger."""
     try:

@@ -23,7 +23,7 @@ from model.data.prepared import Batch, PreparedClip, PreparedData, prepare
 from model.speech.encoder import make_encoder
 from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically, written_atomically
 from model.storage.harmless import csv_text
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
@@ -54,8 +54,7 @@ class History:
         self.pending = []
         columns = list(dict.fromkeys(name for row in self.rows for name in row))
         rows = [columns, *([row.get(name) for name in columns] for row in self.rows)]
-        with written_atomically(self.path) as path:
-            path.write_text(csv_text(rows), newline="")
+        write_atomically(self.path, csv_text(rows))
 
 
 def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
@@ -69,8 +68,7 @@ def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
     if not resume:
         if state_path.exists():
             raise TrainingError(f"{out} holds a run already; pass --resume or another --out.")
-        with written_atomically(config_path) as path:
-            path.write_text(to_json(config) + "\n")
+        write_atomically(config_path, to_json(config) + "\n")
         return
     if not state_path.is_file():
         raise TrainingError(f"There is no {state_path} to resume from.")

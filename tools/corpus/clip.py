@@ -19,7 +19,7 @@ from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.rates import FPS
 from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import wav_bytes
-from model.storage.files import write_error, written_atomically
+from model.storage.files import write_atomically, write_error
 from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
 from tools.corpus.body.face import move_face
@@ -148,8 +148,7 @@ def write_bytes(path: Path, content: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise write_error(path.parent, error) from error
-    with written_atomically(path) as part:
-        part.write_bytes(content)
+    write_atomically(path, content)
 
 
 def split_table(rows: list[tuple[str, str]]) -> str:

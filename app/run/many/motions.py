@@ -39,7 +39,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.speech.audio import SpeechLimits, load_speech
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
-from model.storage.files import file_sha256, written_atomically
+from model.storage.files import file_sha256, write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import FGD_ENCODER
 from model.training.loop import revision
@@ -288,8 +288,9 @@ class _Clip:
         self.record.parent.mkdir(parents=True, exist_ok=True)
         keep_codes(self.record, motions, self.ask.emage_weights)
         told = {"frames": shortest, "systems": systems, "unread": unread}
-        with written_atomically(self.record) as part:
-            part.write_text(json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n")
+        write_atomically(
+            self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
+        )
 
     def _heard(self) -> dict[str, Any]:
         """What `raw_evidence` is told of the sound."""

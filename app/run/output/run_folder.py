@@ -20,7 +20,7 @@ from app.run.ask import MAX_CLIPS, Ask
 from app.run.output.result_folder import list_bytes, zip_files
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
 from model.storage.checked import FieldError, read_checked
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
@@ -199,8 +199,7 @@ class RunRecord(_Strict):
         return any(row.files for row in self.rows)
 
     def write(self, path: Path) -> None:
-        with written_atomically(path) as part:
-            part.write_text(self.model_dump_json(exclude_none=True), encoding="utf-8")
+        write_atomically(path, self.model_dump_json(exclude_none=True))
 
 
 def noise_of(name: str) -> str | None:

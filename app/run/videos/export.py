@@ -20,7 +20,7 @@ from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
 from renderer.files.exports import write_blender, write_bvh, write_still
 from renderer.files.glb import glb_bytes
@@ -85,8 +85,7 @@ def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
                 write_bvh(body, motion, part)
                 if plan is not None:  # the format has no place for them
                     files.append(ask.out.with_suffix(MARKERS_ENDING))
-                    with written_atomically(files[1]) as beside:
-                        beside.write_text(markers_csv(plan), encoding="utf-8")
+                    write_atomically(files[1], markers_csv(plan))
             case _:
                 write_blender(motion, part, markers)
     return tuple(files)

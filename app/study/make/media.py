@@ -27,7 +27,7 @@ import numpy as np
 from app.errors import RunError
 from conventions.rates import FPS
 from model.speech.audio import write_wav
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically, written_atomically
 from renderer.video.encoder import VideoError, run_ffmpeg
 
 TARGET_LUFS = -23.0
@@ -156,8 +156,7 @@ def pad_alike(videos: Sequence[Path]) -> None:
     for path, size in sizes.items():
         if size < target:
             box = (target - size).to_bytes(4, "big") + b"free" + bytes(target - size - _LEAST_BOX)
-            with written_atomically(path) as part:
-                part.write_bytes(path.read_bytes() + box)
+            write_atomically(path, path.read_bytes() + box)
 
 
 def set_time(path: Path) -> None:
@@ -342,8 +341,7 @@ def fill_alike(streams: Sequence[Path]) -> None:
             [*units[:-1], *_messages(target - _size(units), rng), units[-1]]
             for units, target in zip(frames, targets, strict=True)
         ]
-        with written_atomically(path) as part:
-            part.write_bytes(joined(filled))
+        write_atomically(path, joined(filled))
 
 
 def _size(units: Sequence[bytes]) -> int:

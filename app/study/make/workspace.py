@@ -10,7 +10,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.run.tasks import Task
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 
 EXPORT_STUDY = Task("app.study.export", "export_planned")
 
@@ -70,8 +70,7 @@ class Workspace:
 
     def write_text(self, path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with written_atomically(path) as part:
-            part.write_text(text, "utf-8")
+        write_atomically(path, text)
 
     def clean(self) -> None:
         """Remove what only the making needed."""

@@ -15,7 +15,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from conventions.joints import NUM_JOINTS
-from model.storage.files import written_atomically
+from model.storage.files import write_atomically
 from model.storage.npz import MotionError
 from renderer.body.body import BodyMotion, load_body
 from renderer.video.compose import label_band
@@ -223,8 +223,7 @@ def write_report(
     manifest = data / MANIFEST
     seed = int(read_manifest(manifest)["seed"]) if manifest.is_file() else None
     draw_gestures(rig, out.parent / "figures" / "corpus_gestures.png")
-    with written_atomically(out) as path:
-        path.write_text(report_page(measured, real_clips, seed), encoding="utf-8")
+    write_atomically(out, report_page(measured, real_clips, seed))
 
 
 def list_clips(root: Path) -> dict[str, ClipPaths]:
