@@ -18,7 +18,7 @@ from pandas import DataFrame
 
 from app.errors import RunError
 from app.findings.comparison import ALIKE
-from app.run.ask import DEAF, TIP, Ear
+from app.run.ask import DEAF, TIP, Ask, Ear
 from app.run.bodies import choose_tip_source
 from app.run.display import Display
 from app.run.made import options_of
@@ -87,7 +87,8 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
         if ask.is_of_motions:
             of_system = {name: _Made(grid) for name, grid in _read_grids(ask.speeches[0]).items()}
         else:
-            of_system = _generated(ask, _speeches(ask), run.share("numbers"))
+            speeches = {path.stem: _beginning(path, HEARD_S, ask) for path in ask.speeches}
+            of_system = _generated(ask, speeches, run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
@@ -109,14 +110,10 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
         run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
 
 
-def _speeches(ask: HearingAsk) -> dict[str, Speech]:
-    """By name; no more of each than is heard."""
-    limits = SpeechLimits(max_s=ask.max_speech_s)
-    whole = {path.stem: load_speech(path, limits) for path in ask.speeches}
-    heard = int(HEARD_S * SAMPLE_RATE)
-    return {
-        name: replace(speech, waveform=speech.waveform[:heard]) for name, speech in whole.items()
-    }
+def _beginning(path: Path | None, longest_s: float, ask: Ask) -> Speech:
+    """No more of a speech than is heard."""
+    whole = load_speech(path or "", SpeechLimits(max_s=ask.max_speech_s))
+    return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
 
 
 def _generated(
@@ -358,8 +355,7 @@ def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     ask.check()
-    whole = load_speech(ask.speech or "", SpeechLimits(max_s=ask.max_speech_s))
-    speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
+    speech = _beginning(ask.speech, MAX_S, ask)
     systems = [get_system(name, ask.weights) for name in ask.systems]
     record = RunRecord(kind="generated", point=TIP)
     points: list[StepPoint] = []
@@ -390,25 +386,19 @@ def _points_of(
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
         seconds = time.perf_counter() - started
-        positions, jerk = _places_and_jerk(motion)
-        most = positions if most is None else most
-        apart = ((positions - most) ** 2).sum(-1) ** 0.5
+        tracks = track_points(motion, open_body_skeleton())
+        most = tracks.joints if most is None else most
+        apart = ((tracks.joints - most) ** 2).sum(-1) ** 0.5
         found.append(
             StepPoint(
                 system=system.name,
                 steps=count,
                 ms_per_frame=1e3 * seconds / motion.num_frames,
-                tip_jerk_m_s3=jerk,
+                tip_jerk_m_s3=float(mean_over_time(derivative_magnitudes(tracks.point(TIP), 3))),
                 distance_cm=100 * float(apart.mean()),
             )
         )
     return found[::-1]
-
-
-def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
-    tracks = track_points(motion, open_body_skeleton())
-    tip = tracks.point(TIP)
-    return tracks.joints, float(mean_over_time(derivative_magnitudes(tip, 3)))
 
 
 def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
