@@ -340,13 +340,13 @@ class StudyRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         told = values_of(Plan, self._fields, values)
-        plan, size = _write_plan(told, job.folder)
-        yield {
-            self._status: markup.sentence_status(text.STARTING),
-            self._made_part: shown(""),
-        }
+        path = job.folder / "plan.toml"
+        path.write_text(plan_text(told), "utf-8")
+        plan = read_plan(path)
+        size = size_of(plan, make_design(plan)).sentence()
+        yield {self._status: markup.sentence_status(text.STARTING), self._made_part: shown("")}
         address = self._services.media.share(job.folder, job.cookie)
-        yield from self._made(job, told, plan, size, address)
+        yield from self._made(job, told, path, size, address)
 
     def _made(
         self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
@@ -414,15 +414,6 @@ class PlanRunner(StudyRunner):
             self._status: markup.sentence_status(f"The plan is written. {size}"),
             self._made_part: shown(f'<div class="downloads">{link}</div>'),
         }
-
-
-def _write_plan(told: Mapping[str, Any], folder: Path) -> tuple[Path, str]:
-    """The plan, and what it asks of participants. Raises `RunError` if no study can be made from
-    it."""
-    path = folder / "plan.toml"
-    path.write_text(plan_text(told), "utf-8")
-    plan = read_plan(path)
-    return path, size_of(plan, make_design(plan))[1]
 
 
 def _link(elem_id: str, url: str, name: str, words: str) -> str:
