@@ -343,7 +343,7 @@ class StudyRunner(TabRunner):
         path = job.folder / "plan.toml"
         path.write_text(plan_text(told), "utf-8")
         plan = read_plan(path)
-        size = size_of(plan, make_design(plan)).sentence()
+        size = size_of(plan, make_design(plan))[1]
         yield {self._status: markup.sentence_status(text.STARTING), self._made_part: shown("")}
         address = self._services.media.share(job.folder, job.cookie)
         yield from self._made(job, told, path, size, address)
