@@ -68,13 +68,9 @@ class Level:
         if reference is None:
             is_low, span = value < people.low_limit, people.highest / people.lowest
             excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
-            beside, usual = (
-                "",
-                (
-                    f"{self._told(people.lowest, False)} to {self._told(people.highest, False)} in"
-                    f" recorded and procedural clips {people.lasts}"
-                ),
-            )
+            lowest, highest = (self._told(each, False) for each in (people.lowest, people.highest))
+            usual = f"{lowest} to {highest} in recorded and procedural clips {people.lasts}"
+            beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
         elif (recorded := self.read(reference)) > 0.0:
             ratio = value / recorded

@@ -219,19 +219,9 @@ def _drawn(
     """Lag and slope in frames, of blocks drawn anew."""
     count = len(products)
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _DRAWS)
-    first = max(0, best - _NEAR)
-    scores = np.stack(
-        [
-            np.square(
-                np.tensordot(
-                    draws.astype(np.float32),
-                    _slanted(products, slope)[:, first : best + _NEAR + 1],
-                    axes=1,
-                )
-            ).sum(-1)
-            for slope in slopes
-        ]
-    )
+    draws, first = draws.astype(np.float32), max(0, best - _NEAR)
+    near = (_slanted(products, slope)[:, first : best + _NEAR + 1] for slope in slopes)
+    scores = np.stack([np.square(np.tensordot(draws, each, axes=1)).sum(-1) for each in near])
     by_draw = scores.transpose(1, 0, 2).reshape(_DRAWS, -1)
     slope, lag = np.unravel_index(by_draw.argmax(axis=1), scores.shape[::2])
     inner = np.clip(lag, 1, scores.shape[2] - 2)

@@ -383,21 +383,20 @@ def _calls(
 
 
 def _word_at(words: Sequence[Interval], time_s: float) -> str:
-    near = [
-        word
-        for word in words
-        if word.start_s - BEFORE_WORD_S <= time_s <= word.end_s + AFTER_WORD_S
-    ]
+    near = [word for word in words if _is_on(word, time_s)]
     nearest = min(
         near, key=lambda word: abs(0.5 * (word.start_s + word.end_s) - time_s), default=None
     )
     return "" if nearest is None else nearest.text.lower()
 
 
+def _is_on(word: Interval, time_s: float) -> bool:
+    return word.start_s - BEFORE_WORD_S <= time_s <= word.end_s + AFTER_WORD_S
+
+
 def _is_struck(plan: GesturePlan, word: Interval) -> bool:
     return any(
-        phase.phase == "stroke"
-        and word.start_s - BEFORE_WORD_S <= phase.end_s <= word.end_s + AFTER_WORD_S
+        phase.phase == "stroke" and _is_on(word, phase.end_s)
         for side in SIDES
         for phase in plan.hand(side)
     )

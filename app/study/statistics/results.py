@@ -151,13 +151,12 @@ def _result(
     if jitter and not is_matched and not is_rating:
         found += join_jitter(votes, jitter)
     comparisons = len(pairs) if is_rating else num_compared
+    num_answers = len(values) if is_rating else len(votes)
+    if is_ranking:
+        num_answers = int((values.value == 1).sum())
     return QuestionResult(
         question=question,
-        num_answers=len(values)
-        if is_rating
-        else int((values.value == 1).sum())
-        if is_ranking
-        else len(votes),
+        num_answers=num_answers,
         numbers=tuple(found),
         level=level,
         num_units=int((units.map(len) > 1).sum()),
