@@ -102,16 +102,12 @@ def arm_rotations_alike(one: Motion, other: Motion) -> float:
 
 def arm_rotations_same_noise(motions: Grid) -> float:
     """`arm_rotations_alike`, mean over all that share the noise and not the speech."""
-    pairs = combinations(motions.items(), 2)
-    return float(
-        np.mean(
-            [
-                arm_rotations_alike(one, other)
-                for ((speech, seed), one), ((speech_, seed_), other) in pairs
-                if seed == seed_ and speech != speech_
-            ]
-        )
-    )
+    alike = [
+        arm_rotations_alike(one, other)
+        for ((speech, seed), one), ((speech_, seed_), other) in combinations(motions.items(), 2)
+        if seed == seed_ and speech != speech_
+    ]
+    return float(np.mean(alike))
 
 
 def decided(motions: Grid) -> dict[str, Decided]:

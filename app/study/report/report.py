@@ -54,16 +54,8 @@ def templates() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         finalize=_shown,
     )
-    env.filters |= {
-        **{"percent": percent, "percents": percents, "number": number, "limits": limits},
-        **{
-            "p_number": p_number,
-            "p_value": p_value,
-            "counted": counted,
-            "ahead": ahead,
-            "headline": headline,
-        },
-    }
+    forms = percent, percents, number, limits, p_number, p_value, counted, ahead, headline
+    env.filters |= {form.__name__: form for form in forms}
     env.globals |= {
         "alpha": ALPHA,
         "balanced_within": BALANCED_WITHIN,
