@@ -22,7 +22,7 @@ from app.findings.comparison import kinds_told
 from app.findings.measure_rows import MEASURES, written
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.checked import FieldError, read_checked
-from model.storage.files import bytes_within, written_atomically
+from model.storage.files import bytes_within, write_atomically
 
 FORMAT = 1
 MAX_BYTES = 32 * 2**20
@@ -172,9 +172,7 @@ def write_board(entries: Iterable[Entry], path: Path) -> None:
     Raises:
         WriteError: with the reason.
     """
-    with written_atomically(path) as part:
-        told = Board(entries=list(entries)).model_dump_json(indent=1)
-        part.write_text(f"{told}\n", encoding="utf-8")
+    write_atomically(path, f"{Board(entries=list(entries)).model_dump_json(indent=1)}\n")
 
 
 def read_board(path: Path) -> list[Entry]:
