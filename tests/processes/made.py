@@ -15,20 +15,23 @@ from tests.waiting import wait_for
 
 
 def make_jobs(folder: Path, count: int, are_held: bool = False) -> list[Job]:
-    """Each adds its name to ``log`` and leaves a file of its own; those that are held wait, once
+    """Each adds its name to ``log``, which is all that it leaves; those that are held wait, once
     two are done, until the file ``go`` is there."""
     work = do_when_let if are_held else do
     return [made_job(folder, f"job{number}", work) for number in range(count)]
 
 
 def made_job(folder: Path, name: str, work: Callable[[Path, str], object]) -> Job:
-    return Job(name, (folder / f"{name}.done").is_file, partial(work, folder, name))
+    return Job(name, partial(is_done, folder, name), partial(work, folder, name))
+
+
+def is_done(folder: Path, name: str) -> bool:
+    return name in done(folder)
 
 
 def do(folder: Path, name: str) -> None:
     with (folder / "log").open("a") as log:
         log.write(f"{name}\n")
-    (folder / f"{name}.done").touch()
 
 
 def do_when_let(folder: Path, name: str) -> None:

@@ -93,7 +93,7 @@ def test_what_is_no_sound_ends_the_session(client, sessions):
             assert "token" in told(socket)
             socket.send_bytes(sent) if isinstance(sent, bytes) else socket.send_text(sent)
             assert words in told(socket)["end"]
-        assert not sessions.performers.open
+        wait_for(lambda: not sessions.performers.open)
 
 
 def test_one_too_many_is_told(client, monkeypatch):
