@@ -245,9 +245,9 @@ def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
     )
 
 
-def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float]:
+def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float | None]:
     """With which each hears its speech; those that cannot be asked hear it as trained."""
-    return {each.name: each.strength(each.able(asked).guidance) for each in systems}
+    return {each.name: each.settled(each.able(asked)).guidance for each in systems}
 
 
 def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:

@@ -19,7 +19,7 @@ from app.run.pipeline import do
 from model import evaluate as measuring
 from model.evaluation.clips import Cast
 from model.generation.windows import GenerateOptions, generate_motion
-from model.sampling.samplers import UnknownNameError
+from model.sampling.samplers import Sampling, UnknownNameError
 from model.systems import registry
 from model.systems.registry import families, list_systems, load_system, read_card, register
 from model.train import main
@@ -63,7 +63,7 @@ def test_two_systems_move_with_one_file_of_weights(trained):
     with pytest.raises(
         UnknownNameError, match="regression/drawn has no sampler 'mean'; it has smoothed"
     ):
-        drawn.sampler("mean")
+        drawn.settled(Sampling(sampler="mean"))
     with pytest.raises(ValueError, match="takes no guidance"):
         generate_motion(mean, made_speech(16_000), GenerateOptions(speaker="ann", guidance=2.0))
 

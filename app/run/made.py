@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.ask import MAX_COMPARED, SAMPLING, Ask, steps_of
+from app.run.ask import MAX_COMPARED, Ask, steps_of
 from app.run.bodies import choose_tip_source
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body, get_system
@@ -36,6 +36,7 @@ from model.plan.files import check_ending, read_plan_file, write_plan_file
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan, Noted
 from model.plan.style import StyleWish, read_wish
+from model.sampling.samplers import Sampling
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
@@ -241,14 +242,11 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     Args:
         more: fields of the options that do not stand in the ask, or another way.
     """
-    known = {sampler.name for sampler in system.samplers}
-    sampler = system.sampler(ask.sampler if ask.sampler in known else None)
-    usual: dict[str, Any] = {name: getattr(ask, name) for name in SAMPLING} | {
-        "speaker": ask.speaker or next(iter(system.speakers)),
-        "steps": steps_of(ask.steps, system.name) or sampler.steps,
-        "sampler": sampler.name,
-        "guidance": system.strength(None if system.guidance is None else ask.guidance),
-    }
+    steps = steps_of(ask.steps, system.name)
+    asked = Sampling(sampler=ask.sampler, steps=steps, guidance=ask.guidance)
+    drawn = vars(system.settled(system.able(asked)))
+    speaker = ask.speaker or next(iter(system.speakers))
+    usual = {"speaker": speaker, "seed": ask.seed, "samples": ask.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
 
 

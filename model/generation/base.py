@@ -111,15 +111,20 @@ class Draw:
     words: tuple[Interval, ...] = ()
     """What is said, where that is known."""
 
+    @property
+    def key(self) -> tuple[int, int]:
+        """Of chance that is drawn for the first sample, whatever its windows."""
+        return self.seed, self.first_sample
+
     def guide(self, normaliser: Normaliser, space: RotationSpace) -> SpeechGuide:
         """How strongly a network of such motion is to hear."""
         return SpeechGuide(self.guidance, normaliser, space)
 
-    def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
-        """Standard normal: the same for every system that asks for this shape, and for however
-        many samples share a batch."""
+    def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
+        """Standard normal: the same for every system that asks for this shape and step, and for
+        however many samples share a batch."""
         samples = range(self.first_sample, self.first_sample + self.samples)
-        keys = [[self.seed, sample, self.index] for sample in samples]
+        keys = [[self.seed, sample, self.index, *step] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])
 
 
@@ -230,20 +235,6 @@ class System(ABC):
             )
         return self.speakers[speaker]
 
-    def sampler(self, name: str | None) -> Sampler:
-        """The sampler called ``name``, or the usual one.
-
-        Raises:
-            UnknownNameError: if the system has no such sampler.
-        """
-        if name is None:
-            return self.samplers[0]
-        for sampler in self.samplers:
-            if sampler.name == name:
-                return sampler
-        names = ", ".join(sampler.name for sampler in self.samplers)
-        raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
-
     def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
         """What it follows beside whole speech, drawn for the first sample.
 
@@ -267,31 +258,33 @@ class System(ABC):
         """What its windows hear of whole speech, silence after its end: the encoder's features."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
-    def strength(self, guidance: float | None) -> float:
-        """The strength of the speech that is asked for, or the usual one.
+    def settled(self, asked: Sampling) -> Sampling:
+        """How it draws if it is asked so, with nothing left open.
 
         Raises:
-            ValueError: if it cannot be chosen.
+            UnknownNameError: if it has no such sampler.
+            ValueError: if it is to hear other than as it was trained, and cannot.
         """
-        if guidance is None:
-            return 1.0 if self.guidance is None else self.guidance
-        if guidance != 1 and self.guidance is None:
+        known = {sampler.name: sampler for sampler in self.samplers}
+        name = self.samplers[0].name if asked.sampler is None else asked.sampler
+        if name not in known:
+            has = ", ".join(known)
+            raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {has}.")
+        usual = 1.0 if self.guidance is None else self.guidance
+        strength = usual if asked.guidance is None else asked.guidance
+        if self.guidance is None and strength != 1:
             raise ValueError(f"{self.name} takes no guidance; leave it out, or at 1.")
-        return guidance
-
-    def settled(self, asked: Sampling) -> Sampling:
-        """How it draws if it is asked so, with nothing left open."""
-        sampler = self.sampler(asked.sampler)
-        return Sampling(
-            sampler=sampler.name,
-            steps=asked.steps or sampler.steps,
-            guidance=self.strength(asked.guidance),
-        )
+        steps = asked.steps or known[name].steps
+        return Sampling(sampler=name, steps=steps, guidance=strength)
 
     def able(self, asked: Sampling) -> Sampling:
-        """What of it can be asked of this system; one that hears as it was trained is not asked
-        for another strength."""
-        return asked if self.guidance is not None else replace(asked, guidance=None)
+        """What of it can be asked of this system; the rest is left as it usually has it."""
+        has_it = any(sampler.name == asked.sampler for sampler in self.samplers)
+        return replace(
+            asked,
+            sampler=asked.sampler if has_it else None,
+            guidance=None if self.guidance is None else asked.guidance,
+        )
 
     @abstractmethod
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:

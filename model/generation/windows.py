@@ -85,7 +85,7 @@ def generate_motion(
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if guidance is asked of a system that takes none.
+        ValueError: if the system cannot hear speech as strongly as is asked.
         Cancelled: if ``should_cancel`` said so.
     """
     found: dict[int, list[Motion]] = {}

@@ -14,7 +14,7 @@ one hears its features of its last step, which costs nothing.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -26,7 +26,7 @@ from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, interpolate, seeded_noise
+from model.sampling.flow import SpeechGuide, interpolate
 from model.systems.asynfusion.config import FACE_SHARE, FAMILY, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
@@ -168,7 +168,7 @@ class AsynFusionSystem(System):
         found = sample(
             self.network,
             guide,
-            partial(self._noise, draw),
+            lambda which, step: draw.noise((config.window_frames, channels[which]), which, step),
             (max(1, round(draw.steps * FACE_SHARE[self.name])), draw.steps),
             WAYS[WAYS.index(draw.sampler)],
             seed=(seed[0], seed[1]),
@@ -191,13 +191,6 @@ class AsynFusionSystem(System):
             face=face,
             body=body,
         )
-
-    def _noise(self, draw: Draw, which: int, step: int) -> Float[Tensor, "B T C"]:
-        """The same for a branch's step whatever the number of its steps and of the other's."""
-        config = self.config
-        shape = config.window_frames, (config.expression_dim, config.gesture_dim)[which]
-        keys = [[draw.seed, sample, draw.index, which, step] for sample in range(draw.samples)]
-        return torch.stack([seeded_noise(key, shape) for key in keys])
 
 
 def load(name: str, folder: Path) -> AsynFusionSystem:

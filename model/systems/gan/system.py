@@ -13,7 +13,6 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import shown
 from model.networks.trained import Trained
-from model.sampling.flow import seeded_noise
 from model.systems.face.face import BodyWindow, FacedSystem, faced
 from model.systems.gan.config import FAMILY, GeneratorConfig
 from model.systems.gan.network import Generator, posterior, stepped, times
@@ -58,7 +57,7 @@ class GanSystem(FacedSystem):
             if draw.sampler == "ddim":
                 x = stepped(x, mean_x_0, before, now)
                 continue
-            again, latent = self.step_noise(draw, k).unbind(1)
+            again, latent = draw.noise((2, *x.shape[1:]), k).unbind(1)
             x_0 = self.network.drawn(mean_x_0, open_[..., :size], latent, has_seed)
             mean, deviation = posterior(x, x_0, to, at)
             x = mean + deviation * again
@@ -69,13 +68,6 @@ class GanSystem(FacedSystem):
             expression=expression.expand(size, -1, -1),
             clean=x,
         )
-
-    def step_noise(self, draw: Draw, step: int) -> Float[Tensor, "B 2 T C"]:
-        """Standard normal numbers of a step, counted from 1, for the posterior and as the latent:
-        they follow from the draw's seed, the sample, the window and the step alone."""
-        shape = 2, self.config.window_frames, self.config.channels
-        keys = [[draw.seed, sample, draw.index, step] for sample in range(draw.samples)]
-        return torch.stack([seeded_noise(key, shape) for key in keys])
 
 
 def load(name: str, folder: Path) -> GanSystem:

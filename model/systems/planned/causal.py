@@ -20,6 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.rates import FPS
+from model.generation.base import Draw
 from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
 from model.plan.plan import (
     PHASES,
@@ -49,16 +50,13 @@ _SMILE = 1 + BY_NAME["smile"].states.index("smile")
 class CausalPlanner:
     """The planner of one speaker; its memory does not grow."""
 
-    def __init__(
-        self, planner: Planner, speaker: int, noise_key: Sequence[int], strength: float
-    ) -> None:
+    def __init__(self, planner: Planner, draw: Draw) -> None:
         self.manner = Manner()
         """May be changed at any time; what has been planned for good stays."""
-        self._planner, self._speaker, self._key = planner, speaker, list(noise_key)
-        self._strength = strength
+        self._planner, self._asked = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
-            self._drawers = planner.drawers(nothing, speaker, noise_key, strength)
+            self._drawers = planner.drawers(nothing, draw)
         self._final = 1
         """First frame that may still be drawn anew; at frame 0 nothing begins."""
         self._kinds: dict[tuple[str, int], str] = {}
@@ -103,9 +101,7 @@ class CausalPlanner:
     ) -> None:
         """All frames from those that are final on."""
         begin, context = self._final, self._planner.config.context
-        heard = self._planner.hear(
-            speech(begin - 2 * context, stop + context), self._speaker, self._strength
-        )
+        heard = self._planner.hear(speech(begin - 2 * context, stop + context), self._asked)
         leans = partial(_leans, self.manner)
         for name, drawer in self._drawers.items():
             drawer.hear(heard[name][:, context:], begin)
@@ -162,8 +158,8 @@ class CausalPlanner:
             if partner:
                 return partner
         side = SIDES.index(stroke.side)
-        rng = np.random.default_rng([*self._key, KINDS, side, max(0, begins)])
-        return table.likely(stroke, self._speaker, rng)
+        rng = np.random.default_rng([*self._asked.key, KINDS, side, max(0, begins)])
+        return table.likely(stroke, self._asked.speaker, rng)
 
     def _shaped(
         self, side: Side, phases: Sequence[HandPhase], origin: int, final: int

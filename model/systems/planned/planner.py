@@ -4,7 +4,7 @@ A drawer may look ahead and go back: what is drawn of frames whose speech nobody
 drawn anew when it has come, under the same chances.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,12 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from model.data.annotated import kinds_of
+from model.generation.base import Draw
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
 from model.plan.kinds import KindTable, drawn_by
 from model.plan.plan import GesturePlan
-from model.plan.tier_files import Interval
 from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
@@ -205,44 +205,25 @@ class Planner:
         return {PLANNER: self.sha256, **heard_with}
 
     @torch.inference_mode()
-    def plan(
-        self,
-        features: Float[Tensor, "T speech_dim"],
-        speaker: int,
-        words: Sequence[Interval],
-        noise_key: Sequence[int],
-        strength: float,
-    ) -> GesturePlan:
-        """A plan for the whole of some speech.
-
-        Args:
-            words: what is said, where that is known.
-            noise_key: decides the draw; equal keys give plans that share their noise.
-            strength: how many times what speech and speaker change is taken; 1 as trained.
-        """
+    def plan(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> GesturePlan:
+        """A plan for the whole of some speech; equal keys give plans that share their noise."""
         num_frames = len(features)
-        drawers = self.drawers(features, speaker, noise_key, strength)
+        drawers = self.drawers(features, draw)
         for frame in range(1, num_frames):
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
-        rng = np.random.default_rng([*noise_key, KINDS])
-        plan = self.kinds.drawn(plan_of(chains, num_frames), speaker, words, rng)
-        chances = np.random.default_rng([*noise_key, _CALLED])
-        return self.kinds.with_called_strokes(plan, words, chances)
+        rng = np.random.default_rng([*draw.key, KINDS])
+        plan = self.kinds.drawn(plan_of(chains, num_frames), draw.speaker, draw.words, rng)
+        chances = np.random.default_rng([*draw.key, _CALLED])
+        return self.kinds.with_called_strokes(plan, draw.words, chances)
 
-    def drawers(
-        self,
-        features: Float[Tensor, "T speech_dim"],
-        speaker: int,
-        noise_key: Sequence[int],
-        strength: float,
-    ) -> dict[str, Drawer]:
+    def drawers(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> dict[str, Drawer]:
         """What draws the tiers of some speech, each where plans begin."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        heard = self.hear(features[rows], speaker, strength)
-        goals = self.first_goals[speaker].tolist()
+        heard = self.hear(features[rows], draw)
+        goals = self.first_goals[draw.speaker].tolist()
         begins = {
             "left": Begun(0, 0, tuple(goals[0])),
             "right": Begun(0, 0, tuple(goals[1])),
@@ -252,20 +233,20 @@ class Planner:
         for number, tier in enumerate(TIERS):
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
-            rng = np.random.default_rng([*noise_key, number])
+            rng = np.random.default_rng([*draw.key, number])
             begun = begins.get(tier.name, Begun(0, 0, (0.0,) * len(tier.units)))
-            drawers[tier.name] = Drawer(head, heard[tier.name], strength, begun, rng)
+            drawers[tier.name] = Drawer(head, heard[tier.name], draw.guidance, begun, rng)
         return drawers
 
     def hear(
-        self, features: Float[Tensor, "T_and_context speech_dim"], speaker: int, strength: float
+        self, features: Float[Tensor, "T_and_context speech_dim"], draw: Draw
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """What each tier hears of frames, given those and the context around them; the second copy,
         which hears nothing, is there where a strength needs it."""
-        copies = 1 if strength == 1 else 2
+        copies = 1 if draw.guidance == 1 else 2
         heard = self.network.hear(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
-            torch.tensor([speaker, 0])[:copies],
+            torch.tensor([draw.speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
         found = {}

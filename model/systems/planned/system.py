@@ -57,12 +57,10 @@ class PlannedSystem(GlobalDiffSystem):
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> GesturePlan:
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
-        key = [draw.seed, draw.first_sample]
-        return self.planner.plan(features, draw.speaker, draw.words, key, draw.guidance)
+        return self.planner.plan(features, draw)
 
     def condition_stream(self, draw: Draw) -> CausalPlanner:
-        key = [draw.seed, draw.first_sample]
-        return CausalPlanner(self.planner, draw.speaker, key, draw.guidance)
+        return CausalPlanner(self.planner, draw)
 
     def follower(
         self, condition: GesturePlan | None, kept: Mapping[str, Tensor] | None = None

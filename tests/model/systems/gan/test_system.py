@@ -45,7 +45,7 @@ def test_ddim_follows_the_mean_instead_of_drawing(system, monkeypatch):
     asked = {name: GenerateOptions("ann", sampler=name, steps=3) for name in ("posterior", "ddim")}
     drawn, followed = (generate_motion(system, SPEECH, one)[0].poses for one in asked.values())
     assert np.isfinite(followed).all() and np.abs(drawn - followed).max() > 1e-3
-    monkeypatch.setattr(type(system), "step_noise", None)
+    monkeypatch.setattr(type(system.network), "drawn", None)
     again = generate_motion(system, SPEECH, asked["ddim"])
     np.testing.assert_array_equal(again[0].poses, followed)
 
@@ -58,13 +58,16 @@ def test_speech_can_be_heard_more_strongly_and_not_at_all(system):
     assert np.abs(louder - plain).max() > 1e-3 and np.abs(deaf - plain).max() > 1e-3
 
 
-def test_noise_of_every_step_window_and_sample_is_its_own(system):
+def test_noise_of_every_step_window_and_sample_is_its_own():
     draw = Draw(1, seed=5, samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
-    drawn = [system.step_noise(replace(draw, index=i), k) for i in (0, 1) for k in (1, 2)]
+    shape = 2, 60, 168
+    drawn = [replace(draw, index=i).noise(shape, k) for i in (0, 1) for k in (1, 2)]
     numbers = torch.cat([*drawn, draw.noise((60, 168))[:, None]], dim=1).flatten(0, 1).flatten(1)
     assert (torch.corrcoef(numbers) - torch.eye(len(numbers))).abs().max() < 0.06
-    assert torch.equal(system.step_noise(replace(draw, samples=1), 2), drawn[1][:1])
-    assert not torch.equal(system.step_noise(replace(draw, seed=6), 2), drawn[1])
+    for sample in range(2):  # one of many can be made alone
+        alone = replace(draw, samples=1, first_sample=sample).noise(shape, 2)
+        assert torch.equal(alone[0], drawn[1][sample])
+    assert not torch.equal(replace(draw, seed=6).noise(shape, 2), drawn[1])
 
 
 def test_a_window_goes_on_from_the_one_before(system):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from model.generation.base import Draw
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, draw_of
 from model.motion.kinematics import open_body_skeleton
@@ -27,15 +28,17 @@ def features(num_frames: int, seed: int = 0) -> torch.Tensor:
     return torch.randn(num_frames, 68, generator=torch.Generator().manual_seed(seed))
 
 
+def draw(seed: int, sample: int = 0, guidance: float = 2.0) -> Draw:
+    return Draw(1, seed, 1, 0, "euler", 2, guidance, sample)
+
+
 @pytest.fixture(scope="module")
 def planner(planned_weights) -> Planner:
     return load_planner(planned_weights)
 
 
 def test_a_plan_follows_from_its_key(planner):
-    one, again, other = (
-        planner.plan(features(100), 1, (), key, 1.0) for key in ([0, 0], [0, 0], [0, 1])
-    )
+    one, again, other = (planner.plan(features(100), draw(0, sample, 1.0)) for sample in (0, 0, 1))
     assert one == again != other
     assert one.duration_s == 100 / 30
     assert one.right[0].start_s == 0 and one.right[-1].end_s == one.duration_s
@@ -45,7 +48,7 @@ def test_what_is_said_later_does_not_change_what_came_before(planner):
     """Beyond what the network hears ahead."""
     short, long = features(150), features(150)
     long = torch.cat([long, features(60, 9)])
-    one, other = (planner.plan(f, 1, (), [4], 2.0) for f in (short, long))
+    one, other = (planner.plan(f, draw(4)) for f in (short, long))
     until_s = (150 - planner.config.context) / 30
 
     def early(plan):
@@ -60,7 +63,7 @@ def test_shares_are_those_of_slow_counting(planner):
     with torch.no_grad():
         around = told[torch.arange(-31, 33).clamp(0, 1)][None]
         heard = planner.network.hear(around, torch.tensor([1]), torch.tensor([True]))
-        begun = planner.drawers(told, 1, [0], 1.0)
+        begun = planner.drawers(told, draw(0, guidance=1.0))
         chains = {name: drawer.chain for name, drawer in begun.items()}
         frames = {t.name: frames_of(t, chains[t.name], np.arange(2)) for t in TIERS}
         seen = torch.from_numpy(seen_together(frames)["right"])
@@ -132,7 +135,7 @@ def test_events_without_torch_are_those_of_the_network(planner):
         np.testing.assert_allclose(logs, head.events(wanted).numpy(), atol=1e-5)
 
 
-KEY, HOP, AHEAD, LONG, USUAL = [4, 0], 15, 30, 120, Manner()
+DRAW, HOP, AHEAD, LONG, USUAL = draw(4), 15, 30, 120, Manner()
 OPTIONS = GenerateOptions("ann", seed=3, steps=2)
 SPEECH = features(LONG + 200)
 
@@ -143,7 +146,7 @@ def known(speech: torch.Tensor):
 
 def told(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
     """What is planned with each hop of some speech, or, of a function, of what is supposed then."""
-    stream = CausalPlanner(planner, 1, KEY, 2.0)
+    stream = CausalPlanner(planner, DRAW)
     stream.manner = manner
     for first in range(0, long, HOP):
         now = speech(first) if callable(speech) else speech
@@ -164,7 +167,7 @@ def began(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
 
 
 def test_where_all_speech_is_known_a_plan_is_that_of_whole_speech(planner):
-    whole = planner.plan(SPEECH, 1, (), KEY, 2.0)
+    whole = planner.plan(SPEECH, DRAW)
     found = began(planner, SPEECH)
     assert len(found) > 8
     for side in SIDES:
@@ -204,7 +207,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
 
 
 def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
-    stream, whole = CausalPlanner(planner, 1, KEY, 2.0), planner.drawers(SPEECH, 1, KEY, 2.0)
+    stream, whole = CausalPlanner(planner, DRAW), planner.drawers(SPEECH, DRAW)
     for first in range(0, 60, HOP):
         stream.go_on(known(SPEECH), first, first + HOP, first + HOP + AHEAD)
     for frame in range(1, 60):
@@ -216,7 +219,7 @@ def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
 
 
 def test_memory_does_not_grow(planner):
-    stream, sizes = CausalPlanner(planner, 1, KEY, 1.0), []
+    stream, sizes = CausalPlanner(planner, draw(4, guidance=1.0)), []
     for first in range(0, 360, 60):
         stream.go_on(lambda a, b: features(b - a), first, first + 60, first + 61)
         sizes.append(sum(len(drawer.chain) for drawer in stream._drawers.values()))
@@ -235,7 +238,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
     changed = Manner(large=1.5, high_m=0.1, smile=0.0)
     plans = []
     for manner in (changed, USUAL):
-        stream = CausalPlanner(planner, 1, KEY, 2.0)
+        stream = CausalPlanner(planner, DRAW)
         stream.go_on(known(SPEECH), 0, 60, 120)
         stream.manner = manner
         plans.append(stream.go_on(known(SPEECH), 60, 120, 200))
