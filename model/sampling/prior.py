@@ -15,7 +15,7 @@ steps along these angles, which leaves no error of discretisation but the networ
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from jaxtyping import Bool, Float
@@ -68,25 +68,22 @@ class GaussianPrior(nn.Module):
         self, x: Float[Tensor, "B T C"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
         """Coordinates along the eigenvectors, without (0) or with (1) a seed."""
-        return self._turned(self.vectors.mT, x.permute(2, 1, 0), which)
+        return self._by_seed(which, lambda k: self.vectors[k].mT @ x.permute(2, 1, 0))
 
     def back(
         self, along: Float[Tensor, "C T B"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """The inverse of `along`."""
-        return self._turned(self.vectors, along, which).permute(2, 1, 0)
+        return self._by_seed(which, lambda k: self.vectors[k] @ along).permute(2, 1, 0)
 
-    def _turned(
+    def _by_seed(
         self,
-        both: Float[Tensor, "2 C T T"],
-        x: Float[Tensor, "C T B"],
         which: int | Bool[Tensor, " B"],
+        told: Callable[[int], Float[Tensor, "C T B"]],
     ) -> Float[Tensor, "C T B"]:
+        """What is told without (0) or with (1) a seed, for each sample as it has one."""
         one = which if isinstance(which, int) else self.one_for_all(which)
-        if one is not None:
-            return both[one] @ x
-        free, held = both @ x
-        return torch.where(torch.as_tensor(which), held, free)
+        return torch.where(torch.as_tensor(which), told(1), told(0)) if one is None else told(one)
 
     def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
         """Mean of x_1 given its seed alone."""
@@ -125,29 +122,23 @@ class GaussianPrior(nn.Module):
         """The mean, and ``gains`` over the variance of x_t times how far x_t lies from its own."""
         shares = gains / self._spread(t).square()  # (2, C, T, B)
 
-        def free() -> Float[Tensor, "C T B"]:
-            moved = self.vectors[0].mT @ x_t.permute(2, 1, 0)
-            return self.vectors[0] @ (shares[0] * moved)
+        def told(k: int) -> Float[Tensor, "C T B"]:
+            expected = self.gain @ seed.permute(2, 1, 0) if k else t.new_zeros(())
+            moved = self.vectors[k].mT @ (x_t.permute(2, 1, 0) - t * expected)
+            return expected + self.vectors[k] @ (shares[k] * moved)
 
-        def held() -> Float[Tensor, "C T B"]:
-            expected = self.gain @ seed.permute(2, 1, 0)
-            moved = self.vectors[1].mT @ (x_t.permute(2, 1, 0) - t * expected)
-            return expected + self.vectors[1] @ (shares[1] * moved)
-
-        which = self.one_for_all(has_seed)
-        found = torch.where(has_seed, held(), free()) if which is None else (free, held)[which]()
-        return found.permute(2, 1, 0)
+        return self._by_seed(has_seed, told).permute(2, 1, 0)
 
     def shaped(
         self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """Numbers of unit size as deviations from the posterior mean."""
         deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
-        which = self.one_for_all(has_seed)
-        if which is not None:
-            return self.back(deviation[which] * self.along(unit, which), which)
-        moved = self.vectors @ (deviation * (self.vectors.mT @ unit.permute(2, 1, 0)))
-        return torch.where(has_seed, moved[1], moved[0]).permute(2, 1, 0)
+
+        def told(k: int) -> Float[Tensor, "C T B"]:
+            return self.vectors[k] @ (deviation[k] * self.along(unit, k))
+
+        return self._by_seed(has_seed, told).permute(2, 1, 0)
 
     def one_for_all(self, has_seed: Bool[Tensor, " B"]) -> int | None:
         """Which eigenvectors all samples ask for, where they agree: always at generation. In
