@@ -22,10 +22,10 @@ from model.speech.audio import wav_bytes
 from model.storage.files import write_atomically, write_error
 from tools.corpus.body.arms import follow_plan, move_arms
 from tools.corpus.body.contact import hips_of
-from tools.corpus.body.face import move_face
-from tools.corpus.body.legs import move_legs
-from tools.corpus.body.signals import BodyEvents, frame_times, quiet
-from tools.corpus.body.trunk import move_trunk
+from tools.corpus.body.face import FaceCurves, move_face
+from tools.corpus.body.legs import Legs, move_legs
+from tools.corpus.body.signals import frame_times, quiet
+from tools.corpus.body.trunk import Trunk, move_trunk
 from tools.corpus.gesture.plan import HandKey, HandPlan, make_plan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
 from tools.corpus.people.speaker import Speaker
@@ -37,14 +37,16 @@ NUM_EXPRESSIONS = 100
 
 @dataclass(frozen=True)
 class CorpusClip:
-    """Motion in BEAT2's arrays, with the speech, the plan and the events it was made from."""
+    """Motion in BEAT2's arrays, with the speech and the parts of the body it was made from."""
 
     poses: Float32[np.ndarray, "T 165"]
     trans: Float32[np.ndarray, "T 3"]
     expressions: Float32[np.ndarray, "T 100"]
     utterance: Utterance
     plan: HandPlan
-    events: BodyEvents
+    trunk: Trunk
+    face: FaceCurves
+    legs: Legs
 
 
 def make_clip(
@@ -84,11 +86,7 @@ def animate(
         legs.trans.astype(np.float32),
         expressions,
         utterance,
-        plan,
-        BodyEvents(
-            *(trunk.nods, trunk.gaze, face.brows, face.smiles, face.blinks),
-            *(legs.stances, legs.steps),
-        ),
+        *(plan, trunk, face, legs),
     )
 
 
@@ -163,7 +161,7 @@ NO_SMILE = 0.02  # levels up to this are none
 
 def textgrid(clip: CorpusClip) -> str:
     """The tiers of speech, of either hand, and of head, face and feet, in Praat's long format."""
-    utterance, events = clip.utterance, clip.events
+    utterance, trunk, face = clip.utterance, clip.trunk, clip.face
     duration_s = utterance.duration_s
 
     def intervals(name: str, rows: list[Span]) -> NamedTier:
@@ -190,19 +188,25 @@ def textgrid(clip: CorpusClip) -> str:
         *(intervals(f"gesture_{side}", moves[side][0]) for side in SIDES),
         *(moments(f"goal_{side}", moves[side][1]) for side in SIDES),
         points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
-        points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in events.nods]),
+        points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in trunk.nods]),
         intervals(
             "gaze",
-            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in events.gaze],
+            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in trunk.gaze],
         ),
-        points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in events.brows]),
+        points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in face.brows]),
         intervals(
             "smile",
-            [(s.start_s, s.end_s, f"{s.size:.3f}") for s in events.smiles if s.size > NO_SMILE],
+            [(s.start_s, s.end_s, f"{s.size:.3f}") for s in face.smiles if s.size > NO_SMILE],
         ),
-        points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in events.blinks]),
-        intervals("weight", [(s.start_s, s.end_s, s.leg) for s in events.stances]),
-        *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
+        points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in face.blinks]),
+        intervals("weight", [(s.start_s, s.end_s, s.leg) for s in clip.legs.stances]),
+        *(
+            intervals(
+                f"foot_{side}",
+                [(p.start_s, p.end_s, "planted") for p in clip.legs.planted if p.foot == side],
+            )
+            for side in SIDES
+        ),
         intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
     ]
     return textgrid_of(tiers, round(duration_s, 4))
@@ -249,14 +253,6 @@ def _apexes(keys: list[HandKey], side: str) -> list[Point]:
         for key in keys
         if key.phase == "stroke" and key.arrive_s > 0
     ]
-
-
-def _between(clip: CorpusClip, side: str, duration_s: float) -> list[Span]:
-    """The foot is planted wherever it does not step."""
-    steps = clip.events.steps[side]
-    starts = [0.0, *(step.end_s for step in steps)]
-    ends = [*(step.start_s for step in steps), duration_s]
-    return [(start, end, "planted") for start, end in zip(starts, ends, strict=True)]
 
 
 def _clipped(row: Span, from_s: float, duration_s: float) -> Span | None:

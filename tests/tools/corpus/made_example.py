@@ -45,7 +45,7 @@ def part_of(clip: CorpusClip, start_s: float, length_s: float) -> CorpusClip:
         slice(round(start_s * rate), round((start_s + length_s) * rate))
         for rate in (FPS, SAMPLE_RATE)
     )
-    said, events = clip.utterance, clip.events
+    said, face, legs = clip.utterance, clip.face, clip.legs
     return CorpusClip(
         poses=clip.poses[frames],
         trans=clip.trans[frames],
@@ -67,16 +67,14 @@ def part_of(clip: CorpusClip, start_s: float, length_s: float) -> CorpusClip:
             cycles=[later(cycle, "start_s", "end_s") for cycle in clip.plan.cycles],
             shrugs=[(a - start_s, b - start_s) for a, b in clip.plan.shrugs],
         ),
-        events=replace(
-            events,
-            nods=moments(events.nods),
-            gaze=spans(events.gaze),
-            brows=moments(events.brows),
-            smiles=spans(events.smiles),
-            blinks=moments(events.blinks),
-            stances=spans(events.stances),
-            steps={side: spans(steps) for side, steps in events.steps.items()},
+        trunk=replace(clip.trunk, nods=moments(clip.trunk.nods), gaze=spans(clip.trunk.gaze)),
+        face=replace(
+            face,
+            brows=moments(face.brows),
+            smiles=spans(face.smiles),
+            blinks=moments(face.blinks),
         ),
+        legs=replace(legs, stances=spans(legs.stances), planted=spans(legs.planted)),
     )
 
 

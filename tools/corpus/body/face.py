@@ -8,10 +8,8 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
-from model.plan.plan import Gaze, Smile
+from model.plan.plan import Blink, Brow, Gaze, Smile
 from tools.corpus.body.signals import (
-    BlinkMove,
-    BrowMove,
     frame_times,
     gaussian_bump,
     minimum_jerk,
@@ -57,6 +55,21 @@ VISEMES = {
     for phone in phones.split()
 }
 MOUTH_UNITS = tuple(sorted({unit for _, _, units in VISEMES.values() for unit in units}))
+
+
+@dataclass(frozen=True)
+class BrowMove(Brow):
+    """Up, or into a frown, and back as a Gaussian."""
+
+    width_s: float
+    """Standard deviation."""
+
+
+@dataclass(frozen=True)
+class BlinkMove(Blink):
+    """Lids are half shut or more for ``duration_s``."""
+
+    duration_s: float
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.limb import HingedLimb
-from model.plan.plan import Leg, Stand
+from model.plan.plan import Leg, Planted, Side, Stand
 from tools.corpus.body.signals import (
     bump,
     frame_times,
@@ -21,7 +21,6 @@ from tools.corpus.body.signals import (
 from tools.corpus.body.trunk import CALMER, Trunk
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
-from tools.corpus.words.prosody import Span
 
 STANCE_HALF_WIDTH_M = 0.125
 STANDING_BEND_DEG = 6.0  # of the leg that carries the weight
@@ -40,8 +39,8 @@ class Legs:
     trans: Float[np.ndarray, "T 3"]
     stances: tuple[Stand, ...]
     """They cover the clip."""
-    steps: dict[str, tuple[Span, ...]]
-    """By side: while the foot is in the air."""
+    planted: tuple[Planted, ...]
+    """Each foot while it is not in the air."""
 
 
 def move_legs(
@@ -93,7 +92,7 @@ def move_legs(
         rotations[_joint(side, "hip")] = pelvis.mT @ upper
         rotations[_joint(side, "knee")] = knee
         rotations[_joint(side, "ankle")] = (upper @ knee).mT @ euler_matrices("YX", sole)
-    return Legs(rotations, trans, feet.stances, feet.steps)
+    return Legs(rotations, trans, feet.stances, feet.planted)
 
 
 def _leg(rig: Rig, side: str) -> HingedLimb:
@@ -113,7 +112,7 @@ class _Feet:
     lift: dict[str, Float[np.ndarray, " T"]]
     shift: Float[np.ndarray, "T 3"]
     stances: tuple[Stand, ...]
-    steps: dict[str, tuple[Span, ...]]
+    planted: tuple[Planted, ...]
 
 
 def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.Generator) -> _Feet:
@@ -132,7 +131,8 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         lift[side] = np.zeros(num_frames)
     shift = np.zeros((num_frames, 3))
     centre, weight = np.zeros(3), np.zeros(3)
-    steps: dict[str, list[Span]] = {side: [] for side in SIDES}
+    planted: list[Planted] = []
+    stands_s: dict[Side, float] = {"left": 0.0, "right": 0.0}
     other: dict[str, Leg] = {"left": "right", "right": "left"}
     changes: list[tuple[float, Leg]] = [(0.0, "both")]
     at_s = rng.uniform(2, 5)
@@ -145,10 +145,10 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         if not listens and rng.random() < 0.65 * speaker.steps:
             goal = np.clip(0.7 * centre + rng.normal(0, [0.13, 0, 0.13]), -0.35, 0.35)
             stride, turn = goal - centre, rng.normal(0, 7)
-            first = "left" if stride[0] > 0 else "right"
-            second = "right" if first == "left" else "left"
-            for side, delay in ((first, 0.0), (second, rng.uniform(0.55, 0.8))):
-                steps[side].append(Span(at_s + delay, at_s + delay + STEP_S))
+            order: list[Side] = ["left", "right"] if stride[0] > 0 else ["right", "left"]
+            for side, delay in zip(order, (0.0, rng.uniform(0.55, 0.8)), strict=True):
+                planted.append(Planted(stands_s[side], at_s + delay, side))
+                stands_s[side] = at_s + delay + STEP_S
                 changes.append((at_s + delay, other[side]))
                 changes.append((at_s + delay + STEP_S, "both"))
                 phase = (time_s - at_s - delay) / STEP_S
@@ -166,10 +166,9 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         changes.append((at_s + 0.5 * change_s, "left" if side_m > 0 else "right"))
         weight = goal
         at_s += rng.gamma(2.5, 0.5) + 0.5
-    return _Feet(
-        *(place, yaw, lift, shift, _stances(changes, (num_frames + 1) / FPS)),
-        {side: tuple(spans) for side, spans in steps.items()},
-    )
+    end_s = (num_frames + 1) / FPS
+    planted += [Planted(start_s, end_s, side) for side, start_s in stands_s.items()]
+    return _Feet(place, yaw, lift, shift, _stances(changes, end_s), tuple(planted))
 
 
 def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stand, ...]:

@@ -1,7 +1,4 @@
-"""Curves in time at 30 fps (moves, bumps, noise, sway, the channels of a hand, quiet), and what
-trunk, face and legs do and when, as their curves are made from it; for the annotation."""
-
-from dataclasses import dataclass
+"""Curves in time at 30 fps: moves, bumps, noise, sway, the channels of a hand, quiet."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,9 +6,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
 from model.motion.limb import minimum_jerk
-from model.plan.plan import Gaze, Nod, Smile, Stand
 from tools.corpus.gesture.gestures import SHAPE_SIZE
-from tools.corpus.words.prosody import Span, Utterance
+from tools.corpus.words.prosody import Utterance
 
 
 def bump(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -92,36 +88,3 @@ def quiet(utterance: Utterance, time_s: Float[np.ndarray, " T"]) -> Float[np.nda
             fall = minimum_jerk((time_s - span.end_s + begin) / (begin - end))
         level += rise - fall
     return np.clip(level, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class BrowMove:
-    """Brows go up, or for a height below 0 into a frown, and back as a Gaussian."""
-
-    time_s: float
-    height: float
-    """At the peak, 0 to 1."""
-    width_s: float
-    """Standard deviation."""
-
-
-@dataclass(frozen=True)
-class BlinkMove:
-    """Lids are shut at ``time_s``; ``duration_s`` is how long they are half shut or more."""
-
-    time_s: float
-    duration_s: float
-
-
-@dataclass(frozen=True)
-class BodyEvents:
-    """Everything of one clip that is not a hand's."""
-
-    nods: tuple[Nod, ...]
-    gaze: tuple[Gaze, ...]
-    brows: tuple[BrowMove, ...]
-    smiles: tuple[Smile, ...]
-    blinks: tuple[BlinkMove, ...]
-    stances: tuple[Stand, ...]
-    steps: dict[str, tuple[Span, ...]]
-    """By side: while the foot is in the air."""

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
 from conventions.rates import SAMPLE_RATE
+from model.plan.plan import Span
 from tools.corpus.people.speaker import PAUSE, Phone, Speaker, say, words_of
 from tools.corpus.words.grammar import Split, talk
 
@@ -33,14 +34,6 @@ LISTENS, LISTENS_AFTER_A_QUESTION = 0.1, 0.6  # shares of sentences
 LISTENS_FIRST = 0.12  # share of clips that begin with listening
 LISTENING_S = (2.5, 8.0)
 MAX_PAUSE_S = 2.0  # of a speaker who goes on
-
-
-@dataclass(frozen=True)
-class Span:
-    """From ``start_s`` to ``end_s``."""
-
-    start_s: float
-    end_s: float
 
 
 @dataclass(frozen=True)
