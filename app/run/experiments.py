@@ -29,7 +29,7 @@ from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk
 from app.run.videos.videos import jobs_of
 from conventions.names import file_stem, short_names
 from conventions.rates import SAMPLE_RATE
-from model.evaluation.judges import calm_over_lively, manner_of
+from model.evaluation.judges import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
@@ -176,15 +176,12 @@ def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -
         }
         if speakers is None:
             return told
-        calm, lively = (
-            [motion for (who, _), motion in made.by_speaker.items() if who == speaker]
-            for speaker in speakers
-        )
+        calm, lively = wrist_speeds(made.by_speaker, speakers).values()
         compared = {
             "calm": speakers[0],
             "lively": speakers[1],
             "manner": manner_of(made.by_speaker),
-            "calm_over_lively": calm_over_lively(calm, lively),
+            "calm_over_lively": calm / lively,
         }
     except ValueError as error:
         raise RunError(f"{system}: {error}") from error

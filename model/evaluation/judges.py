@@ -229,21 +229,15 @@ def manner_of(motions: Grid) -> dict[str, float]:
     }
 
 
-def wrist_speed_m_s(motion: Motion) -> float:
-    """Of both wrists together, with the pelvis in place; mean over the motion, m/s."""
-    joints = track_points(motion, open_body_skeleton()).joints
-    return float(wrist_speed(joints - joints[:, :1]).mean())
-
-
-def calm_over_lively(calm: Sequence[Motion], lively: Sequence[Motion]) -> float:
-    """Mean `wrist_speed_m_s` of a calm speaker's motions over that of a lively one's."""
-    found = _wrist_speeds(calm, lively)
-    return found["calm_wrist_m_s"] / found["lively_wrist_m_s"]
-
-
-def _wrist_speeds(calm: Sequence[Motion], lively: Sequence[Motion]) -> dict[str, float]:
-    slow, fast = (float(np.mean([*map(wrist_speed_m_s, own)])) for own in (calm, lively))
-    return {"calm_wrist_m_s": slow, "lively_wrist_m_s": fast}
+def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
+    """Of both wrists together, with the pelvis in place, mean over the motions of a calm speaker
+    and of a lively one; m/s."""
+    speeds: dict[str, list[float]] = {speaker: [] for speaker in speakers}
+    for (speaker, _), motion in motions.items():
+        joints = track_points(motion, open_body_skeleton()).joints
+        speeds[speaker].append(float(wrist_speed(joints - joints[:, :1]).mean()))
+    calm, lively = (float(np.mean(speeds[speaker])) for speaker in speakers)
+    return {"calm_wrist_m_s": calm, "lively_wrist_m_s": lively}
 
 
 @dataclass(frozen=True)
@@ -275,10 +269,11 @@ class FewClips:
     def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
         """Wrist speeds of the recordings that go with clip ``name``; nothing where there are
         none."""
-        if name not in self.recorded:
+        if name not in self.recorded or self.speakers is None:
             return {}
-        calm, lively = (read_files(folder, clip)[0] for clip in self.recorded[name])
-        return _wrist_speeds([calm], [lively])
+        pairs = zip(self.speakers, self.recorded[name], strict=True)
+        motions = {(speaker, 0): read_files(folder, clip)[0] for speaker, clip in pairs}
+        return wrist_speeds(motions, self.speakers)
 
     def measures(
         self, system: System, name: str, speech: Speech, asked: Sampling
@@ -311,14 +306,10 @@ class FewClips:
             for seed, motion in enumerate(own)
         }
         manner = manner_of(speaking)
-        calm, lively = (
-            [motion for (speaker, _), motion in speaking.items() if speaker == which]
-            for which in self.speakers
-        )
         return found | {
             "arms_by_speaker": manner["by_speaker"],
             "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
-            **_wrist_speeds(calm, lively),
+            **wrist_speeds(speaking, self.speakers),
         }
 
 
