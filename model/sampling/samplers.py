@@ -14,8 +14,10 @@ SAMPLER_TITLES = {
     "heun": "Heun (second order)",
     "reinterpolate": "Official re-interpolation",
     "ddim": "DDIM",
+    "posterior": "Drawn from the posterior (few-step generators)",
+    "lcm": "LCM",
 }
-"""What a person calls those that several families have."""
+"""What a person calls those of the families here."""
 
 
 class UnknownNameError(ValueError):
@@ -33,6 +35,11 @@ class Sampler:
     """What a person calls it; empty for its name."""
     guidance: float | None = None
     """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
+
+
+def titled(*names: str, steps: int, strength: float | None = None) -> tuple[Sampler, ...]:
+    """Samplers of one system, which takes as many steps by each and hears as strongly."""
+    return tuple(Sampler(name, steps, SAMPLER_TITLES[name], strength) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)

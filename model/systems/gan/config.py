@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.sampling.samplers import SAMPLER_TITLES, Sampler
+from model.sampling.samplers import titled
 from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
@@ -87,16 +87,6 @@ def presets(system: str) -> dict[str, GanConfig]:
 
 _FASTEST = min(SYSTEMS, key=lambda name: SYSTEMS[name])
 
-
-def _samplers(steps: int) -> tuple[Sampler, ...]:
-    """As they were taught, x_0 is drawn and a step from its posterior; DDIM follows the mean."""
-    titles = {
-        "posterior": "Drawn from the posterior (few-step generators)",
-        "ddim": SAMPLER_TITLES["ddim"],
-    }
-    return tuple(Sampler(n, steps, title=title, guidance=3.0) for n, title in titles.items())
-
-
 FAMILY = Family(
     name="gan",
     title="Few large steps that a discriminator taught",
@@ -108,7 +98,10 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.gan",
     place=4,
-    samplers={name: _samplers(steps) for name, steps in SYSTEMS.items()},
+    samplers={
+        name: titled("posterior", "ddim", steps=steps, strength=3.0)
+        for name, steps in SYSTEMS.items()
+    },
     usual=dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

@@ -6,7 +6,7 @@ from typing import Any
 from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.sampling.samplers import FLOW_SAMPLERS, SAMPLER_TITLES, Sampler
+from model.sampling.samplers import FLOW_SAMPLERS, titled
 from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
 
 
@@ -148,9 +148,6 @@ def _best() -> GlobalDiffConfig:
     )  # fmt: skip
 
 
-_SAMPLERS = tuple(
-    Sampler(name, 10, title=SAMPLER_TITLES[name], guidance=2.5) for name in FLOW_SAMPLERS
-)
 _LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/full"
 
 _TITLE = "Five systems, each adding one thing to the one before"
@@ -234,7 +231,7 @@ FAMILY = Family(
         "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
         "globaldiff/full": "Skeleton, and the temporal structure constraint.",
     },
-    samplers=dict.fromkeys(SYSTEMS, _SAMPLERS),
+    samplers=dict.fromkeys(SYSTEMS, titled(*FLOW_SAMPLERS, steps=10, strength=2.5)),
     presets=presets,
     package="model.systems.globaldiff",
     place=2,

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from model.generation.family import Family, FileFlag, FileReport
-from model.sampling.samplers import SAMPLER_TITLES, Sampler
+from model.sampling.samplers import titled
 from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 from model.storage.cards import Card, CheckpointError, load_card
 
@@ -204,7 +204,7 @@ FAMILY = OfficialFamily(
     },
     samplers=dict.fromkeys(
         (FILTERED, UNFILTERED),
-        (Sampler("reinterpolate", 5, title=SAMPLER_TITLES["reinterpolate"]),),
+        titled("reinterpolate", steps=5),
     ),
     presets=lambda system: {},
     package="model.systems.official",

@@ -5,7 +5,7 @@ follows the plan it is given.
 from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
-from model.sampling.samplers import SAMPLER_TITLES, Sampler
+from model.sampling.samplers import titled
 from model.speech.encoder import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
@@ -94,11 +94,7 @@ FAMILY = Family(
     about={
         PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
     },
-    samplers={
-        PLANNED: tuple(
-            Sampler(name, 6, title=SAMPLER_TITLES[name], guidance=2.5) for name in ("euler", "heun")
-        )
-    },
+    samplers={PLANNED: titled("euler", "heun", steps=6, strength=2.5)},
     presets=presets,
     package="model.systems.planned",
     place=1,
