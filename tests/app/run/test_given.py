@@ -24,6 +24,7 @@ from app.run.pipeline import do
 from model.diagnostics import diagnose
 from model.faults.evidence import Finding
 from model.faults.table import FAULTS, without
+from model.formats.read import read_told
 from model.measures.beats import speech_onsets
 from model.measures.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton
@@ -164,7 +165,9 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     paths = tuple(tmp_path / f"m{seed}.npz" for seed in range(7))
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(12, seed), path)
-    asked = Ask(motions=paths, out=tmp_path / "out", shown=("m6",), has_poses=False)
+    asked = Ask(
+        motions=paths, out=tmp_path / "out", shown=("m6",), figure_panels=("a",), has_poses=False
+    )
     found = do(asked)
     assert len(found.diagnostics.systems) == 7
     drawn = (asked.out / "figure6.svg").read_text()
@@ -331,19 +334,18 @@ def test_nothing_is_found_of_what_a_file_does_not_tell() -> None:
     assert {fault.kind for fault in FAULTS} - only == {"finger_range"}
 
 
-def test_assumptions_are_told_counted_apart_and_overruled(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_assumptions_are_told_counted_apart_and_overruled(tmp_path: Path) -> None:
     motion = Person(1).motion(24)
     poses, trans = turned(motion, FROM_Y["z"])
     body = poses[:, BODY_JOINTS].reshape(len(poses), -1)
     np.savez(tmp_path / "theirs.npz", poses=body, trans=trans, fps=np.array(30))
     np.savez(tmp_path / "recorded.npz", poses=motion.poses, trans=motion.trans)
-    out = tmp_path / "out"
-    argv = ["diagnose", str(tmp_path / "theirs.npz"), "--no-pictures", "--out", str(out)]
-    argv += ["--reference", str(tmp_path / "recorded.npz")]
-    assert main([*argv, "--assume", "motions:rate=25,reference:units=m"]) == 0
-    told = json.loads((out / "diagnostics.json").read_text())
+    asked = Ask(
+        motions=(tmp_path / "theirs.npz",), out=tmp_path / "out", has_figures=False,
+        reference=tmp_path / "recorded.npz", told=read_told("motions:rate=25,reference:units=m"),
+    )  # fmt: skip
+    said = " ".join(do(asked).notes)
+    told = json.loads((asked.out / "diagnostics.json").read_text())
     assumed = {
         name: {each["what"]: (each["value"], each["sure"]) for each in found}
         for name, found in told["assumed"].items()
@@ -355,7 +357,6 @@ def test_assumptions_are_told_counted_apart_and_overruled(
     assert told["lacks"] == {"theirs": ["detail", "face", "hands"], "reference": ["face"]}
     kinds = {each["kind"] for each in told["findings"]["theirs"]}
     assert not kinds & {"frozen_hand", "finger_range", "still_face", "jerk", "high_frequency"}
-    said = capsys.readouterr().err
     assert told["notes"][0].startswith("The motions differ in frames a second")
     assert "theirs has no fingers" in said and "theirs.npz: up z" in said
 

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from model.speech.audio import load_speech
 from model.speech.transcript import Accent, Transcript, Word
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
+from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
@@ -193,9 +195,12 @@ def test_rows_look_as_in_the_figures():
 
 
 @pytest.fixture(scope="module")
-def results(speech: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(speech: Path, made_once: MadeOnce) -> Path:
+    return made_once("run-of-a-plan", partial(make_results, speech)) / "made"
+
+
+def make_results(speech: Path, folder: Path) -> None:
     """Of a system that performed a plan, and a reference; as `diagnose` leaves its folder."""
-    folder = tmp_path_factory.mktemp("results")
     out = folder / "made"
     for number, name in enumerate(("a", "recorded")):
         save_motion(smooth_motion_example(60, number), folder / f"{name}.npz")
@@ -210,7 +215,6 @@ def results(speech: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         run.folder.path("jitter.png").touch()
         run.file(run.folder.path("jitter.png"))
         run.finish("Done.")
-    return out
 
 
 def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_words_and_plans(

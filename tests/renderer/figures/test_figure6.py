@@ -258,7 +258,7 @@ FAR = 107_000
         (make_inputs(1, False, 1, 1), 0, PAGE_MM),
         (make_inputs(2, True, 6, names=NAMES), 0, COLUMN_MM),
         (make_inputs(5, True, 7, names=ODD_NAMES), FAR, PAGE_MM),
-        (make_inputs(5, False, 1, 40), 0, PAGE_MM),
+        pytest.param(make_inputs(5, False, 1, 40), 0, PAGE_MM, marks=SLOW),
         *(
             pytest.param(make_inputs(count, has_reference, number), 0, width, marks=SLOW)
             for count in (1, 2, 4, 6)
