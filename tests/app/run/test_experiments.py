@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -37,6 +36,7 @@ from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.measures.test_hearing import motion_of
+from tests.renderer.video.test_encoder import decoded_frames
 
 WORLD = "globaldiff/global"
 
@@ -160,9 +160,8 @@ def asked(tmp_path: Path) -> MechanismAsk:
 def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismAsk) -> None:
     heard = Heard()
     show_mechanism(replace(asked, noise_rad=0.05, has_video=True), heard)
-    with av.open(str(asked.out / VIDEO)) as video:
-        frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
-    assert len(frames) == 12 and frames[0].shape[1] == 2 * 192
+    frames = decoded_frames(asked.out / VIDEO)
+    assert len(frames) == 12 and frames.shape[2] == 2 * 192
     shares = heard.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
     record = read_run(asked.out)
@@ -170,7 +169,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
     assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
     assert "times as far (predicted from lever arms" in told
     assert "Equal noise is an assumption" in told
-    moved = np.abs(np.diff(np.stack(frames).astype(int), axis=0))
+    moved = np.abs(np.diff(frames.astype(int), axis=0))
     assert moved[:, :, :192].mean() > moved[:, :, 192:].mean(), "the left one trembles more"
 
     # Both motions are left for a player.

@@ -35,6 +35,7 @@ from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
+from tests.renderer.video.test_encoder import decoded_frames
 
 PANELS = (
     SeenPanel(rect=(0, 0, 80, 100)),
@@ -229,8 +230,7 @@ def drawn(request: SeenAsk) -> np.ndarray:
     """The pictures under the band with the names."""
     video = draw_seen(request, DEAF)
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
-    with av.open(str(video.path)) as file:
-        frames = np.stack([each.to_ndarray(format="rgb24") for each in file.decode(video=0)])
+    frames = decoded_frames(video.path)
     assert len(frames) == video.num_frames
     room = seen_video._Room.of(request.seen)
     high = room.height

@@ -1,11 +1,11 @@
 """Videos, read back by another library than the one that wrote them."""
 
-import wave
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from renderer.video.encoder import VideoError, VideoWriter, read_facts
 
@@ -14,11 +14,7 @@ SAMPLE_RATE = 16_000
 
 
 def write_wav(path: Path, waveform: np.ndarray) -> Path:
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(SAMPLE_RATE)
-        file.writeframes((32_000 * np.clip(waveform, -1, 1)).astype("<i2").tobytes())
+    wavfile.write(path, SAMPLE_RATE, (32_000 * np.clip(waveform, -1, 1)).astype("<i2"))
     return path
 
 

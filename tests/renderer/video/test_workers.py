@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 
@@ -21,7 +20,12 @@ from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure
 from tests.renderer.drawn import children_that_draw, render_stills
 from tests.renderer.scene.test_camera import waving_motion
-from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
+from tests.renderer.video.test_encoder import (
+    decoded_frames,
+    processes_that_mention,
+    tone,
+    write_wav,
+)
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.gl
@@ -96,13 +100,8 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
         # chunks of other sizes round vertices differently, by one grey level here and there
         assert np.abs(results[place].astype(int) - pictures[[3, 0]]).max() <= 1
         if job.out is not None:
-            with av.open(str(job.out)) as file:
-                frames = np.stack(
-                    [each.to_ndarray(format="rgb24") for each in file.decode(video=0)]
-                )
-            distance = np.abs(np.array(frames, np.int16)[:, None] - pictures[None]).mean(
-                axis=(2, 3, 4)
-            )
+            frames = decoded_frames(job.out).astype(np.int16)
+            distance = np.abs(frames[:, None] - pictures[None]).mean(axis=(2, 3, 4))
             assert distance.argmin(axis=1).tolist() == list(range(8))
     for name in ("s.wav", "0.mp4", "1.mp4"):
         (tmp_path / name).unlink()

@@ -106,14 +106,7 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
         assert not list((tmp_path / out).glob(".*")), "what was unpacked is gone"
 
 
-def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(folders, tmp_path):
-    twice = tmp_path / "twice.zip"
-    with zipfile.ZipFile(twice, "w") as archive:
-        for folder in ("one", "other"):
-            for name in ("a", "a_output"):
-                archive.write(next(folders.rglob("res_a.npz")), f"{folder}/{name}.npz")
-    with pytest.raises(RunError, match="would both be called"):
-        measure_sets(Ask(motions=(twice,), names=("twice",), out=tmp_path / "first"))
+def test_zips_of_one_name_and_without_a_common_clip_are_refused(folders, tmp_path):
     other = tmp_path / "other.zip"
     with zipfile.ZipFile(other, "w") as archive:
         archive.write(next(folders.rglob("res_a.npz")), "x.npz")
