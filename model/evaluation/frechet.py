@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.data.recordings import face_units
-from model.evaluation.tables import Estimate, bootstrap_of
+from model.evaluation.tables import Estimate, bootstrap_of, interval_of
 from model.measures.differences import GESTURE_DIM, batches, pair_distances
 from model.motion.motion import Motion
 from model.networks.autoencoder import FrozenEncoder, input_vectors
@@ -128,8 +128,7 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
         distances.append(
             frechet_distance(*(np.concatenate([recorded[i] for i in half]) for half in halves))
         )
-    low, high = np.percentile(distances, [2.5, 97.5])
-    return Estimate(float(np.mean(distances)), float(low), float(high))
+    return interval_of(float(np.mean(distances)), distances)
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
