@@ -1,5 +1,6 @@
 """What several tests share: random rotations, small motions and the optional real data."""
 
+import csv
 import os
 from pathlib import Path
 
@@ -70,6 +71,11 @@ def smooth_motion_example(
         expression_basis=expression_basis,
         betas=np.zeros(300, dtype=np.float32),
     )
+
+
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def beat2_folder() -> Path:

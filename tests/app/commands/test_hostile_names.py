@@ -15,7 +15,7 @@ from app.study.design.plan import read_plan
 from app.study.export import export_study
 from model.motion.motion import save_motion
 from tests.app.study.made_study import draw_noise, write_inputs
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 
 FORMULA = "=cmd|' -C calc'!A0"
 CUT = "-2+3;@SUM(1)"
@@ -100,8 +100,7 @@ def test_diagnose_tells_of_files_with_hostile_names(tmp_path, monkeypatch):
     assert main(["diagnose", *map(str, motions), "--out", str(out), "--no-pictures"]) == 0
     terminal.check()
     assert {"figure6.svg", "jitter.svg"} <= {*check_folder(out)}
-    with (out / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(out / "diagnostics.csv")
     assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP + TEX} <= {row["name"] for row in rows}
     assert any(float(row["value"]) < 0 for row in rows)
 

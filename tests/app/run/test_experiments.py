@@ -1,6 +1,5 @@
 """What speech decides, equal noise on two forms of rotations, and quality against time."""
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,7 @@ from model.motion.tracks import track_points
 from model.speech.audio import load_speech, write_wav
 from tests.app.heard import Heard
 from tests.conftest import MadeOnce
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.measures.test_hearing import motion_of
 from tests.renderer.video.test_encoder import decoded_frames
@@ -72,7 +71,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     assert told["guidance"] == 4.0
     arms = told["parts"]["arms"]
     assert arms["by_speech"] == pytest.approx(arms["same_speech"] - arms["neither"])
-    rows = list(csv.DictReader((out / "hearing.csv").open()))
+    rows = csv_rows(out / "hearing.csv")
     assert [row["part"] for row in rows] == ["arms", "head", "brows", "jaw"]
     assert float(rows[0]["by_noise"]) == pytest.approx(arms["by_noise"])
     assert np.asarray(Image.open(out / "hearing.png").convert("L")).std() > 10
@@ -236,8 +235,7 @@ def test_points_are_what_generation_and_measures_say(
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
     words = "1 of 3 steps leave" if calm else "with fewer than 3 steps the fingertip jerks over 5 %"
     assert record.sentence == "Measured 2 motions." and words in record.notes[0]
-    with (out / "steps.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(out / "steps.csv")
     assert [row["steps"] for row in rows] == ["1", "3"]
     assert table[0]["distance_cm"] == float(rows[0]["distance_cm"])
 

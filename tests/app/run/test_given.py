@@ -35,7 +35,7 @@ from model.speech.transcript import Transcript, Word
 from renderer.video.encoder import read_facts
 from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.formats.made import BODY_JOINTS, FROM_Y, Person, turned
 from tests.model.made import made_waveform
 
@@ -80,8 +80,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert told["words_origin"] == "aligned"  # a text is better than none
     assert [word["text"] for word in told["words"]] == ["There", "are", "three", "reasons"]
     assert len(told["phones"]) > 2 * len(told["words"])
-    with (request.out / "diagnostics.csv").open() as file:
-        rows = {(row["name"], row["measure"]) for row in csv.DictReader(file)}
+    rows = {(row["name"], row["measure"]) for row in csv_rows(request.out / "diagnostics.csv")}
     assert ("clip", "position_error_m") in rows and ("reference", "tip_jerk_m_s3") in rows
     assert "frames 20 to 39" in (request.out / "figure6.svg").read_text()
     said = " ".join([*found.notes, *(each.sentence for each in read_run(request.out).findings)])

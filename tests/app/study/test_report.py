@@ -1,6 +1,5 @@
 """The report is whole, holds the numbers of the answers, and says what they show."""
 
-import csv
 import html
 import json
 import re
@@ -27,6 +26,7 @@ from tests.app.study.made import (
     made_votes,
     written_study,
 )
+from tests.helpers import csv_rows
 
 ATTENTIVE = RaterModel(lapse=0)
 Report = tuple[str, list[dict[str, str]], str]
@@ -47,9 +47,7 @@ def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None
         *("preference.pdf", "report.html", "results.csv", "table.tex"),
         *(("battles.csv",) if key.questions[0].kind == "choice" else ()),
     }
-    with (out / "results.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return page, rows, (out / "table.tex").read_text()
+    return page, csv_rows(out / "results.csv"), (out / "table.tex").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +268,7 @@ def test_battles_that_were_written_read_back_to_the_same_numbers(tmp_path, proto
     written, read = (
         [
             sorted(row.items())
-            for row in csv.DictReader((tmp_path / name / "results.csv").open())
+            for row in csv_rows(tmp_path / name / "results.csv")
             if row["measure"] in measures
         ]
         for name in ("report", "again")

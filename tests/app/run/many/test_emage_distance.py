@@ -1,6 +1,5 @@
 """FGD by EMAGE's encoder: of whole sets, and of sets drawn with replacement."""
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from app.run.many.motions import diagnose_folders
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.helpers.emage import CODE_DIM, emage_codes, load_emage_encoder
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.systems.helpers.made_emage import emage_tensors
 
 FRAMES = {"a": 1000, "b": 1500, "c": 1700, "short": 20}
@@ -133,8 +132,7 @@ def test_wrong_weights_are_told_before_anything_is_measured(tmp_path: Path):
 
 
 def _rows(out: Path) -> list[dict[str, str]]:
-    with (out / "many.csv").open() as file:
-        return [row for row in csv.DictReader(file) if "EMAGE's encoder" in row["measure"]]
+    return [row for row in csv_rows(out / "many.csv") if "EMAGE's encoder" in row["measure"]]
 
 
 def _plain_distance(recorded: list[np.ndarray], made: list[np.ndarray], index: np.ndarray) -> float:

@@ -1,6 +1,5 @@
 """Folders of clips: paired by name, told with intervals, and gone on with after a stop."""
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -23,7 +22,7 @@ from model.motion.motion import save_motion
 from model.networks.autoencoder import load_encoder
 from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 
 CLIPS = ("a", "b", "c")
 
@@ -60,8 +59,7 @@ def measured(folders: Path) -> Path:
 
 def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path: Path):
     shutil.copytree(measured, tmp_path, dirs_exist_ok=True)
-    with (tmp_path / "many.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "many.csv")
     speed = [row for row in rows if row["measure"] == "Followed point: Speed"]
     means = {row["system"]: float(row["mean"]) for row in speed if row["mean"]}
     assert means["lively"] > 1.5 * means["reference"]
@@ -71,8 +69,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert float(apart["difference"]) == pytest.approx(means["lively"] - means["reference"])
     sheet = (tmp_path / "sheet.md").read_text()
     assert "# 3 clips" in sheet and "| identical | 0 | 3 | 0 |" in sheet
-    with (tmp_path / "clips.csv").open() as file:
-        by_clip = list(csv.DictReader(file))
+    by_clip = csv_rows(tmp_path / "clips.csv")
     assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row["Followed point: Speed (m/s)"]) for row in of_lively])
@@ -100,8 +97,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
 
 
 def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured: Path):
-    with (measured / "many.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if "FGD" in row["measure"]]
+    rows = [row for row in csv_rows(measured / "many.csv") if "FGD" in row["measure"]]
     encoder = load_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
 
     def codes(name: str) -> list[Features]:
@@ -141,8 +137,8 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
     )
     result = diagnose_folders(request)
     assert "1 of 3 clips have no sound of their name." in result.notes
-    with (tmp_path / "out" / "clips.csv").open() as file:
-        rows = {(row["clip"], row["system"]): row for row in csv.DictReader(file)}
+    by_clip = csv_rows(tmp_path / "out" / "clips.csv")
+    rows = {(row["clip"], row["system"]): row for row in by_clip}
     for clip in CLIPS[:1]:
         alone = do(
             Ask(

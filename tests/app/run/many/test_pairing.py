@@ -1,6 +1,5 @@
 """Sets as people have them: how files are paired, averaged and checked, and how they are packed."""
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion
-from tests.helpers import smooth_motion_example
+from tests.helpers import csv_rows, smooth_motion_example
 
 NPZ = (".npz",)
 
@@ -91,8 +90,7 @@ def asked(top: Path, out: Path, *systems: Path) -> Ask:
 
 
 def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:
-    with (out / "clips.csv").open() as file:
-        return {(row["clip"], row["system"]): row for row in csv.DictReader(file)}
+    return {(row["clip"], row["system"]): row for row in csv_rows(out / "clips.csv")}
 
 
 def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_path: Path):
