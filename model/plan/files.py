@@ -13,7 +13,7 @@ import os
 import re
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -280,10 +280,11 @@ def _landed_on(apexes: Sequence[Interval], side: Side, end_s: float) -> str:
     return words[at] if abs(at - end_s) < APEX_S else ""
 
 
-def _words(name: str) -> set[str]:
-    """The words of a tier's name, however they are joined: ``RH_Phase``, ``rightHand-Stroke``."""
+def _words(name: str) -> Set[str]:
+    """The words of a tier's name in their order, however they are joined: ``RH_Phase``,
+    ``rightHand-Stroke``."""
     parted = re.sub(r"([a-z])([A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", r"\1 \2", name[:200])
-    return set(re.findall(r"[a-z]+", parted.lower()))
+    return dict.fromkeys(re.findall(r"[a-z]+", parted.lower())).keys()
 
 
 def _has_phases(tier: NamedTier) -> bool:
@@ -291,7 +292,7 @@ def _has_phases(tier: NamedTier) -> bool:
     return 2 * sum(_phase_of(row.text)[0] is not None for row in tier.rows) > len(tier.rows)
 
 
-def _sides(words: set[str]) -> tuple[Side, ...]:
+def _sides(words: Set[str]) -> tuple[Side, ...]:
     is_left, is_right = bool(words & _LEFT), bool(words & _RIGHT)
     if words & _BOTH or (is_left and is_right):
         return SIDES

@@ -4,7 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import pytest
@@ -265,6 +265,14 @@ def test_heads_and_faces_need_no_numbers() -> None:
     assert [look.yaw_deg > 0 for look in plan.looks] == [False, True]
     assert plan.brows[0].height < 0 and plan.blinks[0].time_s == 2.1
     assert plan.stands[0].leg == "left"
+
+
+def test_a_name_that_means_several_things_means_the_first() -> None:
+    """In every process: sets of words have an order of chance."""
+    for names in permutations(("nod", "blink", "smile", "gaze")):
+        plan = told(tier("phases right"), tier(" ".join(names), (1.0, 1.4, ""))).plan
+        rows = {"nod": plan.nods, "blink": plan.blinks, "smile": plan.smiles, "gaze": plan.looks}
+        assert [name for name in names if rows[name]] == [names[0]]
 
 
 @pytest.mark.parametrize(
