@@ -182,28 +182,9 @@ export interface Facts {
   views: Record<string, [Vector, Vector, Vector]>;
   joints: string[];
   close_ups: { face: Shot[]; hands: Shot[] };
-  framing: {
-    below_knees: string[];
-    knee_flesh: number;
-    fingertip: number;
-    follow_beyond: number;
-    middle: number;
-    walk_sigma: number;
-    face_sigma: number;
-    hand_sigma: number;
-  };
-  ground: {
-    half_size: number;
-    texels: number;
-    touching: number;
-    lost: [number, number];
-    blurs: [number, number];
-    most_lost: number;
-    glow: number;
-    lightest: number;
-    pool_power: number;
-    fade: number;
-  };
+  framing: Record<"knee_flesh" | "fingertip" | "follow_beyond" | "middle" | "walk_sigma" | "face_sigma" | "hand_sigma", number> & { below_knees: string[] };
+  ground: Record<"half_size" | "texels" | "touching" | "most_lost" | "glow" | "lightest" | "pool_power" | "fade", number>
+    & Record<"lost" | "blurs", [number, number]>;
   marks: {
     heat: Vector[];
     speed: Vector[];
