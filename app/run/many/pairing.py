@@ -71,7 +71,7 @@ def paired_files(
             folder = folders[name][0]
             one, other = (path.relative_to(folder) for path in twice)
             raise RunError(
-                f"Two files in {folder} would both be called {_read(twice[0], one).parts[-1]!r}: "
+                f"Two files of {name} would both be called {_read(twice[0], one).parts[-1]!r}: "
                 f"{one} and {other}. Rename one."
             )
     return {name: found for name, (found, _) in clips.items()}
