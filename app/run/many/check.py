@@ -90,9 +90,9 @@ def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path
 
 
 def _checked(name: str, folder: Path, recorded: Path) -> Checked:
-    sets = {"set": (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
+    sets = {name: (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
     files_of = paired_files(sets, (REFERENCE_NAME,))
-    found, wanted = files_of["set"], _of_test_split(files_of[REFERENCE_NAME], recorded)
+    found, wanted = files_of[name], _of_test_split(files_of[REFERENCE_NAME], recorded)
     counts = {clip: len(found[clip]) for clip in sorted(found.keys() & wanted.keys())}
     most = max(counts.values(), default=0)
     uneven = [clip for clip, count in counts.items() if count != most]

@@ -66,7 +66,9 @@ def test_folders_tell_clips_apart_where_names_do_not(tmp_path: Path):
         "scott": ["1", "2"],
         "nora": ["1"],
     }
-    with pytest.raises(RunError, match=r"both be called .a.: a\.npz and a_output\.npz"):
+    with pytest.raises(
+        RunError, match=r"of mine would both be called .a.: a\.npz and a_output\.npz"
+    ):
         paired_files(sets(tmp_path / "c", mine=("a.npz", "a_output.npz")))
 
 
@@ -220,4 +222,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     assert all(sentence in report for sentence in (*bad.told, *bad.listed))
     with pytest.raises(RunError, match="give them, too"):
         check_sets(folders, None, tmp_path / "none")
+    save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9_output.npz")
+    with pytest.raises(RunError, match="files of bad would both be called"):
+        check_sets(folders, tmp_path / "beat2", tmp_path / "twice")
     assert REFERENCE_NAME not in found
