@@ -104,10 +104,9 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: Version = "savgol" if ask.post_filter == "savgol" else "raw"
-    fitting, left = [], ""
-    if ask.has_video or ask.has_figures:
-        fitting, left = names_that_fit(list(staged))
-    run.note(*filter(None, [left]))
+    is_pictured = ask.has_video or ask.has_figures
+    fitting, notes = names_that_fit(list(staged) if is_pictured else [])
+    run.note(*notes)
     return Rows(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,

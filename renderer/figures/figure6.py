@@ -51,6 +51,7 @@ _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
 _FAINT = 0.3
 _KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
 _SNAPSHOTS_MM = 36.0  # at least, for their title
+_AROUND_MM = _KEY_MM + 2.0  # above and below the snapshots of one motion
 _COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # of each motion, where a column holds them
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 """What a body has beyond its outermost joints, as shares of the height of all of them."""
@@ -348,7 +349,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
         strips = min(count * 12.0, 50.0)
         room = MAX_HEIGHT_MM - 2 * _KEY_MM - 2 * (_TITLE_MM + _TIME_MM) - _FRAME_MM - strips
         height = min(36.0, room / count)
-        pictures = min((height - _KEY_MM - 2.0) * aspect + 1.0, 0.55 * width)
+        pictures = min((height - _AROUND_MM) * aspect + 1.0, 0.55 * width)
         beside = max(pictures, _SNAPSHOTS_MM)
         path = min(0.45 * (width - beside), 1.3 * height)
         yield from rows("abc", alone, height, width - beside - path, beside, path)
@@ -536,7 +537,7 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
             strip[:, k * step : k * step + width] = picture
         axes.imshow(strip, extent=(0, strip.shape[1], height, 0), label=name)
         if len(row.names) == 1 and not contents.is_in_one_plot:  # of one size in all rows
-            tall_mm = row.height_mm - sum(row.extra_mm) - _KEY_MM - 2.0
+            tall_mm = row.height_mm - sum(row.extra_mm) - _AROUND_MM
             wide_mm = row.widths_mm[row.panels.index("b")] - 1.0
             axes.set_xlim(0, max(strip.shape[1], wide_mm / tall_mm * height))
         axes.set_label(f"snapshots of {name}")

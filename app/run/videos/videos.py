@@ -275,16 +275,16 @@ def _round_up(value: float) -> float:
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
-def names_that_fit(names: list[str]) -> tuple[list[str], str]:
+def names_that_fit(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
     """All, or where they are too many the first sample of each system and the reference; and what
     the person should know of that."""
     if len(names) <= MAX_COMPARED:
-        return names, ""
+        return names, ()
     reference = [name for name in names if name == REFERENCE_NAME]
     first = [name for name in names if name not in reference and SampleName.parse(name).number == 1]
     fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
     told = f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
-    return fitting, f"{told}{', '.join(fitting)}."
+    return fitting, (f"{told}{', '.join(fitting)}.",)
 
 
 @contextmanager

@@ -332,6 +332,6 @@ def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_
         names = [f"system{i}" for i in range(number)]
         fitting, told = names_that_fit([*names, "reference"])
         assert fitting == [*names[:5], "reference"]
-        assert ("they show system0, system1, " in told) == (number > 5)
+        assert ("they show system0, system1, " in " ".join(told)) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
     assert names_that_fit(names)[0] == ["a/b", "a/c"]
