@@ -209,7 +209,8 @@ class Ask:
     speaker: Text = None
     """In whose manner."""
     seed: int = 0
-    """Of the noise."""
+    """Seed of the noise. The same speech file, options and seed give the same motion, whether the
+    clip is generated alone or among others."""
     samples: int = 1
     """Motions per system."""
     steps: PerSystem = None

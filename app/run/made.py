@@ -36,7 +36,7 @@ from model.plan.files import check_ending, read_plan_file, write_plan_file
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan, Noted
 from model.plan.style import StyleWish, read_wish
-from model.sampling.samplers import Sampling
+from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
@@ -67,7 +67,9 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     backend = choose_backend() if ask.has_video else None
     require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
     sound = run.sound(speech.waveform)
-    options = _options(replace(ask, speaker=speaker), systems, run)
+    seed = ask.seed if ask.take is not None else clip_seed(ask.seed, speech.sha256)
+    options = _options(replace(ask, speaker=speaker, seed=seed), systems, run)
+    run.record.noise_seed = seed
     wish = None if ask.style is None else read_wish(ask.style)
     run.progress("speech", 1.0)
     run.record.title = cut(title_of(ask, list(options)))
@@ -359,6 +361,7 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
     with SpokenWords(ask.transcript, ask.words) as words:
         words.begin(speech.waveform)
         said, _ = words.found(lambda: None)
+    ask = replace(ask, seed=clip_seed(ask.seed, speech.sha256))
     (plan,) = draw_conditions(system, speech, options_of(ask, system, words=said.words))
     edited = Noted(plan) if wish is None else wish.done(plan, said.words)
     write_plan_file(edited.plan, ask.out, sound)

@@ -64,10 +64,11 @@ USUAL = Sampling()
 
 
 def clip_seed(seed: int, name: str) -> int:
-    """The seed of one clip, 0 to 2**31 - 1, from that of the set and the clip's name.
+    """Compute the noise seed of one clip, 0 to 2**31 - 1, from the seed asked for and what names
+    the clip: the SHA-256 of its speech file in a run, its name in studies and evaluations.
 
-    Systems that get the same one are compared on the same noise; two clips that share noise move
-    much alike whatever is said in them.
+    Systems with the same noise seed are compared on the same noise; two clips that share noise move
+    much alike whatever is said in them. Neither the other clips nor their order play a part.
     """
     digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1

@@ -188,7 +188,7 @@ def build_form(services: Services) -> FormParts:
             minimum=0,
             maximum=SEED_LIMIT,
             label=text.SEED_LABEL,
-            info="Same seed, same motion.",
+            info="The same speech file, options and seed give the same motion.",
             min_width=100,
         )
     of["samples"] = gr.Slider(

@@ -21,7 +21,6 @@ from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from conventions.names import REFERENCE_NAME, printable
-from model.sampling.samplers import clip_seed
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -51,8 +50,7 @@ def is_many(speech: Path) -> bool:
 
 
 def asks_of(ask: Ask) -> dict[str, Ask]:
-    """One for each piece of speech, by the name of its file, as its folder has it. Each has noise
-    of its own, the same for all systems; its seed stands in its provenance.
+    """One for each piece of speech, by the name of its file, as its folder has it.
 
     Args:
         ask: its speech is a folder of sound files, or a text file with one path a line.
@@ -73,7 +71,6 @@ def asks_of(ask: Ask) -> dict[str, Ask]:
             ask,
             speech=speech,
             out=ask.out / clip,
-            seed=clip_seed(ask.seed, clip),
             plan=plans.get(clip),
         )
         for clip, speech in speeches.items()

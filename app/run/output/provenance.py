@@ -88,6 +88,7 @@ def origin_of(
             **told_of(ask),
             **by_system,
             "speaker": next(iter(options.values())).speaker,
+            "noise_seed": next(iter(options.values())).seed,
             "live": dict(ask.take.facts) if ask.take else None,
         },
         "drawing": {

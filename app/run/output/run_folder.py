@@ -133,6 +133,9 @@ class RunRecord(_Strict):
     """The same in words, as two runs are compared by."""
     speech_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
     """Of the file of speech; empty without any."""
+    noise_seed: Annotated[int, Field(ge=0)] | None = None
+    """Seed of the noise that generated motion starts from, computed from the seed that was asked
+    for and the file of speech; None in runs of earlier versions, which used the seed itself."""
     whole: Annotated[str, Field(pattern=_SHA256)] = ""
     """Of one of several clips, at last: of all that decides what the files hold."""
     point: Name

@@ -204,4 +204,6 @@ def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
         raise RunError(text.EDITS_GONE)
     known = (*SAMPLING, "post_filter", "joint")
     told = {name: record.asked[name] for name in known if name in record.asked}
+    if record.noise_seed is not None:
+        told["seed"] = record.noise_seed
     return replace(ask, speech=speech, **told)

@@ -12,6 +12,7 @@ from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
+from app.run import pipeline
 from app.run.ask import DEAF, Ask, Ear, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import asks_of, do_clips, find_speeches, is_many
@@ -22,6 +23,7 @@ from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, Nod
 from model.sampling.samplers import clip_seed
 from model.speech.audio import SpeechError, write_wav
+from model.storage.files import file_sha256
 from model.systems.planned.config import PLANNED
 from processes.pool import JobPool
 from tests.model.made import made_waveform
@@ -63,8 +65,12 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     assert systems == {"globaldiff/local", "globaldiff/global"}
     assert all(row["clips"] <= 3 for row in told_of_all["measures"])
     records = [json.loads((out / clip / "provenance.json").read_text()) for clip in runs.clips]
-    seeds = [record["options"]["seed"] for record in records]
-    assert seeds == [clip_seed(0, clip) for clip in runs.clips]  # or all would move alike
+    options = [record["options"] for record in records]
+    assert [each["seed"] for each in options] == [0, 0, 0]
+    shas = [file_sha256(speeches / f"{clip}.wav") for clip in runs.clips]
+    noise_seeds = [each["noise_seed"] for each in options]
+    assert noise_seeds == [clip_seed(0, sha256) for sha256 in shas]  # or all would move alike
+    assert [read_run(out / clip).noise_seed for clip in runs.clips] == noise_seeds
     motions = [np.load(out / clip / "globaldiff-local.npz")["poses"] for clip in "ab"]
     assert not np.array_equal(*motions)
 
@@ -83,6 +89,29 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
         (speeches / f"{clip}.wav").unlink()
     assert do_clips(asks_of(asked), HERE).kept == 1
     assert do_clips(asks_of(replace(asked, seed=1)), HERE).kept == 0
+
+
+def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
+    speeches: Path, weights: Path, tmp_path: Path
+) -> None:
+    def poses(folder: Path) -> np.ndarray:
+        with np.load(folder / "globaldiff-local.npz") as motion:
+            return motion["poses"]
+
+    def asked(source: Path, out: str) -> Ask:
+        systems = ("globaldiff/local",)
+        return request_of(source, tmp_path / out, weights, systems=systems, has_figures=False)
+
+    alone = asked(speeches.with_name("under another name.wav"), "alone")
+    (alone.speech or Path()).write_bytes((speeches / "b.wav").read_bytes())
+    expected = poses(pipeline.do(alone).out)
+    assert do_clips(asks_of(asked(speeches, "among")), HERE).failed == {}
+    listed = tmp_path / "list.txt"
+    listed.write_text("speech/c.wav\nspeech/b.wav\n")
+    assert do_clips(asks_of(asked(listed, "processes")), JobPool(2)).failed == {}
+    for out in ("among", "processes"):
+        np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
+    assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
 
 
 def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path, capsys):
