@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import re
 import secrets
 from pathlib import Path
@@ -17,6 +18,10 @@ log = logging.getLogger(__name__)
 
 class RunError(ValueError):
     """A run that cannot be done, with the one sentence that says why and what to do."""
+
+
+class DiskFullError(RunError):
+    """A run for which the disk has too little room."""
 
 
 class FaultElsewhere(Exception):
@@ -75,8 +80,10 @@ def page_sentence(sentence: str) -> str:
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Whether the system says that there is no room to write."""
-    return isinstance(error, OSError) and error.errno in _DISK_FULL
+    """Whether there is no room to write, as the system or this program says."""
+    return isinstance(error, DiskFullError) or (
+        isinstance(error, OSError) and error.errno in _DISK_FULL
+    )
 
 
 def disk_full_sentence(folder: Path | None) -> str:
@@ -86,8 +93,22 @@ def disk_full_sentence(folder: Path | None) -> str:
 
 
 def _file_sentence(error: OSError) -> str:
-    folder = Path(str(error.filename)).parent if error.filename else None
+    path = Path(str(error.filename)) if error.filename else None
+    folder = path and path.parent
     if is_disk_full(error):
         return disk_full_sentence(folder)
+    if path is not None and _is_unreadable(path):
+        return f"{path} may not be read; change its permissions, or give another file."
     where = f" at {folder}" if folder else ""
     return f"Nothing may be written{where or ' there'}; choose a folder that you may write to."
+
+
+def _is_unreadable(path: Path) -> bool:
+    """Whether a file is there, or behind a folder that may not be entered, and cannot be read."""
+    try:
+        path.stat()
+    except PermissionError:
+        return True
+    except OSError:
+        return False
+    return not os.access(path, os.R_OK)

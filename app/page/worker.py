@@ -18,7 +18,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of
+from app.errors import (
+    Cancelled,
+    DiskFullError,
+    FaultElsewhere,
+    RunError,
+    is_disk_full,
+    sentence_of,
+)
 from app.run.ask import DEAF, Ear
 from processes.child import Child, Gone, heard, parent_channel
 
@@ -155,11 +162,10 @@ class Worker:
                 if not child.has_message(_POLL_S):
                     continue
                 match child.receive():
-                    case Exception() as error:
-                        self._is_fit = True
-                        raise error
                     case (result, grown):
                         self._is_fit = grown < GROWN_BYTES
+                        if isinstance(result, Exception):
+                            raise result
                         return result
                     case event:
                         if event != news:
@@ -195,21 +201,23 @@ def main() -> None:
         try:
             task, request = pickle.loads(work)
             result = task(request, Ear(tell, stop.is_set))
-            told = result, _data_bytes() - before
         except Exception as error:
-            told = _as_told(error)
+            result = _as_told(error)
+        grown = _data_bytes() - before
         _limit_memory(None)
-        tell(told)
+        tell((result, grown))
 
 
 def _as_told(error: Exception) -> Exception:
     """As the page needs it: a cancel, a sentence or a fault."""
     if isinstance(error, Cancelled):
-        return error
+        return error.with_traceback(None)  # which would hold what the task had
     if any(words in str(error) for words in _NO_MEMORY):
         error = MemoryError()
     sentence = sentence_of(error)
-    return FaultElsewhere(traceback.format_exc()) if sentence is None else RunError(sentence)
+    if sentence is None:
+        return FaultElsewhere(traceback.format_exc())
+    return (DiskFullError if is_disk_full(error) else RunError)(sentence)
 
 
 def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:

@@ -1,5 +1,9 @@
 """What a person is told of an error."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 
 from app import text
@@ -44,3 +48,32 @@ def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_abo
     )
     assert "ran out of memory" in str(sentence_of(MemoryError()))
     assert sentence_of(OSError(2, "No such file")) is None
+
+
+@contextmanager
+def as_nobody() -> Iterator[None]:
+    """Run without root's right to read everything."""
+    is_root = os.getuid() == 0
+    if is_root:
+        os.setresuid(65534, 65534, 0)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.setresuid(0, 0, 0)
+
+
+def test_an_input_that_may_not_be_read_is_told_as_such(tmp_path):
+    hidden, closed = tmp_path / "a.wav", tmp_path / "closed"
+    hidden.touch(mode=0o000)
+    closed.mkdir(mode=0o000)
+    missing = tmp_path / "results.csv"
+    for folder in (tmp_path, *tmp_path.parents[:2]):
+        folder.chmod(0o755)
+    with as_nobody():
+        for path, words in (
+            (hidden, f"{hidden} may not be read"),
+            (closed / "b.wav", "b.wav may not be read"),
+            (missing, f"Nothing may be written at {tmp_path}"),
+        ):
+            assert words in str(sentence_of(PermissionError(13, "Permission denied", str(path))))

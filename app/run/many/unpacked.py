@@ -23,7 +23,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import IO, cast
 
-from app.errors import RunError, disk_full_sentence, is_disk_full
+from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
 from app.run.output.result_folder import list_bytes, require_free_space
 from app.run.upload_check import PACKED
@@ -158,7 +158,7 @@ class _Archive:
             raise RunError(f"{name} holds two files of one name; it is not unpacked.") from error
         except OSError as error:
             if is_disk_full(error):
-                raise RunError(disk_full_sentence(folder)) from error
+                raise DiskFullError(disk_full_sentence(folder)) from error
             if error.filename is not None and Path(error.filename) != self._path:
                 raise write_error(Path(error.filename), error) from error
             if isinstance(error, gzip.BadGzipFile):

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from app.errors import RunError, disk_full_sentence, is_disk_full
+from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 
 LOCK_NAME = ".at-work"
 _MAX_COMMAND = 200
@@ -128,8 +128,7 @@ class ResultFolder:
 
     Files of an earlier run with the same names are replaced only then; an interrupted run
     removes what it had made, and the folder too if it made that. Others are kept out of the folder
-    meanwhile. A disk that fills up in between
-    is told as a `RunError`.
+    meanwhile. A disk that fills up in between is told as a `DiskFullError`.
     """
 
     def __init__(self, out: Path, *, is_kept: bool = False) -> None:
@@ -203,8 +202,8 @@ class ResultFolder:
     ) -> None:
         shutil.rmtree(self._staging, ignore_errors=True)
         self._held.__exit__(None, None, None)
-        if is_disk_full(error):
-            raise RunError(disk_full_sentence(self.out)) from error
+        if is_disk_full(error) and not isinstance(error, RunError):
+            raise DiskFullError(disk_full_sentence(self.out)) from error
 
 
 def zip_files(
@@ -258,11 +257,11 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
     """Raise before a run begins that its disk cannot hold.
 
     Raises:
-        RunError: naming how much is free and how much is needed.
+        DiskFullError: naming how much is free and how much is needed.
     """
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < needed_bytes:
-        raise RunError(
+        raise DiskFullError(
             f"The disk at {folder} has {free_bytes / 1e6:.0f} MB free and this run needs about "
             f"{needed_bytes / 1e6:.0f} MB; free some space or write to another folder."
         )

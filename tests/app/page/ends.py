@@ -10,6 +10,7 @@ import numpy as np
 
 from app.errors import RunError
 from app.run.ask import Ear, Grown, Progress
+from app.run.output.result_folder import require_free_space
 
 
 def carry_on(request: str, *_: Any) -> str:
@@ -37,6 +38,22 @@ def wait_for_stop(request: str, ear: Ear) -> None:
 
 def say_no(*_: Any) -> None:
     raise RunError("It is no <good>.")
+
+
+KEPT: list[bytes] = []
+
+
+def grow_and_say_no(*_: Any) -> None:
+    KEPT.append(bytes(5 * 10**7))
+    raise RunError("It has grown.")
+
+
+def find_no_room(*_: Any) -> None:
+    raise OSError(28, "No space left on device", "/results/a.mp4")
+
+
+def require_room(folder: Path, *_: Any) -> None:
+    require_free_space(folder, 2**60)
 
 
 def fail(*_: Any) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from app import text
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
 from app.run.ask import Ear, Event, Grown, Progress
@@ -41,6 +42,27 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
         worker.do(ends.fail, "")
     assert worker.do(ends.carry_on, "said") == "said" and pid_of(worker) == first
     assert sentence_of(fault.value) is None
+
+
+def test_a_process_that_has_grown_is_replaced_after_a_task_that_failed_too(worker, monkeypatch):
+    worker.do(ends.carry_on, "")
+    first = pid_of(worker)
+    monkeypatch.setattr("app.page.worker.GROWN_BYTES", 2 * 10**7)
+    with pytest.raises(RunError, match="has grown"):
+        worker.do(ends.grow_and_say_no, "")
+    assert pid_of(worker) != first
+
+
+def test_a_full_disk_is_told_to_visitors_as_such_and_to_the_command_line_with_its_folder(
+    worker, tmp_path
+):
+    for task, words in (
+        (ends.find_no_room, "at /results is full"),
+        (ends.require_room, f"at {tmp_path} has"),
+    ):
+        with pytest.raises(RunError, match=words) as full:
+            worker.do(task, tmp_path)
+        assert visitor_sentence(full.value) == text.DISK_FULL
 
 
 def test_a_visitor_is_told_a_number_of_a_fault_and_the_log_where_it_was(worker, caplog):
