@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import gzip
+import io
+import tarfile
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from zipfile import is_zipfile
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 from app.errors import RunError, sentence_of
 from app.run.ask import MAX_CLIPS
 from conventions.names import printable
+from model.storage.files import list_bytes
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
 """Endings of archives of many files."""
@@ -26,24 +31,46 @@ FileKind = Literal["motions", "sounds", "transcript"]
 UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files", "clips"]
 """What a file is meant to be: references and motions are any file that can be read; of
 motions and sounds a zip may hold many; files are whichever of these each is."""
-MOTIONS, WORDS, SOUNDS = (".npz", ".npy", ".bvh"), (".textgrid", ".txt"), (".wav", ".mp3", ".flac")
+MOTIONS, WORDS = (".npz", ".npy", ".bvh"), (".textgrid", ".txt")
+SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
 _MAX_LIST_BYTES = 300_000
-"""Of the list of files at the end of a zip that is looked at."""
+"""Longest list of files at the end of a zip that is looked at."""
+_MAX_START_BYTES = 1 << 22
+"""Of a tar, unpacked, in which names are looked for."""
+_UNREADABLE = (
+    *(OSError, EOFError, ValueError, NotImplementedError, BadZipFile, zlib.error),
+    tarfile.TarError,
+)
 
 
 def kind_of(path: Path) -> FileKind:
-    """What a file is, as its name tells, or of a zip the names in it; nothing is unpacked."""
+    """What a file is, as its name tells; of an archive, as the names in it tell. Nothing is
+    unpacked."""
     name = path.name.lower()
     if name.endswith(PACKED):
-        with suppress(OSError), path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - _MAX_LIST_BYTES))
-            name += file.read().decode("latin-1").lower() if path.suffix.lower() == ".zip" else ""
-        has_motions = any(ending in name for ending in MOTIONS)
-        has_sounds = any(part in name for part in (*SOUNDS, "speech", "audio", "sound"))
+        inside = [each.lower() for each in _names_in(path)]
+        has_motions = any(each.endswith(MOTIONS) for each in inside)
+        has_sounds = any(each.endswith(SOUNDS) for each in inside)
         return "sounds" if has_sounds and not has_motions else "motions"
     if name.endswith(WORDS):
         return "transcript"
     return "motions" if name.endswith(MOTIONS) else "sounds"
+
+
+def _names_in(path: Path) -> list[str]:
+    """Return the names of an archive's files as far as its short list of files, or of a tar its
+    beginning, tells them."""
+    names: list[str] = []
+    with suppress(*_UNREADABLE), path.open("rb") as file:
+        if path.suffix.lower() == ".zip":
+            if list_bytes(file) <= _MAX_LIST_BYTES:
+                names += ZipFile(file).namelist()
+        else:
+            is_plain = path.suffix.lower() == ".tar"
+            start = (file if is_plain else gzip.open(file)).read(_MAX_START_BYTES)
+            with tarfile.open(fileobj=io.BytesIO(start), mode="r:") as tar:
+                names += (member.name for member in tar)
+    return names
 
 
 @dataclass(frozen=True)

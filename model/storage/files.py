@@ -4,9 +4,11 @@ import errno
 import hashlib
 import os
 import secrets
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 
 class WriteError(OSError):
@@ -96,3 +98,15 @@ def file_sha256(path: Path) -> str:
     """Of a file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def list_bytes(file: IO[bytes]) -> int:
+    """Return the length of the list of files at the end of a zip, which `zipfile` reads whole.
+
+    Raises:
+        BadZipFile: where there is none.
+    """
+    end = zipfile._EndRecData(file)  # pyright: ignore[reportAttributeAccessIssue]
+    if not end:
+        raise zipfile.BadZipFile("no list of files")
+    return end[zipfile._ECD_SIZE]  # pyright: ignore[reportAttributeAccessIssue]

@@ -78,6 +78,7 @@ class TakesRunner(TabRunner):
         run = self._services.kept.edited(asked.run, job.cookie)
         if run is None:
             raise RunError(text.EDITS_GONE)
+        job.beside.append(run.job.folder)
         showing = run.showing
 
         def said(sentence: str, **how: Any) -> Updates:
@@ -236,6 +237,7 @@ class VideosBehind:
         run, ask = wanted
         try:
             with self._services.jobs.opened(visitor, self._tab) as job:
+                job.beside.append(run.job.folder)  # which they are drawn into
                 yield from self._drawn(job, run, ask)
         except Cancelled:
             return  # another run of the visitor has begun, and shows itself

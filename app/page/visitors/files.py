@@ -8,6 +8,7 @@ copies for download lie in ``gradio``, the folders of runs in ``jobs``, research
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
 import secrets
 import shutil
@@ -19,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+log = logging.getLogger(__name__)
 SWEEP_EVERY_S = 60.0
 _LOCK = ".lock"
 _held: list[Any] = []
@@ -72,30 +74,42 @@ def touch(folders: Iterable[Path]) -> None:
 
 
 def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
-    """Delete what was last touched longer ago than it is kept, but for what is in use."""
+    """Delete what was last touched longer ago than it is kept, but for what is in use. What cannot
+    be deleted is logged and keeps nothing else from being deleted."""
     before, kept = time.time() - keep_s, set(in_use)
     for entry in (each for part in ("jobs", "private", "gradio") for each in _entries(root / part)):
-        if entry not in kept and _last_touched(entry) < before:
+        if entry in kept or _last_touched(entry) >= before:
+            continue
+        try:
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry, ignore_errors=True)
             else:
                 entry.unlink(missing_ok=True)
+        except OSError as error:
+            log.warning("%s could not be deleted: %s", entry, error)
 
 
 def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) -> None:
-    """Sweep now and then for as long as the process lives."""
+    """Sweep now and then for as long as the process lives, whatever one sweep may meet."""
     every_s = min(SWEEP_EVERY_S, keep_s / 4)
 
     def sweep_for_ever() -> None:
         while True:
-            sweep(root, keep_s, in_use())
+            try:
+                sweep(root, keep_s, in_use())
+            except Exception:
+                log.exception("a sweep failed; the next one follows")
             time.sleep(every_s)
 
     threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()
 
 
 def _entries(folder: Path) -> list[Path]:
-    return list(folder.iterdir()) if folder.is_dir() else []
+    """The content of a folder; nothing of one that is missing or cannot be read."""
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []
 
 
 def _last_touched(path: Path) -> float:
@@ -142,8 +156,8 @@ class Jobs:
         self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
     ) -> Iterator[Job]:
         """A job in a folder that only this process's user can enter; it stays for the downloads.
-        Uploads among the values of a form are kept until it ends, and then for as long as new ones.
-        """
+        Its folder and the uploads among the values of a form are kept until the job ends, and then
+        for as long as new ones."""
         uploads = uploads_of(values, self._root.with_name("gradio"))
         job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
@@ -156,7 +170,7 @@ class Jobs:
             job.cancel()
             with self._lock:
                 self._jobs.remove(job)
-            touch(job.beside)
+            touch([job.folder, *job.beside])
 
     def cancel(self, visitor: str = "", tab: str = "") -> None:
         """Stop the runs that the visitor started in that tab; without any, every run."""

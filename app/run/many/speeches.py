@@ -20,12 +20,13 @@ from app.run.ask import Ask, Done, absolute
 from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
+from app.run.upload_check import SOUNDS
 from conventions.names import REFERENCE_NAME, printable
 from processes.job import Job
 from processes.pool import JobPool
 
 LIST_ENDING = ".txt"
-ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
+ENDINGS = SOUNDS
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,10 @@ from typing import IO, cast
 
 from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
-from app.run.output.result_folder import list_bytes, require_free_space
+from app.run.output.result_folder import require_free_space
 from app.run.upload_check import PACKED
 from conventions.names import printable
-from model.storage.files import write_error
+from model.storage.files import list_bytes, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
 TARS = PACKED[1:]

@@ -241,18 +241,6 @@ def zip_folder(folder: Path, out: Path) -> Path:
     return zip_files(files, out, below=folder.parent, has_times=False)
 
 
-def list_bytes(file: IO[bytes]) -> int:
-    """How long the list of files of a zip is, which `zipfile` reads whole.
-
-    Raises:
-        BadZipFile: where there is none.
-    """
-    end = zipfile._EndRecData(file)  # pyright: ignore[reportAttributeAccessIssue]
-    if not end:
-        raise zipfile.BadZipFile("no list of files")
-    return end[zipfile._ECD_SIZE]  # pyright: ignore[reportAttributeAccessIssue]
-
-
 def require_free_space(folder: Path, needed_bytes: int) -> None:
     """Raise before a run begins that its disk cannot hold.
 

@@ -17,10 +17,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from app.errors import RunError
 from app.run.ask import MAX_CLIPS, Ask
-from app.run.output.result_folder import list_bytes, zip_files
+from app.run.output.result_folder import zip_files
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
 from model.storage.checked import FieldError, read_checked
-from model.storage.files import write_atomically
+from model.storage.files import list_bytes, write_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"

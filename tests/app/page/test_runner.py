@@ -184,5 +184,7 @@ def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
 
     with jobs.opened("visitor", "generate", "", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
         assert jobs.in_use() == [job.folder, upload.parent] and aged()
+        os.utime(job.folder, (0, 0))  # when the run began
     sweep(tmp_path, 1000, jobs.in_use())
+    assert job.folder.exists(), "results are kept from the end of the run on"
     assert upload.exists() and not aged()

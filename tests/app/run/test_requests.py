@@ -1,5 +1,7 @@
 """What is shown of a motion, and what is said of a file as soon as it has been uploaded."""
 
+import io
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from app.errors import RunError
 from app.run.bodies import TipSource
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
-from app.run.upload_check import Given, refusal_of
+from app.run.upload_check import Given, kind_of, refusal_of
 from app.run.videos.videos import displayed, marks_of
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
@@ -143,3 +145,28 @@ def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
             path.write_bytes(b"\x00" * 64)
         sentence = refusal_of(Given(kind, wrong, MAX_S))
         assert "first" in sentence and "second" not in sentence
+
+
+@pytest.mark.parametrize("ending", [".zip", ".tar", ".tar.gz", ".tgz"])
+def test_an_archive_is_what_is_in_it_however_it_is_called(tmp_path, ending):
+    for name, inside, kind in (
+        ("cospeech_audio", ("set/a.npz", "set/b.bvh"), "motions"),
+        ("motions.npz", ("a.ogg", "b.wav"), "sounds"),
+        ("sounds", ("a.wav", "a.npz"), "motions"),
+        ("empty", (), "motions"),
+    ):
+        path = tmp_path / f"{name}{ending}"
+        if ending == ".zip":
+            with zipfile.ZipFile(path, "w") as archive:
+                for each in inside:
+                    archive.writestr(each, b"x" * 1000)
+        else:
+            with tarfile.open(path, "w" if ending == ".tar" else "w:gz") as archive:
+                for each in inside:
+                    member = tarfile.TarInfo(each)
+                    member.size = 1000
+                    archive.addfile(member, io.BytesIO(b"x" * 1000))
+        assert kind_of(path) == kind, path.name
+    damaged = tmp_path / f"damaged{ending}"
+    damaged.write_bytes(b"\x1f\x8bno archive")
+    assert kind_of(damaged) == "motions"

@@ -7,13 +7,14 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from gradio.route_utils import GradioUploadFile
 
 from app import text
 from app.page.visitors import uploads
-from app.page.visitors.files import claim_folder, sweep
+from app.page.visitors.files import claim_folder, keep_swept, sweep
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import address_of
 from tests.app.page.conftest import UPLOAD
@@ -45,6 +46,29 @@ def test_what_is_old_goes_and_what_is_in_use_stays(tmp_path):
     running = write(tmp_path / "jobs" / "running" / "a.mp4", age_s=2 * KEEP_S)
     sweep(tmp_path, KEEP_S, in_use=[running.parent])
     assert left(tmp_path) == ["gradio/cc/new.wav", "jobs/running/a.mp4"]
+
+
+def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
+    """Of one entry that cannot be deleted, and of what cannot even be begun."""
+    write(tmp_path / "gradio" / "a stubborn one", age_s=2 * KEEP_S)
+    old = write(tmp_path / "private" / "old" / "key.zip", age_s=2 * KEEP_S)
+    unlink, fails = Path.unlink, [OSError(5, "Input/output error")]
+
+    def fail_at(path: Path, **how: Any) -> None:
+        if path.name == "a stubborn one":
+            raise OSError(16, "Device or resource busy")
+        unlink(path, **how)
+
+    def in_use() -> list[Path]:
+        if fails:
+            raise fails.pop()
+        return []
+
+    monkeypatch.setattr(Path, "unlink", fail_at)
+    monkeypatch.setattr("app.page.visitors.files.SWEEP_EVERY_S", 0.01)
+    keep_swept(tmp_path, KEEP_S, in_use)
+    wait_for(lambda: not old.exists())
+    assert "a sweep failed" in caplog.text and "could not be deleted" in caplog.text
 
 
 HOLD = """
