@@ -1,13 +1,15 @@
 """BVH: our own files (`renderer.files`), and any skeleton of two legs, a trunk and two arms.
 
-Joints are known by their tree, whatever they are called; names tell sides and fingers. The rest
-pose says which way is up and forward; where its limbs and fingers rest at other angles than ours
-that is made up for: their bones point in the world as the file's do.
+Limbs and fingers are recognised by the names of their joints, and by the tree and the lengths of
+bones where names say nothing. The rest pose says which way is up and forward; where its limbs and
+fingers rest at other angles than ours that is made up for: their bones point in the world as the
+file's do.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -16,7 +18,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
-from model.formats.bvh_text import Joint, Text, read_text
+from conventions.names import listed
+from model.formats.bvh_text import Joint, read_text
 from model.formats.numbers import Draft
 from model.formats.read import AXES, METRES, Kind, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
@@ -41,12 +44,42 @@ BONES: dict[str, str] = {
 _LEFT = re.compile(r"(^|[^a-z])(l|left)([^a-z]|$)|^left|left$")
 _RIGHT = re.compile(r"(^|[^a-z])(r|right)([^a-z]|$)|^right|right$")
 _FINGER_NAMES = {
-    "thumb": ("thumb", "finger0"),
-    "index": ("index", "finger1"),
-    "middle": ("mid", "finger2"),
-    "ring": ("ring", "finger3"),
-    "pinky": ("pink", "finger4"),
+    "thumb": "thumb|handt(?=[0-9]|$)",
+    "index": "index|handi(?=[0-9]|$)",
+    "middle": "mid|handm(?=[0-9]|$)",
+    "ring": "ring|handr(?=[0-9]|$)",
+    "pinky": "pink|handp(?=[0-9]|$)",
 }
+"""Regular expressions; ``RHandM1`` is BEAT's."""
+
+
+@dataclass(frozen=True)
+class LimbNames:
+    """Regular expressions of the joints of a limb, against names without case, marks and spaces."""
+
+    end: str
+    """Wrist or ankle."""
+    lower: str
+    """Elbow or knee."""
+    upper: str
+    """Shoulder or hip joint, by names that mean nothing else."""
+    either: str
+    """The upper or the lower part, by what stands beside: ``LeftUpLeg`` and ``LeftLeg``."""
+    before: str
+    """The joint before the limb, or the upper part where nothing else is: ``LeftShoulder``."""
+
+
+ARM = LimbNames(
+    "hand|wrist", "forearm|lo(w|wer)?arm|armlo|elbow|radius", "up(per)?arm|armup|humer", "arm",
+    "shoulder|shldr",
+)  # fmt: skip
+LEG = LimbNames(
+    "foot|ankle", "lo(w|wer)?leg|leglo|knee|shin|calf|tibia", "up(per)?leg|legup|thigh|femur",
+    "leg", "hip",
+)  # fmt: skip
+SIMILAR_LENGTHS = 0.8
+"""Two pairs of bones whose lengths have at least this ratio: which of them is the limb cannot be
+told by lengths (CMU: 0.88; our body: 0.77)."""
 _STEEP_DEG = 60.0
 """A limb that rests so far from ours may be twisted about itself, which nothing tells."""
 Found = dict[str, list[int]]
@@ -86,16 +119,23 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
         draft.lacks.add("place")
         draft.assume("place", "none", "no joint has positions; the body stays in its place")
     if not is_ours:
-        _tell(draft, text, found, turns)
+        _tell(draft, skeleton, found, turns)
+    draft.lacks.add("face")
+    draft.assume("face", "none", "a BVH has none; it stays at rest", is_usual=is_ours)
     draft.goes_at(round(1 / text.frame_s, 3), "as the file says", "stated")
     return draft
 
 
-def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) -> None:
+def _tell(draft: Draft, skeleton: _Skeleton, found: Found, turns: dict[str, Rotation]) -> None:
     without = sum(not found.get(name) for name in JOINT_NAMES)
-    unused = len(text.joints) - sum(len(theirs) for theirs in found.values())
-    why = f"laid onto ours by their tree; {unused} have no place, {without} of ours stay at rest"
-    draft.assume("joints", str(len(text.joints)), why)
+    count = len(skeleton.rest)
+    unused = count - sum(len(theirs) for theirs in found.values())
+    how = "names and tree"
+    if skeleton.doubts:
+        doubts = listed(list(dict.fromkeys(skeleton.doubts)))
+        how = f"tree, and their names do not say which joint is the {doubts}"
+    why = f"laid onto ours by their {how}; {unused} have no place, {without} of ours stay at rest"
+    draft.assume("joints", str(count), why, "unsure" if skeleton.doubts else "sure")
     degrees = {name: float(np.degrees(turn.magnitude())) for name, turn in turns.items()}
     if degrees and all(each.kind != "layout" for each in draft.assumptions):
         most = max(degrees, key=lambda name: degrees[name])
@@ -110,8 +150,6 @@ def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) ->
         draft.lacks.add("hands")
     if not found.get("left_hip"):
         draft.lacks.add("legs")
-    draft.lacks.add("face")
-    draft.assume("face", "none", "a BVH has none; it stays at rest")
 
 
 class _Skeleton:
@@ -120,6 +158,8 @@ class _Skeleton:
     def __init__(self, joints: list[Joint], name: str) -> None:
         self._joints = joints
         self._name = name
+        self.doubts: list[str] = []
+        """Joints that neither names nor lengths tell for sure."""
         self._children: list[list[int]] = [[] for _ in joints]
         self.rest = np.zeros((len(joints), 3))
         """Places at rest, in the file's axes."""
@@ -161,10 +201,10 @@ class _Skeleton:
             for at in range(pelvis, len(self._joints))
             if at not in below
         )
-        legs = next((self._mirrored(each) for each in branches if len(each) >= 2), ())
+        legs = next((self._mirrored(each, LEG) for each in branches if len(each) >= 2), ())
         if not legs and len(self._limbs(chest)) > 3:
             raise self._unknown("no joint from which two legs and a trunk go")
-        arms = self._mirrored(self._limbs(chest))
+        arms = self._mirrored(self._limbs(chest), ARM)
         ahead, left = np.zeros(3), np.zeros(3)
         if legs:
             soles = [self._down(leg)[-2:] for leg in legs]
@@ -177,10 +217,10 @@ class _Skeleton:
         found: Found = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
         found |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
         for side, arm in zip(("left", "right"), self._sided(arms, left), strict=True):
-            found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""))
+            found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""), ARM)
             found |= self._fingers(found[f"{side}_wrist"][-1], side, ahead)
         for side, leg in zip(("left", "right"), self._sided(legs, left) if legs else ()):  # noqa: B905
-            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"))
+            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"), LEG)
         return found
 
     def _unknown(self, why: str) -> MotionError:
@@ -208,8 +248,17 @@ class _Skeleton:
                 return each
         return None
 
-    def _mirrored(self, limbs: list[int]) -> tuple[int, int]:
-        """The two branches that are most likely each other's mirror."""
+    def _mirrored(self, limbs: list[int], names: LimbNames) -> tuple[int, int]:
+        """Return the two branches with the names of such a limb, or else of the most similar
+        lengths.
+        """
+        pattern = re.compile(f"{names.end}|{names.lower}")
+        named = [
+            each
+            for each in limbs
+            if any(map(pattern.search, self._labels[each : each + self._sizes[each]]))
+        ]
+        limbs = named if len(named) >= 2 else limbs
         if len(limbs) < 2:
             raise self._unknown("fewer than two limbs at its trunk")
         return min(combinations(limbs, 2), key=lambda two: self._apart(*two))
@@ -239,27 +288,59 @@ class _Skeleton:
                 return order
         return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
 
-    def _limb(self, start: int, side: str, names: tuple[str, ...]) -> Found:
-        """The two bones whose sum is longest are upper arm and forearm, thigh and shin."""
+    def _limb(self, start: int, side: str, names: tuple[str, ...], known: LimbNames) -> Found:
+        """Find the joints of an arm or a leg by name, or else by length: the two bones whose sum is
+        longest are upper arm and forearm, thigh and shin.
+        """
         path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
         if len(lengths) < 2:
             raise self._unknown(f"a limb of {len(path)} joints")
-        first = int(np.argmax(lengths[:-1] + lengths[1:]))
-        found: Found = {}
         before, *three, after = names
-        for name, at in zip(three, range(first, first + 3), strict=True):
-            found[f"{side}_{name}"] = [path[at]]
+        first, middle, end = self._named_limb(path, known) or self._longest(lengths, three[1])
+        starts = {three[0]: path[first:middle], three[1]: path[middle:end], three[2]: [path[end]]}
+        found: Found = {f"{side}_{name}": joints for name, joints in starts.items()}
         if first and before:
             found[f"{side}_{before}"] = path[:first]
-        if after and len(path) > first + 3:
-            shin = places[first + 2] - places[first + 1]
-            steps = places[first + 3 :] - places[first + 2]
+        beyond = path[end + 1 :]
+        if after and beyond:
+            toes = [at for at in beyond if re.search("toe|ball", self._labels[at])]
+            shin = places[end] - places[end - 1]
+            steps = self.rest[beyond] - places[end]
             far = np.linalg.norm(steps, axis=1) * np.linalg.norm(shin)
             ball = int(np.argmax(steps @ shin < 0.8 * far))  # no heel below the ankle; else 0
-            found[f"{side}_{after}"] = [path[first + 3 + ball]]
+            found[f"{side}_{after}"] = [toes[0] if toes else beyond[ball]]
         return found
+
+    def _named_limb(self, path: list[int], names: LimbNames) -> tuple[int, int, int] | None:
+        """Return where on a path the upper part, the lower part and the end of a limb begin, by
+        name.
+        """
+
+        def of(pattern: str, stop: int) -> list[int]:
+            return [at for at in range(stop) if re.search(pattern, self._labels[path[at]])]
+
+        ends = of(names.end, len(path))
+        if not ends:
+            return None
+        end = ends[0]
+        above = f"{names.upper}|{names.either}|{names.before}"
+        lowers = of(names.lower, end)
+        lowers = lowers or [at for at in of(names.either, end)[-1:] if of(above, at)]
+        if not lowers:
+            return None
+        lower = lowers[0]
+        uppers = of(names.upper, lower) or of(names.either, lower) or of(names.before, lower)[-1:]
+        return (uppers[0], lower, end) if uppers else None
+
+    def _longest(self, lengths: np.ndarray, middle: str) -> tuple[int, int, int]:
+        """Return where the two consecutive bones with the longest sum begin and end."""
+        sums = lengths[:-1] + lengths[1:]
+        first = int(np.argmax(sums))
+        if np.delete(sums, first).max(initial=0.0) > SIMILAR_LENGTHS * sums[first]:
+            self.doubts.append(middle)
+        return first, first + 1, first + 2
 
     def _neck(self, heads: list[int]) -> Found:
         named = [at for at, each in enumerate(heads) if "head" in self._labels[each]]
@@ -271,9 +352,9 @@ class _Skeleton:
         """By names with numbers, else by chains: of a name, or the thumb's starts nearest and the
         others' in a row."""
         found: Found = {}
-        for finger, (spelling, _) in _FINGER_NAMES.items():
+        for finger, spelling in _FINGER_NAMES.items():
             for at in range(wrist + 1, wrist + self._sizes[wrist]):
-                number = re.search(rf"{spelling}[a-z]*0?([123])(?!\d)", self._labels[at])
+                number = re.search(rf"(?:{spelling})[a-z]*0?([123])(?!\d)", self._labels[at])
                 if number:
                     found.setdefault(f"{side}_{finger}{number[1]}", [at])
         if found:
@@ -283,9 +364,11 @@ class _Skeleton:
             starts = self._children[starts[0]]
         chains = [chain for each in starts if len(chain := self._down(each)) >= 2]
         named: dict[str, list[int]] = {}
-        for finger, spellings in _FINGER_NAMES.items():
+        thumb = self._thumb_number(wrist)
+        for number, (finger, spelling) in enumerate(_FINGER_NAMES.items(), start=thumb):
             for chain in chains:
-                if any(each in self._labels[chain[0]] for each in spellings):
+                labels = [self._labels[at] for at in chain]
+                if any(re.search(f"{spelling}|finger{number}", label) for label in labels):
                     named.setdefault(finger, chain)
         if len(named) < len(chains) == 5:
             places = np.array([self.rest[chain[0]] - self.rest[wrist] for chain in chains])
@@ -296,9 +379,15 @@ class _Skeleton:
         for finger, chain in named.items():
             lengths = np.linalg.norm(np.diff(self.rest[chain], axis=0), axis=1)
             is_palm = finger != "thumb" and len(chain) >= 4 and int(lengths.argmax()) == 0
+            is_palm |= "carpal" in self._labels[chain[0]]
             for segment, joint in enumerate(chain[is_palm:][:3], start=1):
                 found[f"{side}_{finger}{segment}"] = [joint]
         return found
+
+    def _thumb_number(self, wrist: int) -> int:
+        """Return the number of the thumb among numbered fingers: 0 (3ds Max) or 1 (MakeHuman)."""
+        labels = self._labels[wrist : wrist + self._sizes[wrist]]
+        return 0 if any("finger0" in label for label in labels) else 1
 
     def _upright(self, found: Found) -> tuple[np.ndarray, np.ndarray, float]:
         """Up along the trunk, to the left across it, and how far legs hang below it, to 1; where
@@ -477,13 +566,16 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rot
         first, last = found.get(start), found.get(end)
         if not first or not last:
             continue
-        theirs = places[last[0]] - places[first[-1]]
+        theirs = places[last[0]] - places[first[0]]
         ours = rest[JOINT_INDEX[end]] - rest[JOINT_INDEX[start]]
         if np.linalg.norm(theirs) < 1e-6:
             continue
         turns[start] = Rotation.align_vectors(theirs, ours)[0]
         if start.endswith("2"):  # the last bone of a finger has no joint at its end
             turns[f"{start[:-1]}3"] = turns[start]
+    for side in ("left", "right"):  # a hand without fingers rests as its forearm does
+        if f"{side}_elbow" in turns:
+            turns.setdefault(f"{side}_wrist", turns[f"{side}_elbow"])
     return turns
 
 

@@ -13,7 +13,9 @@ from model.formats.read import read_any_motion, read_told
 from model.storage.npz import MotionError
 from renderer.body.body import load_body
 from renderer.files.exports import write_bvh
+from tests.helpers import ROOT
 from tests.model.formats.made import BODY_JOINTS, Person, bvh_text, joints_of
+from tests.model.formats.made_conventions import CONVENTIONS, convention_text, joint_positions
 
 MOTION = Person(7).motion(20)
 WANTED = joints_of(MOTION)
@@ -37,6 +39,92 @@ def test_our_own_bvh_comes_back(tmp_path: Path):
     reading = read_any_motion(path)
     np.testing.assert_allclose(joints_of(reading.motion), WANTED, atol=2e-3)
     assert reading.notes == ()
+
+
+LIMBS = ("left upper arm", "left forearm", "right thigh", "right shin")
+PINNED = {
+    "CMU": ((0.997, -0.010, 0.073), (0.889, 0.292, -0.352),
+            (-0.668, -0.719, -0.192), (-0.298, -0.898, -0.324)),
+    "Mixamo": ((1.000, 0.008, -0.011), (0.973, 0.229, 0.033),
+               (0.005, -0.923, -0.386), (0.178, -0.925, -0.336)),
+    "Biovision": ((-0.224, -0.904, -0.364), (-0.400, -0.904, -0.153),
+                  (0.087, -0.943, -0.322), (-0.348, -0.887, -0.303)),
+    "Xsens": ((0.886, 0.307, -0.348), (0.579, 0.443, -0.684),
+              (0.059, -0.900, -0.433), (0.006, -0.692, -0.722)),
+    "Rokoko": ((0.812, -0.389, 0.435), (0.614, -0.704, 0.356),
+               (-0.068, -0.969, 0.237), (-0.343, -0.939, -0.017)),
+    "BEAT": ((0.888, 0.110, 0.447), (0.792, 0.570, 0.220),
+             (-0.121, -0.961, -0.247), (-0.109, -0.849, -0.518)),
+    "ZeroEGGS": ((0.965, 0.205, -0.162), (0.974, 0.203, -0.102),
+                 (0.172, -0.902, -0.397), (0.303, -0.915, -0.265)),
+    "Perception Neuron": ((0.610, 0.690, 0.391), (0.308, 0.929, 0.204),
+                          (-0.077, -0.989, 0.125), (-0.394, -0.881, -0.262)),
+    "MakeHuman": ((0.727, -0.495, -0.475), (0.356, -0.676, -0.645),
+                  (-0.092, -0.909, 0.406), (0.101, -0.991, 0.088)),
+}  # fmt: skip
+"""Directions of `LIMBS` in the last frame, of `joint_positions`."""
+AT_REST = {"CMU": 31, "Mixamo": 15, "Biovision": 37, "Xsens": 33, "Rokoko": 33, "BEAT": 15,
+           "ZeroEGGS": 21, "Perception Neuron": 17, "MakeHuman": 3}  # fmt: skip
+"""How many of our joints each convention lacks, the face's three among them."""
+
+
+def directions(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    return (end - start) / np.linalg.norm(end - start, axis=-1, keepdims=True)
+
+
+def angles_deg(path: Path, name: str, every: int = 1) -> dict[str, float]:
+    """By how much each limb bone of our reading is off where the second reader has it, at most."""
+    theirs, ours = joint_positions(path), joints_of(read_any_motion(path).motion)
+    off = {}
+    for bone, ((start, end), (our_start, our_end)) in CONVENTIONS[name].bones().items():
+        wanted = directions(theirs[start], theirs[end])[::every]
+        found = directions(ours[:, JOINT_INDEX[our_start]], ours[:, JOINT_INDEX[our_end]])
+        cosine = (wanted * found[: len(wanted)]).sum(axis=-1)
+        off[bone] = float(np.degrees(np.arccos(cosine.clip(-1, 1)).max()))
+    return off
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_limbs_of_each_naming_convention_point_as_in_the_file(tmp_path: Path, name: str):
+    path = tmp_path / "a.bvh"
+    path.write_text(convention_text(name))
+    theirs, bones = joint_positions(path), CONVENTIONS[name].bones()
+    for limb, pinned in zip(LIMBS, PINNED[name], strict=True):
+        (start, end), _ = bones[limb]
+        np.testing.assert_allclose(directions(theirs[start], theirs[end])[-1], pinned, atol=1e-3)
+    split = 2.0 if name == "MakeHuman" else 0.01  # its bones are two that turn apart
+    assert max(angles_deg(path, name).values()) < split
+    reading = read_any_motion(path)
+    joints, layout = reading.of("joints"), reading.of("layout")
+    assert joints is not None and f" {AT_REST[name]} of ours stay at rest" in joints.why
+    assert joints.sure == "sure" and layout is not None
+    assert (layout.sure == "unsure") == CONVENTIONS[name].is_unsure
+
+
+def test_limbs_of_a_recording_of_cmu_point_as_in_the_file():
+    path = ROOT.parent / "shared" / "data" / "inputs5" / "cmu_12_01_walk.bvh"
+    if not path.is_file():
+        pytest.skip("no recording of CMU's library here (shared/data/inputs5)")
+    assert max(angles_deg(path, "CMU", every=4).values()) < 0.5
+
+
+def test_without_names_an_elbow_that_lengths_do_not_tell_is_told_as_unsure(tmp_path: Path):
+    (tmp_path / "a.bvh").write_text(convention_text("CMU"))
+    text = (tmp_path / "a.bvh").read_text()
+    for number, part in enumerate(("ForeArm", "Arm", "Hand", "Shoulder")):
+        text = text.replace(f"Left{part}", f"Left{number}").replace(
+            f"Right{part}", f"Right{number}"
+        )
+    told = read(tmp_path, text).of("joints")
+    assert told is not None and told.sure == "unsure"
+    assert "their names do not say which joint is the elbow;" in told.why
+
+
+def test_a_hand_without_fingers_rests_along_its_forearm(tmp_path: Path):
+    """As the arms rest so much lower, so do the hands: rotations are the same as of a T-pose."""
+    low, plain = (read(tmp_path, text_of(arms_deg=deg)).motion.poses for deg in (45.0, 0.0))
+    wrists = np.s_[:, 3 * JOINT_INDEX["left_wrist"] : 3 * JOINT_INDEX["right_wrist"] + 3]
+    np.testing.assert_allclose(low[wrists], plain[wrists], atol=0.01)
 
 
 TREES = {
