@@ -71,7 +71,10 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     normals_of = VertexNormals(body.faces, body.num_vertices)
     timed("normals", lambda: [normals_of(each) for each in frames])
     prepare = FramePreparer(body.faces, body.num_vertices, stage)
-    timed("ground shadow", lambda: [prepare.ground.texture(each) for each in frames])
+    timed(
+        "ground shadow",
+        lambda: [prepare.ground.texture(prepare.ground.shadow(each)) for each in frames],
+    )
     posed = [prepare(each) for each in frames]
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:

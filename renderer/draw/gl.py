@@ -1,12 +1,14 @@
 """pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pyrender
 import trimesh
 from jaxtyping import Bool, Float, Int, UInt8
 from OpenGL import GL
 from pyrender.constants import RenderFlags
-from pyrender.shader_program import ShaderProgramCache
+from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 from trimesh.visual import TextureVisuals
 
 from renderer.draw.offscreen import SHADERS
@@ -15,44 +17,73 @@ from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
 
 SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
+BLOCK_PX = 16
+"""What is drawn begins and ends at whole blocks of so many pixels."""
 
 
 class Canvas(pyrender.Renderer):
     """One subject, drawn within the context of an open `OffscreenRenderer`: pyrender's forward
-    pass into a framebuffer that is made for reading colours only.
+    pass into framebuffers that are made for reading colours only.
 
     pyrender itself always multisamples, reads the depth back and converts it; a video needs none
-    of that. The context must be current when this is made and whenever it is used.
+    of that. The body is supersampled within its own rectangle and laid over the ground, which has
+    no edges to smooth. Before the camera of the last picture only what body and shadow cover or
+    have left is drawn and read; the rest is kept. The context must be current when a canvas is
+    made and whenever it is used.
     """
 
     def __init__(self, subject: Subject, width: int, height: int) -> None:
         has_alpha = subject.is_transparent
-        super().__init__(SUPERSAMPLE * width, SUPERSAMPLE * height)
+        super().__init__(width, height)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
-        self._subject, self._picture_size = subject, (width, height)
+        self._lit_programs: set[ShaderProgram] = set()
+        self._subject = subject
+        self._floor_m = float(subject.ground_corners[0, 1])
         self._body: BodyScene | None = None
+        self._camera: Camera | None = None
+        self._covered = self._changed = self._whole = Box(0, 0, width, height)
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
-        self._canvas = _Framebuffer(self.viewport_width, self.viewport_height, depth=True)
-        self._picture = _Framebuffer(width, height, depth=False)
+        self._samples = _Framebuffer(SUPERSAMPLE * width, SUPERSAMPLE * height)
+        self._picture = _Framebuffer(width, height)
+        self._no_vertices = GL.glGenVertexArrays(1)
 
     def begin(self, frame: PosedFrame, camera: Camera) -> None:
-        """Have the driver draw, which goes on while this process does something else."""
+        """Start drawing a frame; the driver goes on while this process does something else."""
         if self._body is None:
-            width, height = self._picture_size
-            self._body = BodyScene(self._subject, frame, camera, width / height)
+            aspect = self._whole.width / self._whole.height
+            self._body = BodyScene(self._subject, frame, camera, aspect)
         else:
             self._body.show(frame, camera)
-        self.render(self._body.scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
+        body = self._box_of(frame.vertices, camera)
+        covered = body.joined(self._box_of(frame.shadow_corners, camera))
+        is_kept = camera == self._camera
+        self._changed = covered.joined(self._covered) if is_kept else self._whole
+        self._covered, self._camera = covered, camera
+        GL.glEnable(GL.GL_SCISSOR_TEST)
+        self._pass(self._picture, self._changed, scale=1, is_body=False)
+        if body.width and body.height:
+            # The ground hides what is below it from whoever stands above.
+            is_hiding = camera.eye[1] > self._floor_m and not self._subject.is_transparent
+            (GL.glEnable if is_hiding else GL.glDisable)(GL.GL_CLIP_DISTANCE0)
+            self._pass(self._samples, body, scale=SUPERSAMPLE, is_body=True)
+            self._resolve(body)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        GL.glFlush()
 
     def picture(self) -> UInt8[np.ndarray, "H W C"]:
-        """What was begun last, upper row first; overwritten by the next call. A fourth channel says
-        how much of each pixel is covered, by colours that are those of the body itself, as PNG
-        wants them."""
-        width, height = self._picture_size
+        """Return the picture that was begun last, upper row first; the next call overwrites it. A
+        fourth channel is the share of each pixel that the body covers, with straight colours, as
+        PNG has them."""
+        box = self._changed
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
+        GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, self._whole.right)
+        GL.glReadPixels(
+            *(box.left, box.bottom, box.width, box.height, self._format, GL.GL_UNSIGNED_BYTE),
+            GL.GLvoidp(self._pixels[box.bottom :, box.left :].ctypes.data),
+        )
+        GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, 0)
         picture = self._pixels[::-1]
         if not self._subject.is_transparent:
             return picture
@@ -68,54 +99,133 @@ class Canvas(pyrender.Renderer):
     def delete(self) -> None:
         """Free everything; pyrender calls this once more when the object is collected."""
         super().delete()
-        for framebuffer in (self._canvas, self._picture):
+        for framebuffer in (self._samples, self._picture):
             framebuffer.delete()
 
-    # pyrender calls these two around its forward pass.
+    def _box_of(self, points: Float[np.ndarray, "N 3"], camera: Camera) -> "Box":
+        """Return the pixels that a mesh of these points may cover, in whole blocks."""
+        if not len(points):
+            return Box(0, 0, 0, 0)
+        width, height = self._whole.right, self._whole.top
+        pixels = np.ascontiguousarray(camera.project(points, width, height).T)
+        low, high = pixels.min(axis=1), pixels.max(axis=1)
+        if not np.isfinite(low).all():
+            return self._whole  # a point behind the camera has no place in the picture
+        left, upper = (low - 1.0) // BLOCK_PX * BLOCK_PX
+        right, lower = -((-high - 1.0) // BLOCK_PX) * BLOCK_PX
+        left, right = (int(min(max(each, 0), width)) for each in (left, right))
+        bottom, top = (int(min(max(height - each, 0), height)) for each in (lower, upper))
+        return Box(left, bottom, right, top)
+
+    def _pass(self, framebuffer: "_Framebuffer", box: "Box", scale: int, *, is_body: bool) -> None:
+        """Draw body or ground anew within one rectangle."""
+        assert self._body is not None
+        self._main_fb_ms = framebuffer.handle
+        self.viewport_width, self.viewport_height = framebuffer.size
+        GL.glScissor(*(scale * each for each in (box.left, box.bottom, box.width, box.height)))
+        self._body.show_only(is_body=is_body)
+        self.render(self._body.scene, RenderFlags.OFFSCREEN)
+
+    def _resolve(self, box: "Box") -> None:
+        """Lay the supersampled body over the picture within one rectangle."""
+        program = self._program_cache.get_program("resolve.vert", "resolve.frag")
+        if not program._in_context():
+            program._add_to_context()
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
+        GL.glViewport(0, 0, *self._picture.size)
+        GL.glScissor(box.left, box.bottom, box.width, box.height)
+        for state in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
+            GL.glDisable(state)
+        GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)  # colours hold their alpha already
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._samples.colors)
+        program._bind()
+        GL.glBindVertexArray(self._no_vertices)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        GL.glBindVertexArray(0)
+        program._unbind()
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+
+    # pyrender calls these around and within its forward pass.
 
     def _configure_main_framebuffer(self) -> None:
-        self._main_fb_ms = self._canvas.handle
+        """Leave the framebuffer that was chosen."""
 
     def _read_main_framebuffer(self, scene: object, flags: int) -> None:
-        width, height = self._picture_size
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._canvas.handle)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
-        # A linear blit at half size is the mean of 2 x 2 pixels.
-        GL.glBlitFramebuffer(
-            *(0, 0, self.viewport_width, self.viewport_height),
-            *(0, 0, width, height),
-            GL.GL_COLOR_BUFFER_BIT,
-            GL.GL_LINEAR,
-        )
-        GL.glFlush()
+        """Leave the colours where they are."""
 
     def _delete_main_framebuffer(self) -> None:
         self._main_fb_ms = None
 
+    def _bind_lighting(
+        self, scene: object, program: ShaderProgram, node: object, flags: int
+    ) -> None:
+        """Set lights and floor of a program once: they never change, and a program keeps them."""
+        if program not in self._lit_programs:
+            super()._bind_lighting(scene, program, node, flags)
+            program.set_uniform("floor_m", self._floor_m)
+            self._lit_programs.add(program)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of a picture in pixels, from the lower left corner as OpenGL counts."""
+
+    left: int
+    bottom: int
+    right: int
+    top: int
+
+    @property
+    def width(self) -> int:
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        return self.top - self.bottom
+
+    def joined(self, other: "Box") -> "Box":
+        """Return the smallest box around both."""
+        return Box(
+            min(self.left, other.left),
+            min(self.bottom, other.bottom),
+            max(self.right, other.right),
+            max(self.top, other.top),
+        )
+
 
 class _Framebuffer:
-    """A colour buffer, with a depth buffer if asked for, and its OpenGL handles."""
+    """A texture of colours with a depth buffer, and its OpenGL handles."""
 
-    def __init__(self, width: int, height: int, *, depth: bool) -> None:
-        self.handle = GL.glGenFramebuffers(1)
+    def __init__(self, width: int, height: int) -> None:
+        self.size = width, height
+        self.handle, self._depth = GL.glGenFramebuffers(1), GL.glGenRenderbuffers(1)
+        self.colors = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.colors)
+        pixels = (GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, None)
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, width, height, 0, *pixels)
+        for of_filter in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, of_filter, GL.GL_LINEAR)
+        for axis in (GL.GL_TEXTURE_WRAP_S, GL.GL_TEXTURE_WRAP_T):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, axis, GL.GL_CLAMP_TO_EDGE)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, self._depth)
+        GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, GL.GL_DEPTH_COMPONENT24, width, height)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.handle)
-        attachments = [(GL.GL_COLOR_ATTACHMENT0, GL.GL_RGBA8)]
-        if depth:
-            attachments.append((GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT24))
-        self._buffers = []
-        for attachment, pixel_format in attachments:
-            buffer = GL.glGenRenderbuffers(1)
-            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
-            GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, pixel_format, width, height)
-            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
-            self._buffers.append(buffer)
+        GL.glFramebufferTexture2D(
+            GL.GL_FRAMEBUFFER, GL.GL_COLOR_ATTACHMENT0, GL.GL_TEXTURE_2D, self.colors, 0
+        )
+        GL.glFramebufferRenderbuffer(
+            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_RENDERBUFFER, self._depth
+        )
 
     def delete(self) -> None:
         """Free the handles; a second call does nothing, since another context may own them."""
-        if self._buffers:
+        if self.handle:
             GL.glDeleteFramebuffers(1, [self.handle])
-            GL.glDeleteRenderbuffers(len(self._buffers), self._buffers)
-            self._buffers = []
+            GL.glDeleteRenderbuffers(1, [self._depth])
+            GL.glDeleteTextures([self.colors])
+            self.handle = 0
 
 
 OPENING_EDGES = 4
@@ -247,8 +357,8 @@ class BodyScene:
         self._ground = (
             None if subject.is_transparent else TexturedQuad(subject.ground_corners, first.ground)
         )
-        background = (0.0,) * 4 if subject.is_transparent else (*STUDIO.background, 1.0)
-        self.scene = _Scene(bg_color=list(background), ambient_light=[STUDIO.ambient] * 3)
+        self._background = (0.0,) * 4 if subject.is_transparent else (*STUDIO.background, 1.0)
+        self.scene = _Scene(ambient_light=[STUDIO.ambient] * 3)
         for part in self._body:
             self.scene.add(part.mesh)
         if self._ground:
@@ -265,6 +375,14 @@ class BodyScene:
                 name=name,
                 pose=facing.pose(),
             )
+
+    def show_only(self, *, is_body: bool) -> None:
+        """Show the body on nothing, or all that is behind it."""
+        for part in self._body:
+            part.mesh.is_visible = is_body
+        if self._ground:
+            self._ground.mesh.is_visible = not is_body
+        self.scene.bg_color = np.array((0.0,) * 4 if is_body else self._background)
 
     def show(self, frame: PosedFrame, camera: Camera) -> None:
         """Move body, shadow and camera, once drawn. The OpenGL context must be current."""

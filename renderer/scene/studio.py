@@ -1,6 +1,7 @@
 """The studio a body is shown in: lights, background, the fading floor with its shadow, the body."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
@@ -83,22 +84,31 @@ class ShadowGround:
         lost = LOST[0] * _splat(texel, BLURS[0]) + LOST[1] * _splat(touching, BLURS[1])
         return np.clip(lost, 0.0, MOST_LOST) * self._fade
 
-    def texture(self, vertices: Float[np.ndarray, "V 3"]) -> UInt8[np.ndarray, "R R 3"]:
-        """Display colours of the floor with the shadow of these vertices on it."""
-        return (self._lit * (1.0 - self.shadow(vertices))[..., None]).astype(np.uint8)
+    def texture(self, shadow: Float32[np.ndarray, "R R"]) -> UInt8[np.ndarray, "R R 3"]:
+        """Display colours of the floor with a shadow on it."""
+        return (self._lit * (1.0 - shadow)[..., None]).astype(np.uint8)
 
     def corners(self) -> Float32[np.ndarray, "4 3"]:
         """Corners at texture coordinates (0,0), (1,0), (1,1), (0,1), metres."""
-        half, (x, z) = self.half_size_m, self.centre_xz
-        return np.array(
-            [
-                [x - half, self.floor_m, z - half],
-                [x + half, self.floor_m, z - half],
-                [x + half, self.floor_m, z + half],
-                [x - half, self.floor_m, z + half],
-            ],
-            np.float32,
+        return self._corners((0, RESOLUTION), (0, RESOLUTION))
+
+    def shadow_corners(self, shadow: Float32[np.ndarray, "R R"]) -> Float32[np.ndarray, "N 3"]:
+        """Corners of the rectangle of the floor that a shadow lies in (metres); none without."""
+        rows, columns = (np.flatnonzero(shadow.any(axis=axis)).tolist() for axis in (1, 0))
+        if not rows:
+            return np.empty((0, 3), np.float32)
+        # One texel more at each side, into which the texture is interpolated.
+        return self._corners((columns[0] - 1, columns[-1] + 2), (rows[0] - 1, rows[-1] + 2))
+
+    def _corners(self, columns: Sequence[int], rows: Sequence[int]) -> Float32[np.ndarray, "4 3"]:
+        """Corners of a rectangle of texels, metres."""
+        texel_m = 2.0 * self.half_size_m / RESOLUTION
+        x, z = (
+            centre - self.half_size_m + np.array(texels) * texel_m
+            for centre, texels in zip(self.centre_xz, (columns, rows), strict=True)
         )
+        around = [(x[i], self.floor_m, z[j]) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        return np.array(around, np.float32)
 
 
 def _splat(texel: Int[np.ndarray, " N"], blur: float) -> Float32[np.ndarray, "R R"]:
@@ -116,13 +126,17 @@ class PosedFrame:
     normals: Float[np.ndarray, "V 3"]
     ground: np.ndarray
     """(R, R, 3) uint8: the floor with this frame's shadow."""
+    shadow_corners: Float32[np.ndarray, "N 3"]
+    """Corners of the rectangle of the floor that the shadow lies in (metres); none without."""
     colors: Float[np.ndarray, "V 3"] | None = None
     """Linear RGB of this frame alone; None is what the subject has."""
 
     def part(self, vertices: Int[np.ndarray, " N"]) -> "PosedFrame":
         """Some of the vertices, lit as among all."""
         colors = None if self.colors is None else self.colors[vertices]
-        return PosedFrame(self.vertices[vertices], self.normals[vertices], self.ground, colors)
+        return replace(
+            self, vertices=self.vertices[vertices], normals=self.normals[vertices], colors=colors
+        )
 
 
 @dataclass(frozen=True)
@@ -150,4 +164,11 @@ class FramePreparer:
         vertices: Float[np.ndarray, "V 3"],
         colors: Float[np.ndarray, "V 3"] | None = None,
     ) -> PosedFrame:
-        return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices), colors)
+        shadow = self.ground.shadow(vertices)
+        return PosedFrame(
+            vertices=vertices,
+            normals=self.normals(vertices),
+            ground=self.ground.texture(shadow),
+            shadow_corners=self.ground.shadow_corners(shadow),
+            colors=colors,
+        )

@@ -23,6 +23,7 @@ uniform mat4 P;
 
 #ifndef HAS_BASE_COLOR_TEX
 out vec3 lit_color;
+uniform float floor_m;  // below which nothing is seen
 
 // Browsers light bodies by the same lines, from here on:
 struct DirectionalLight { vec3 color; float intensity; vec3 direction; };
@@ -81,6 +82,7 @@ void main() {
 #ifdef NORMAL_LOC
     n = normalize(mat3(M) * mat3(inst_m) * normal);
 #endif
+    gl_ClipDistance[0] = world.y - floor_m;
     lit_color = to_display(shade(world.xyz, n, base));
 #endif
 }
