@@ -19,7 +19,15 @@ from app.page.tabs.study import build_analysis, build_study_tab
 from app.page.tabs.systems import HearingRunner, MechanismRunner, StepCurveRunner, build_systems_tab
 from app.page.visitors.visitors import VISITOR_ROUTE
 
-_ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
+_FORM_ID = "motion-form"
+_FORM = f"document.getElementById('{_FORM_ID}')"
+_BEGIN_LOADING = (
+    f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); {_FORM}.inert = true; }}"
+)
+"""The form cannot be used until the run of a link has filled it in, which would replace what a
+visitor puts there meanwhile."""
+_END_LOADING = f"() => {{ {_FORM}.inert = false; document.documentElement.dataset.ready = ''; }}"
+"""``<html data-ready>`` tells scripts that the page is filled in."""
 
 
 def build_app(services: Services) -> gr.Blocks:
@@ -39,7 +47,7 @@ def build_app(services: Services) -> gr.Blocks:
         )
         with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
-                with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+                with gr.Column(scale=4, min_width=320, elem_classes="sheet", elem_id=_FORM_ID):
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = ResultParts()
@@ -61,9 +69,11 @@ def build_app(services: Services) -> gr.Blocks:
         TakesRunner(services, results).wire()
         GenerateRunner(services, form, results).wire(page, form.fields, api_name="generate")
         places = {"generate": results, "own_motion": own_results}
-        page.load(None, js=_ASK_FOR_COOKIE)
+        page.load(None, js=_BEGIN_LOADING)
         opening = Opening(services, tabs, places, form.fields)
         for parts in places.values():
             opening.chooses(parts)
-        page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
+        loading = page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
+        for ended in (loading.then, loading.failure):
+            ended(None, js=_END_LOADING)
     return page

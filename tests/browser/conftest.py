@@ -22,6 +22,7 @@ from playwright.sync_api import (
     expect,
     sync_playwright,
 )
+from playwright.sync_api import TimeoutError as TimedOut
 
 from app import text
 from app.config import AppConfig
@@ -47,6 +48,8 @@ UNUSED = (
     *("HttpsUpgrades", "PaintHolding", "Translate", "OptimizationHints", "MediaRouter"),
 )
 """Features of Chromium."""
+WAITED = re.compile(r'^ *- Expect "\w+".* with timeout \d+ms$', re.MULTILINE)
+"""In what `expect` says of a wait."""
 PATIENCE_MS = 60_000
 """Longest that any one thing may take on a busy machine."""
 expect.set_options(timeout=PATIENCE_MS)
@@ -101,10 +104,20 @@ _FAILED_SCRIPTS: list[str] = []
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A journey of a minute takes several where other work has the machine."""
+    """A journey of a minute takes several where other work has the machine, and one that has waited
+    in vain there begins once more."""
+    again = pytest.mark.flaky(reruns=1, condition=has_timed_out)
     for item in items:
         if item.path.parent == Path(__file__).parent:
             item.add_marker(pytest.mark.timeout(400))
+            item.add_marker(again)
+
+
+def has_timed_out(error: BaseException | None) -> bool:
+    """Whether a wait of Playwright's, or of an assertion of its, has come to its end: nothing else
+    is ever run twice."""
+    is_wait = isinstance(error, AssertionError) and bool(WAITED.search(str(error)))
+    return isinstance(error, TimedOut) or is_wait
 
 
 # ---------------------------------------------------------------- the browser
@@ -189,7 +202,12 @@ def opened(context: BrowserContext, address: str) -> Page:
     """A page, ready to be used."""
     page = watched(context.new_page())
     page.goto(address)
-    page.get_by_role("button", name=text.GENERATE).wait_for()
+    return ready(page)
+
+
+def ready(page: Page) -> Page:
+    """The page, once it is filled in: what it shows at first comes no more."""
+    page.locator("html[data-ready]").wait_for()
     return page
 
 

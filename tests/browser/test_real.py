@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from app import text
 from app.page.tabs import live as live_tab
@@ -29,6 +29,7 @@ from tests.browser.conftest import (
     give_speech,
     opened,
     press,
+    ready,
     saved,
     staged,
     tick,
@@ -430,15 +431,26 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     page.go_back()
 
 
-def test_an_example_fills_in_the_speech_also_after_all_files_were_swept(
+def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_swept(
     page: Page, page_files: Path
 ) -> None:
+    held: list[Route] = []
+    page.route("**/run/predict?run=*", lambda route: held.append(route))  # noqa: PLW0108
+    page.reload()
+    form = page.locator("#motion-form")  # which the run of the link would fill in anew
+    expect(form).to_have_attribute("inert", "")
+    for route in held:
+        route.continue_()
+    page.unroute("**/run/predict?run=*")
+    ready(page)
+    expect(form).not_to_have_attribute("inert", "")
+    speech = page.locator("#speech")
     for _ in range(2):
-        if (clear := page.locator("#speech").get_by_label("Clear")).count():
-            clear.first.click()
-        with page.expect_response(lambda response: ".wav" in response.url) as sound:
+        speech.get_by_label("Clear").click()
+        with page.expect_response("**/examples/*.wav") as sound:
             page.locator("#examples button").first.click()
         assert sound.value.ok
-        page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+        expect(speech.locator("time").last).not_to_have_text("0:00")  # it was read
+        expect(speech.get_by_label("Play", exact=True)).to_be_visible()
         for file in page_files.rglob("*.wav"):
             file.unlink()
