@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -38,9 +39,24 @@ class SampleName:
         return self.system if self.number == 1 else f"{self.system}.s{self.number}"
 
 
+COMPARISON = "comparison"
+"""Stem of the video of all motions of a run side by side; no motion's files are called so."""
+MAX_STEM_BYTES = 200
+"""Disks take 255, and an ending and the mark of an unfinished file are added."""
+
+
 def file_stem(name: str) -> str:
-    """File name without its ending: ``globaldiff/local`` is written as ``globaldiff-local``."""
-    return name.replace("/", "-")
+    """Return a file name without its suffix for any name: ``globaldiff-local`` for
+    ``globaldiff/local``.
+
+    The result leads to no other folder, is not hidden, printable, and short enough for a disk. Two
+    names may have one stem; see `app.run.output.run_folder.check_file_stems`.
+    """
+    stem = re.sub(r"[/\\]", "-", printable(name)).strip()
+    stem = re.sub(r"^\.+", "_", stem).rstrip(" .") or "_"
+    if len(stem.encode()) > MAX_STEM_BYTES:
+        stem = f"{stem[:40]}-{hashlib.sha256(stem.encode()).hexdigest()[:8]}"
+    return f"{stem}_" if stem == COMPARISON else stem
 
 
 def printable(text: str) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from processes.child import Child, Gone, heard, parent_channel
-from processes.job import Job, JobsError
+from processes.job import Cancelled, Job, JobsError
 
 MAX_BREAKS = 3
 """Worker processes that may end abruptly one after another without any job done between."""
@@ -42,7 +42,8 @@ class JobPool:
     def do_all(
         self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
     ) -> dict[str, Exception]:
-        """Do every job that is not done yet; one that fails holds up no other.
+        """Do every job that is not done yet; one that fails holds up no other, one that is
+        cancelled ends all.
 
         Args:
             on_done: told the name of each job as it gets done, in any order.
@@ -51,6 +52,7 @@ class JobPool:
             What the failed ones raised, by name.
 
         Raises:
+            Cancelled: as soon as a job raises it; no other is begun.
             JobsError: if workers die again and again, or the cluster cannot be reached or is gone.
                 What is done stays done.
         """
@@ -71,6 +73,8 @@ def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, 
     for job in jobs:
         try:
             job.do()
+        except Cancelled:
+            raise
         except Exception as error:
             failed[job.name] = error
         else:
@@ -106,6 +110,8 @@ def do_by_processes(
                     waiting.append(job)
                     idle.append(_worker())
                 else:
+                    if isinstance(error, Cancelled):
+                        raise error
                     if error is None:
                         on_done(job.name)
                     else:
@@ -198,6 +204,8 @@ def do_by_cluster(
                     f"The Dask scheduler at {scheduler} is gone; start one again and give the same "
                     "command, which goes on with what is not done."
                 ) from error
+            except Cancelled:
+                raise
             except Exception as error:
                 failed[job.name] = _told(error, job)
             else:

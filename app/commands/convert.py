@@ -19,7 +19,7 @@ from app.run.ask import Assumed
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from app.run.output.telling import name_file, say
-from conventions.names import printable
+from conventions.names import file_stem, printable
 from model.formats.read import Assumptions
 
 if TYPE_CHECKING:
@@ -116,10 +116,11 @@ def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
     """Where each goes; a second one of a name gets its number."""
     outs: list[Path] = []
     for name in names:
-        out = request.out / name.with_suffix(request.to)
+        stem = request.out.joinpath(*map(file_stem, (*name.parent.parts, name.stem)))
+        out = stem.with_name(f"{stem.name}{request.to}")
         number = 2
         while out in outs:
-            out = request.out / name.with_name(f"{name.stem}_{number}{request.to}")
+            out = stem.with_name(f"{stem.name}_{number}{request.to}")
             number += 1
         outs.append(out)
     return outs

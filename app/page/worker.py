@@ -233,10 +233,15 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
 
 
 def _limit_memory(more_bytes: int | None) -> int:
-    """Let this process, and what it starts, take so much more; returns what it has taken."""
+    """Let this process, and what it starts, take so much more, at most up to the hard limit that it
+    was started with; returns what it has taken."""
     taken = _data_bytes()
-    limit = resource.RLIM_INFINITY if more_bytes is None else taken + more_bytes
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.RLIM_INFINITY))
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = hard
+    if more_bytes is not None:
+        limit = taken + more_bytes
+        limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     return taken
 
 

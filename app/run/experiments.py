@@ -22,8 +22,9 @@ from app.run.ask import DEAF, TIP, Ask, Ear
 from app.run.bodies import choose_tip_source
 from app.run.display import Display
 from app.run.made import options_of
+from app.run.many.pairing import is_hidden
 from app.run.models import get_body, get_system
-from app.run.output.run_folder import RunRecord
+from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.run_writer import RunWriter, writing_run
 from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk
 from app.run.videos.videos import jobs_of
@@ -87,7 +88,10 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
         if ask.is_of_motions:
             of_system = {name: _Made(grid) for name, grid in _read_grids(ask.speeches[0]).items()}
         else:
-            speeches = {path.stem: _beginning(path, HEARD_S, ask) for path in ask.speeches}
+            speeches = {
+                file_stem(path.stem): _beginning(path, HEARD_S, ask) for path in ask.speeches
+            }
+            check_file_stems(f"{name}__{speech}" for name in ask.systems for speech in speeches)
             of_system = _generated(ask, speeches, run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
@@ -147,7 +151,7 @@ def _generated(
 def _read_grids(folder: Path) -> dict[str, Grid]:
     """Motions of a folder, by what their names say."""
     grids: dict[str, dict[tuple[str, int], Motion]] = {}
-    for path in sorted(folder.glob("*.npz")):
+    for path in sorted(path for path in folder.glob("*.npz") if not is_hidden(Path(path.name))):
         named = _NAMED.fullmatch(path.name)
         if named is None:
             raise RunError(

@@ -14,6 +14,7 @@ from app.errors import RunError
 from app.flags import File, a_count, written
 from app.run.ask import MAX_STEPS, Ask, CloseUps, Ear, Height
 from app.run.display import Seen
+from conventions.names import file_stem
 from conventions.views import Framing
 from model.storage.cards import two_speakers
 from renderer.figures.style import MAX_SYSTEMS
@@ -187,7 +188,7 @@ class HearingAsk(Ask):
             raise RunError(
                 f"Two to {MAX_SPEECHES} speeches are compared; got {len(self.speeches)}."
             )
-        if len({path.stem for path in self.speeches}) < len(self.speeches):
+        if len({file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
             raise RunError("Two of the speeches have one name; rename one of the files.")
         if not 2 <= self.seeds <= MAX_SEEDS:
             raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")

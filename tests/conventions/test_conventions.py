@@ -1,10 +1,15 @@
 """What all rooms agree on: the joints of SMPL-X, and how samples and their files are named."""
 
+import os
+
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from conventions import joints
-from conventions.names import SampleName, file_stem
+from conventions.names import COMPARISON, SampleName, file_stem
 
+HOSTILE = st.sampled_from("./\\ \0\n\x1b\u202e\udc80~a\u00e9\U0001f600")
 SMPLX_PARENTS = (
     -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
     20, 25, 26, 20, 28, 29, 20, 31, 32, 20, 34, 35, 20, 37, 38,
@@ -71,3 +76,15 @@ def test_a_sample_is_named_by_its_system_and_number(name, system, number):
 def test_what_no_later_sample_is_called_is_a_name_as_it_stands(name):
     assert SampleName.parse(name) == SampleName(name)
     assert file_stem("globaldiff/local") == "globaldiff-local"
+
+
+@given(st.text(HOSTILE, max_size=300) | st.text())
+@example("..")
+@example(".")
+@example("a" * 500)
+def test_a_file_stem_stays_in_its_folder_whatever_the_name(name):
+    stem = file_stem(name)
+    assert stem not in ("", COMPARISON) and stem.isprintable() and len(stem.encode()) <= 220
+    assert not stem.startswith(".") and not set(stem) & set("/\\") and stem == stem.rstrip(" .")
+    assert os.path.normpath(f"/out/{stem}") == f"/out/{stem}"
+    assert file_stem(stem) == stem, "or names that were cleaned before would change"

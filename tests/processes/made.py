@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from processes.job import Job, JobsError
+from processes.job import Cancelled, Job, JobsError
 from processes.pool import JobPool
 from tests.waiting import wait_for
 
@@ -41,6 +41,11 @@ def do_when_let(folder: Path, name: str) -> None:
 
 def fail(folder: Path, name: str) -> None:
     raise ValueError(f"{name} cannot be done")
+
+
+def cancel(folder: Path, name: str) -> None:
+    do(folder, name)
+    raise Cancelled
 
 
 def kill_worker_once(folder: Path, name: str) -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from processes.ended import NUM_LINES, Ended, last_lines
-from processes.job import JobsError
+from processes.job import Cancelled, JobsError
 from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT
 from tests.processes.made import (
+    cancel,
     done,
     fail,
     kill,
@@ -40,6 +41,14 @@ def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(tmp_path, po
         assert list(failed) == ["bad"] and str(failed["bad"]) == "bad cannot be done"
         assert sorted(told) == ["job0", "job1", "job2", "job4"]
         assert sorted(done(tmp_path)) == sorted(["job3", *told])
+
+
+@pytest.mark.parametrize("pool", [JobPool(1), TWO])
+def test_a_cancelled_job_ends_all_and_no_other_is_begun(tmp_path, pool):
+    jobs = [made_job(tmp_path, f"job{number}", work=cancel) for number in range(12)]
+    with pytest.raises(Cancelled):
+        pool.do_all(jobs)
+    assert len(done(tmp_path)) <= (pool.processes or 0)
 
 
 def test_a_killed_worker_costs_no_job(tmp_path):

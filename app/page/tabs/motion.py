@@ -38,7 +38,7 @@ from app.run.ask import (
 from app.run.many.opened import SPEECHES
 from app.run.many.speeches import ENDINGS
 from app.run.upload_check import TOO_MANY_CLIPS
-from conventions.names import counted, printable
+from conventions.names import counted, file_stem, printable
 from model.systems.registry import sampler_title
 
 FIGURE = ("figure_panels", "figure_frames", "figure_width")
@@ -114,7 +114,7 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
     if any(told[name] is not None for name in ("reference", "transcript", "plan")):
         raise RunError(text.OF_ONE_CLIP)
-    names = [printable(path.stem) for path in speeches]
+    names = [file_stem(path.stem) for path in speeches]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two clips are called {twice!r}; rename one of the files.")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import RunError
-from conventions.names import printable
+from conventions.names import file_stem
 
 GENERATED, RECORDED = "res_", "gt_"
 """How EMAGE's code and those after it begin the names of results, and of the recordings beside."""
@@ -120,14 +120,14 @@ def is_hidden(path: PurePath) -> bool:
 def _read(path: Path, inside: Path) -> _Found:
     stem = path.stem.removeprefix(GENERATED).removeprefix(RECORDED)
     stem = stem.removesuffix(OUTPUT) or stem
-    folders = [printable(part) for part in inside.parent.parts]
+    folders = [file_stem(part) for part in inside.parent.parts]
     if named := _SAMPLE.match(stem):
-        return _Found(path, (*folders, printable(named["clip"])), named["sample"])
+        return _Found(path, (*folders, file_stem(named["clip"])), named["sample"])
     samples = [place for place, part in enumerate(folders) if _FOLDER.match(part)]
     if samples:
         sample = folders.pop(samples[-1])
-        return _Found(path, (*folders, printable(stem)), _number(_FOLDER, sample))
-    return _Found(path, (*folders, printable(stem)))
+        return _Found(path, (*folders, file_stem(stem)), _number(_FOLDER, sample))
+    return _Found(path, (*folders, file_stem(stem)))
 
 
 def _is_numbered(found: _Found) -> bool:

@@ -17,11 +17,12 @@ from typing import Any
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
 from app.run.ask import Ask, Done, absolute
+from app.run.many.pairing import ends_in
 from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.upload_check import SOUNDS
-from conventions.names import REFERENCE_NAME, printable
+from conventions.names import REFERENCE_NAME, file_stem
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -134,7 +135,8 @@ def do_jobs(
 
 
 def find_speeches(source: Path) -> dict[str, Path]:
-    """By the name that each one's results get: that of its file.
+    """By the name that each one's results get: that of its file. Hidden files of a folder, such as
+    macOS's ``._a.wav``, are left out.
 
     Args:
         source: a folder of sound files, or a text file with one path a line, relative to it.
@@ -143,14 +145,15 @@ def find_speeches(source: Path) -> dict[str, Path]:
         RunError: if there is none, one is missing, or two have the same name.
     """
     if source.is_dir():
-        found = [path for path in sorted(source.iterdir()) if path.suffix.lower() in ENDINGS]
+        inside = sorted(path for path in source.iterdir() if path.is_file())
+        found = [path for path in inside if ends_in(ENDINGS, Path(path.name))]
         if not found:
             raise RunError(f"{source} has no sound file ({', '.join(ENDINGS)}).")
     else:
         found = _listed(source)
     speeches: dict[str, Path] = {}
     for path in found:
-        name = printable(path.stem)
+        name = file_stem(path.stem)
         if name in speeches:
             raise RunError(
                 f"{speeches[name]} and {path} would both be called {name!r}; rename one."
@@ -190,11 +193,11 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
             f"{folder} is no folder; many pieces of speech take a folder of plans, each named as "
             f"its speech ({', '.join(PLAN_ENDINGS)})."
         )
-    known = {ending.lower() for ending in PLAN_ENDINGS}
+    known = tuple(ending.lower() for ending in PLAN_ENDINGS)
     found = {
-        path.stem: path.absolute()
+        file_stem(path.stem): path.absolute()
         for path in sorted(folder.iterdir())
-        if path.suffix.lower() in known
+        if ends_in(known, Path(path.name))
     }
     missing = [clip for clip in clips if clip not in found]
     if missing:

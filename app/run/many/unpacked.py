@@ -27,7 +27,7 @@ from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 from app.run.many.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import PACKED
-from conventions.names import printable
+from conventions.names import file_stem, printable
 from model.storage.files import list_bytes, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
@@ -71,7 +71,7 @@ def unpack_sets(
     folders: dict[Path, Path] = {}
     for path, endings in sets:
         if is_packed(path) and path not in folders:
-            folder = top / str(len(folders)) / (printable(stem_of(path)) or "set")
+            folder = top / str(len(folders)) / file_stem(stem_of(path))
             folder.mkdir(parents=True)
             unpacked(path, folder, endings, together)
             folders[path] = folder

@@ -4,7 +4,6 @@ whoever shows it (docs/formats.md)."""
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import re
 import zipfile
@@ -36,7 +35,6 @@ MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
 _OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_frames"}
 """Of an ask, what is nobody's business or no choice."""
-_MAX_STEM_BYTES = 200
 _MAX_LIST_BYTES = 300_000
 """Of the list of files of a zip that is looked at."""
 
@@ -213,8 +211,28 @@ def noise_of(name: str) -> str | None:
     return f"{family} {sample.number}" if slash else None
 
 
+def check_file_stems(names: Iterable[str]) -> None:
+    """Check that no two of the names would share a file.
+
+    Raises:
+        RunError: naming both, and the file.
+    """
+    owners: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        other = owners.setdefault(file_stem(name), name)
+        if other != name:
+            raise RunError(
+                f"{other!r} and {name!r} would both be written as {file_stem(name)}; rename one."
+            )
+
+
 def rows_of(names: Sequence[str]) -> list[Row]:
-    """As they look in players and figures."""
+    """As they look in players and figures.
+
+    Raises:
+        RunError: if two would share their files.
+    """
+    check_file_stems(names)
     labels = short_names(names)
     return [
         Row(name=name, label=labels[name], color=color) for name, color in colors_of(names).items()
@@ -253,7 +271,8 @@ def runs_in(folder: Path) -> dict[str, Path]:
     in it, by clip."""
     if (folder / RUN).is_file():
         return {"": folder}
-    return {path.parent.name: path.parent for path in sorted(folder.glob(f"*/{RUN}"))}
+    found = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
+    return {path.name: path for path in found if not path.name.startswith(".")}
 
 
 def file_of(folder: Path, name: str | None) -> Path | None:
@@ -391,8 +410,5 @@ def ending_of(path: Path) -> str:
 
 
 def shown_file(name: str, ending: str) -> str:
-    """Of a row, for a player; short, however long the name is."""
-    stem = file_stem(name)
-    if len(stem.encode()) > _MAX_STEM_BYTES:
-        stem = f"{stem[:40]}-{hashlib.sha256(stem.encode()).hexdigest()[:8]}"
-    return f"{SHOWN}/{stem}{ending}"
+    """Return the name of a row's file that only a player shows."""
+    return f"{SHOWN}/{file_stem(name)}{ending}"

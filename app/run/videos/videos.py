@@ -21,7 +21,7 @@ from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run
-from conventions.names import REFERENCE_NAME, SampleName, file_stem
+from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.altered import exaggerate
@@ -302,7 +302,7 @@ def joined_side_by_side(
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     ear.progress("comparison", 0.0)
-    out, is_given_up = folder.path("comparison.mp4"), Event()
+    out, is_given_up = folder.path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,

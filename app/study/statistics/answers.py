@@ -14,6 +14,7 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainValidator
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
+from app.run.many.pairing import is_hidden
 from app.study.design.key import Ids, Key, ListNumber, Question
 from model.storage.checked import STRICT, FieldError, Text, checked, read_checked
 
@@ -107,7 +108,8 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = (file for file in sorted(path.rglob("*.json")) if file.name != TRUTH_NAME)
+            found = (file for file in sorted(path.rglob("*.json")) if file.name != TRUTH_NAME)
+            inside = (file for file in found if not is_hidden(file.relative_to(path)))
             files.extend(file for file in inside if file.is_file())
         elif path.is_file():
             files.append(path)

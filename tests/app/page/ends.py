@@ -1,6 +1,7 @@
 """Tasks that end as they do, each by its own hand."""
 
 import os
+import resource
 import signal
 import sys
 from pathlib import Path
@@ -58,6 +59,10 @@ def require_room(folder: Path, *_: Any) -> None:
 
 def fail(*_: Any) -> None:
     raise OverflowError("a secret of /home/somebody")
+
+
+def data_limits(*_: Any) -> tuple[int, int]:
+    return resource.getrlimit(resource.RLIMIT_DATA)
 
 
 def take_five_gigabytes(*_: Any) -> None:

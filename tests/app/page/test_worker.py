@@ -1,6 +1,7 @@
 """Tasks in processes of their own: limits, cancelling, and what is left after each."""
 
 import os
+import resource
 import shutil
 import signal
 from collections.abc import Iterator
@@ -104,6 +105,18 @@ def test_only_the_process_that_is_to_be_nice_is():
         assert os.getpgid(pid) == pid and os.getsid(pid) == os.getsid(0), "or it has a like share"
     finally:
         polite.close()
+
+
+def test_a_hard_limit_of_memory_is_kept_to():
+    """As of a cluster's job or a container, where only the system's owner may raise it."""
+    worker, hard = Worker(), 2 * 10**9
+    try:
+        worker.start()
+        resource.prlimit(pid_of(worker), resource.RLIMIT_DATA, (hard, hard))
+        for _ in range(2):
+            assert worker.do(ends.data_limits, "") == (hard, hard)
+    finally:
+        worker.close()
 
 
 @pytest.mark.parametrize(

@@ -219,6 +219,20 @@ def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path)
         find_speeches(tmp_path / "empty")
 
 
+def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, weights, tmp_path):
+    whole = (speeches / "a.wav").read_bytes()
+    (speeches / "._a.wav").write_bytes(b"a resource fork of macOS")
+    for name in (".wav", "..wav", "...wav"):
+        (speeches / name).write_bytes(whole)
+    (speeches / "folder.wav").mkdir()
+    assert list(find_speeches(speeches)) == ["a", "b", "c"]
+    listed, out = tmp_path / "list.txt", tmp_path / "out"
+    listed.write_text("speech/...wav\n")  # whoever names it means it
+    runs = do_clips(asks_of(request_of(listed, out, weights, has_figures=False)), HERE)
+    assert runs.clips == ("_",) and (out / "_" / RUN).is_file()
+    assert not (tmp_path / RUN).exists() and not (out / RUN).exists()
+
+
 def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
     asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
     with pytest.raises(RunError, match="belong to one piece of speech"):
