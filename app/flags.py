@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import MISSING, dataclass, field, fields, make_dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -20,7 +20,7 @@ from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
-from conventions.names import printable
+from conventions.names import listed, printable
 from model.systems.registry import families
 
 
@@ -138,6 +138,32 @@ def part_of(asked: type, *names: str, **instead: Any) -> Any:
     own_kind = {"__annotations__": own, "__new__": whole, **values}
     part = type(asked.__name__, (asked,), own_kind)
     return arg(constructor=dataclass(frozen=True, kw_only=True)(part))
+
+
+def refuse_ignored(asked: Any, names: Sequence[str], why: str, **usual: Any) -> None:
+    """Refuse flags that a command would ignore, where they differ from their defaults.
+
+    Args:
+        asked: the dataclass that the command was given.
+        names: fields of it that the command does not use.
+        why: first clause of the refusal.
+        usual: defaults that differ from the dataclass's own.
+
+    Raises:
+        RunError: naming the flags.
+    """
+    hints = get_type_hints(type(asked), include_extras=True)
+    given = []
+    for of in fields(asked):
+        if of.name not in names:
+            continue
+        default = of.default if of.default_factory is MISSING else of.default_factory()
+        if getattr(asked, of.name) not in (default, usual.get(of.name, default)):
+            marks = getattr(hints[of.name], "__metadata__", ())
+            flag = next((mark.name for mark in marks if getattr(mark, "name", None)), of.name)
+            given.append(f"--{flag.replace('_', '-')}")
+    if given:
+        raise RunError(f"{why}; leave {listed(given)} out.")
 
 
 def family_files() -> Any:

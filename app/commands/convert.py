@@ -14,7 +14,7 @@ from tyro.conf import Positional, arg
 
 from app.config import default_body
 from app.errors import RunError, sentence_of
-from app.flags import File
+from app.flags import File, refuse_ignored
 from app.run.ask import Assumed
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
@@ -78,6 +78,9 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     missing = next((path for path in request.files if not path.exists()), None)
     if missing is not None:
         raise RunError(f"There is no {missing}.")
+    if is_file:
+        why = f"--out is a {request.out.suffix.lower()} file"
+        refuse_ignored(request, ("to",), why, to=request.out.suffix.lower())
     packed = [(path, ENDINGS) for path in request.files if not path.is_dir()]
     if is_file:
         request.out.parent.mkdir(parents=True, exist_ok=True)

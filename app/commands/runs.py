@@ -21,6 +21,7 @@ from app.flags import (
     family_files,
     no,
     part_of,
+    refuse_ignored,
     use_family_files,
     written,
 )
@@ -47,6 +48,10 @@ from processes.pool import JobPool
 
 _FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
 _WORDS = ("channel", "transcript", "words")
+_DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
+"""What decides a plan that is drawn of speech."""
+_OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "shown", "has_video")
+"""What `diagnose` takes of single motions, and not of sets."""
 _SYSTEMS = ("weights", "speaker")
 
 
@@ -237,6 +242,8 @@ def diagnose(
 def _check_sets(ask: Ask) -> None:
     from app.run.many.check import check_sets
 
+    ignored = (*_OF_ONE, "speech", "told", "channel", "mean_speeds", "emage_weights")
+    refuse_ignored(ask, ignored, "--check genea measures nothing")
     found = check_sets(ask.motions, ask.reference, ask.out)
     for checked in found.values():
         for sentence in checked.told:
@@ -250,6 +257,7 @@ def _check_sets(ask: Ask) -> None:
 def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
     from app.run.many.motions import diagnose_folders
 
+    refuse_ignored(ask, _OF_ONE, "Of folders only numbers over clips are made")
     with Bars() as shown, _told_if_stopped():
         result = diagnose_folders(ask, partial(shown.show, "measure clips"), pool)
     _finish(result.files, result.notes)
@@ -277,6 +285,10 @@ def hearing(ask: Annotated[HearingAsk, _HEARING], files: Files) -> None:
     or neither. Or compare a folder of anyone's motion, whose files are called
     SYSTEM__SPEECH__SEED.npz.
     """
+    if ask.is_of_motions:
+        ignored = (*_SYSTEMS, "systems", "guidance", "seeds")
+        why = "The motions of a folder are compared as they are"
+        refuse_ignored(ask, ignored, why, systems=usual_systems("hearing"))
     _do(MEASURE_HEARING, ask, files)
 
 
@@ -305,18 +317,15 @@ def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")
 
     source = ask.speech or Path()
     if is_motion(source):
-        of_speech = {
-            "--speaker": ask.speaker,
-            "--guidance": ask.guidance,
-            "--transcript": ask.transcript,
-            "--empty": is_empty,
-            "--style": ask.style,
-        }
-        given = [name for name, value in of_speech.items() if value]
-        if given:
-            raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
+        refuse_ignored(ask, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
+        if is_empty:
+            raise RunError("In a motion the plan is found; leave --empty out.")
         _finish([ask.out], find_plan(source, ask.out, ask.told))
         return
+    refuse_ignored(ask, ("told",), "Assumptions are of motion files, and this is speech")
+    if is_empty:
+        ignored = (name for name in _DRAWS_PLANS if name != "style")
+        refuse_ignored(ask, tuple(ignored), "An empty plan is not drawn")
     _finish([ask.out], make_plan(ask, is_empty=is_empty).notes)
 
 
@@ -329,6 +338,13 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     """
     from app.run.videos.export import render_motion
 
+    if not ask.is_picture:
+        ignored = ("speech", "views", "close_ups", "framing", "joint")
+        refuse_ignored(ask, ignored, f"A {ask.ending} file holds the body alone")
+    if ask.ending not in (".obj", ".ply"):
+        refuse_ignored(ask, ("frame",), f"A {ask.ending} file holds all frames")
+    if ask.is_picture or ask.ending in (".obj", ".ply"):
+        refuse_ignored(ask, ("plan",), f"A {ask.ending} file has no place for a plan")
     with Bars() as shown:
         files, notes = render_motion(ask, Ear(shown.take))
     _finish(files, notes)

@@ -33,8 +33,9 @@ Asked = TypeVar("Asked")
 Found = TypeVar("Found")
 Task = Callable[[Asked, Ear], Found]
 
-GRACE_S = 1.0
-"""How long a process may go on after it was told to stop."""
+GRACE_S = 10.0
+"""How long a process may go on after it was told to stop. Drawing Figure 6 takes seconds in which it
+is not asked; its successor takes 20 s of a core to read the models."""
 GROWN_BYTES = 10**9
 """A process that is larger by this than before its task is not kept."""
 _POLL_S = 0.05
@@ -98,7 +99,7 @@ class Worker:
         """Do a task, which is a function of a module, as soon as the one before is done.
 
         Raises:
-            Cancelled: within about a second of ``ear`` saying so.
+            Cancelled: when the task has stopped after ``ear`` said so, within `GRACE_S`.
             RunError: with the sentence of what went wrong, or the limit that was met.
             FaultElsewhere: for a fault of the program.
         """

@@ -26,7 +26,7 @@ from app.run.many.pairing import is_hidden
 from app.run.models import get_body, get_system
 from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.run_writer import RunWriter, writing_run
-from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk
+from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk, systems_of
 from app.run.videos.videos import jobs_of
 from conventions.names import file_stem, short_names
 from conventions.rates import SAMPLE_RATE
@@ -91,7 +91,7 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
             speeches = {
                 file_stem(path.stem): _beginning(path, HEARD_S, ask) for path in ask.speeches
             }
-            check_file_stems(f"{name}__{speech}" for name in ask.systems for speech in speeches)
+            check_file_stems(f"{name}__{speech}" for name in systems_of(ask) for speech in speeches)
             of_system = _generated(ask, speeches, run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
@@ -123,7 +123,7 @@ def _beginning(path: Path | None, longest_s: float, ask: Ask) -> Speech:
 def _generated(
     ask: HearingAsk, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
 ) -> dict[str, _Made]:
-    systems = [get_system(name, ask.weights) for name in dict.fromkeys(ask.systems)]
+    systems = [get_system(name, ask.weights) for name in systems_of(ask)]
     first, seeds, speakers = next(iter(speeches)), range(ask.seeds), ask.speakers or ()
     wanted = len(systems) * len(seeds) * (len(speeches) + len(speakers))
     done = itertools.count()
@@ -357,7 +357,7 @@ def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
     """
     ask.check()
     speech = _beginning(ask.speech, MAX_S, ask)
-    systems = [get_system(name, ask.weights) for name in ask.systems]
+    systems = [get_system(name, ask.weights) for name in systems_of(ask)]
     record = RunRecord(kind="generated", point=TIP)
     points: list[StepPoint] = []
     with writing_run(ask.out, record, ear) as run:

@@ -17,6 +17,7 @@ from app.run.display import Seen
 from conventions.names import file_stem
 from conventions.views import Framing
 from model.storage.cards import two_speakers
+from model.systems.registry import list_systems
 from renderer.figures.style import MAX_SYSTEMS
 
 
@@ -192,9 +193,7 @@ class HearingAsk(Ask):
             raise RunError("Two of the speeches have one name; rename one of the files.")
         if not 2 <= self.seeds <= MAX_SEEDS:
             raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
-        count = len(self.systems)
-        if not 1 <= count <= MAX_SYSTEMS:
-            raise RunError(f"One to {MAX_SYSTEMS} systems are compared at once; got {count}.")
+        _check_count(self)
 
 
 NOISE_RAD = (0.005, 0.1)
@@ -254,9 +253,21 @@ class StepsAsk(Ask):
                 f"Steps must be whole numbers from 1 to {MAX_STEPS}; got "
                 f"{', '.join(map(str, self.counts)) or 'none'}."
             )
-        count = len(self.systems)
-        if not 1 <= count <= MAX_SYSTEMS:
-            raise RunError(f"One to {MAX_SYSTEMS} systems are measured at once; got {count}.")
+        _check_count(self)
+
+
+def systems_of(ask: Ask) -> tuple[str, ...]:
+    """Return the systems by name: those that are asked for, or all."""
+    return tuple(dict.fromkeys(ask.systems)) or list_systems(ask.weights)
+
+
+def _check_count(ask: Ask) -> None:
+    systems = systems_of(ask)
+    if not 1 <= len(systems) <= MAX_SYSTEMS:
+        raise RunError(
+            f"One to {MAX_SYSTEMS} systems are compared at once; got {len(systems)}"
+            f"{': ' if systems else ''}{', '.join(systems)}."
+        )
 
 
 @dataclass(frozen=True)

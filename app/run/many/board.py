@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -101,19 +101,27 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
     content = bytes_within(path, MAX_BYTES, RunError)
     try:
         told = json.loads(content)
-        where = told["provenance"]
     except (ValueError, RecursionError) as error:
         raise RunError(f"{path} is no JSON.") from error
-    except (KeyError, TypeError):
-        where = None
-    if not isinstance(where, dict):
-        raise RunError(f"{path} does not say what it is of; measure the set again with diagnose.")
+    try:
+        return _entries(told, folder, note, set(names))
+    except RunError:
+        raise
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        raise RunError(
+            f"{path} is damaged, or was written by another version of this program; measure the "
+            "set again with diagnose."
+        ) from error
+
+
+def _entries(told: dict[str, Any], folder: Path, note: str, names: set[str]) -> list[Entry]:
+    where = told["provenance"]
     if not where["reference"]:
         raise RunError(
             f"{folder.name} was measured without a recorded set, and so cannot be held against "
             "others; measure it again with --reference."
         )
-    wanted = set(names) or set(where["systems"]) - {REFERENCE_NAME}
+    wanted = names or set(where["systems"]) - {REFERENCE_NAME}
     unknown = sorted(wanted - set(where["systems"]))
     if unknown:
         raise RunError(
@@ -122,7 +130,8 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
     if len(note) > MAX_NOTE:
         raise RunError(f"A note has at most {MAX_NOTE} letters; this one has {len(note)}.")
     taken = wanted | {REFERENCE_NAME}
-    return [_entry(told, where, name, note) for name in where["systems"] if name in taken]
+    entries = [_entry(told, where, name, note) for name in where["systems"] if name in taken]
+    return Board.model_validate_json(json.dumps({"entries": list(map(asdict, entries))})).entries
 
 
 def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:

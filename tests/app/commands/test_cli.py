@@ -259,6 +259,8 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         ("a.png --background transparent --trail", "in the studio only"),
         ("a.png --background transparent --close-up face", "Close-ups are shown in the studio"),
         ("a.mp4 --speech /nowhere.wav", "no speech file at /nowhere.wav"),
+        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file holds all frames; leave --frame out."),
+        ("a.glb --views side", "A .glb file holds the body alone; leave --views out."),
         ("a.mp4 --body /nowhere.npz", "nowhere.npz"),
     ]:
         assert words in sentence_after(["render", str(motion), "--out", *flags.split()], capsys)
@@ -276,6 +278,22 @@ def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
     told = sentence_after([*argv, str(tmp_path / "a.mp4")], capsys)
     assert "/nowhere/ffmpeg is no ffmpeg" in told
     assert [path.name for path in tmp_path.iterdir()] == [motion.name]
+
+
+def test_flags_that_a_command_would_ignore_are_refused(motion, tmp_path, capsys):
+    folder, out = tmp_path / "sets", str(tmp_path / "out")
+    folder.mkdir()
+    for argv, words in [
+        (["diagnose", str(folder), "--joint", "neck", "--window", "60"], "leave --joint and --win"),
+        (["diagnose", str(folder), "--check", "genea", "--channel", "left"], "leave --channel out"),
+        (["hearing", str(folder), "--guidance", "2", "--seeds", "3"], "--guidance and --seeds out"),
+        (["convert", str(motion), "--out", "a.bvh", "--to", ".glb"], "leave --to out"),
+    ]:
+        argv = argv if "--out" in argv else [*argv, "--out", out]
+        said = sentence_after(argv, capsys)
+        named = said.replace("--window and --joint", "--joint and --window")
+        assert words in named.replace("--seeds and --guidance", "--guidance and --seeds"), said
+    assert not Path(out).exists()
 
 
 def test_doctor_finds_what_is_missing(weights, tmp_path, capsys):

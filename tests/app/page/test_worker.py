@@ -76,7 +76,10 @@ def test_a_visitor_is_told_a_number_of_a_fault_and_the_log_where_it_was(worker, 
     assert "OverflowError" in caplog.text and "in fail" in caplog.text
 
 
-def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(worker):
+def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(
+    worker, monkeypatch
+):
+    monkeypatch.setattr("app.page.worker.GRACE_S", 0.5)
     worker.do(ends.carry_on, "")
     first, asked = pid_of(worker), iter([False] * 3)
     with pytest.raises(Cancelled):

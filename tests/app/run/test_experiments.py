@@ -30,6 +30,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import load_speech, write_wav
+from model.systems.registry import list_systems
 from tests.app.heard import Heard
 from tests.conftest import MadeOnce
 from tests.helpers import csv_rows, smooth_motion_example
@@ -263,8 +264,15 @@ def test_what_cannot_be_measured_is_refused() -> None:
         (("a",), (0,), "from 1 to 1000; got 0"),
         (("a",), (5, 2000), "from 1 to 1000; got 5, 2000"),
         (("a",), (), "got none"),
-        ((), (1,), "One to 6 systems are measured at once; got 0"),
+        ((), (1,), r"One to 6 systems are compared at once; got 1\d: .*globaldiff/local, "),
         (tuple("abcdefg"), (1,), "got 7"),
     ]:
         with pytest.raises(RunError, match=says):
             StepsAsk(out=Path("out"), systems=systems, counts=counts).check()
+
+
+def test_all_means_all_systems_of_the_weights(noise, weights, tmp_path):
+    ask = StepsAsk(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
+    measure_step_curve(ask)
+    table = json.loads((ask.out / "steps.json").read_text())
+    assert {row["system"] for row in table} == {*list_systems(weights)}

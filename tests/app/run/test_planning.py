@@ -165,9 +165,17 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
     told(asked.speech, plan, "--style", str(style), *weights)
     assert not gestures(read_plan_file(plan).plan, "right")
 
-    for flags in (["--speaker", "bob"], ["--empty"]):
-        refusal = f"In a motion the plan is found; {flags[0]} is for speech."
-        assert refusal in told(motion, out, *flags, status=1)
+    many = ("--seed", "3", "--guidance", "0", "--channel", "left", "--words", "recognise")
+    for flags, left_out in (
+        (("--speaker", "bob"), "--speaker"),
+        (("--empty",), "--empty"),
+        (many, "--seed, --guidance, --channel and --words"),
+    ):
+        said = told(motion, out, *flags, status=1)
+        named = said.removeprefix("In a motion the plan is found; leave ").removesuffix(" out.\n")
+        assert sorted(named.replace(" and", ",").split(", ")) == sorted(
+            left_out.replace(" and", ",").split(", ")
+        )
     motion.write_bytes(b"no")
     style.write_text("more = 1")
     for source, to, flags, words in (
@@ -176,6 +184,8 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         (asked.speech, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
         (asked.speech, plan, ("--seed", "-1"), "must not be negative; got -1"),
         (asked.speech, plan, ("--empty", "--style", str(style)), "An empty plan has no style"),
+        (asked.speech, plan, ("--empty", "--seed", "3"), "not drawn; leave --seed out"),
+        (asked.speech, plan, ("--assume", "up=z"), "leave --assume out"),
         (asked.speech, plan, ("--style", str(style), *weights), "a style has no 'more'"),
         (asked.speech, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
     ):

@@ -282,3 +282,15 @@ def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_pa
         assert row.ending == ending
         RunRecord(kind="given", point="right_wrist", rows=[row]).write(tmp_path / RUN)
         assert read_run(tmp_path).rows[0].ending == ending
+
+
+def test_rows_that_would_share_their_files_are_refused(tmp_path, weights):
+    files = [tmp_path / "a" / "x.npz", tmp_path / "b" / "x.npz", tmp_path / "a-x.npz"]
+    for seed, path in enumerate(files):
+        path.parent.mkdir(exist_ok=True)
+        save_motion(smooth_motion_example(12, seed), path)
+    ask = Ask(motions=tuple(files), out=tmp_path / "out", has_figures=False)
+    with pytest.raises(RunError, match="'a/x' and 'a-x' would both be written as a-x; rename one"):
+        do(ask)
+    assert not ask.out.exists()
+    assert rows_of(["a/x", "b/x", "comparison"])

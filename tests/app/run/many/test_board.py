@@ -104,6 +104,29 @@ def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Pa
         entries_of(tmp_path)
 
 
+def test_results_of_another_version_are_refused_with_a_sentence(measured, tmp_path):
+    whole = json.loads((measured / "one" / "many.json").read_text())
+    where = whole["provenance"]
+    row = {**whole["measures"][0], "mean": "1"}
+    for told in (
+        *({key: value for key, value in whole.items() if key != left} for left in whole),
+        *(
+            {**whole, "provenance": {key: value for key, value in where.items() if key != left}}
+            for left in where
+        ),
+        *({**whole, "provenance": wrong} for wrong in (None, [], "x")),
+        *([], {**whole, "measures": [row]}, {**whole, "measures": [{}]}),
+    ):
+        (tmp_path / "many.json").write_text(json.dumps(told))
+        try:
+            entries_of(tmp_path)
+        except RunError as error:
+            assert "another version of this program; measure the set again" in str(error)
+        else:
+            assert isinstance(told, dict)
+            assert {*whole} - {*told} <= {"left_out", "notes", "worst"}, told.keys()
+
+
 def test_the_command_keeps_merges_and_shows(measured: Path, tmp_path: Path) -> None:
     first, second, put = (str(tmp_path / f"{name}.json") for name in ("a", "b", "c"))
     assert main(["leaderboard", "add", first, str(measured / "both"), "--note", "x <b> y"]) == 0
