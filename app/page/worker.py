@@ -34,8 +34,8 @@ Found = TypeVar("Found")
 Task = Callable[[Asked, Ear], Found]
 
 GRACE_S = 10.0
-"""How long a process may go on after it was told to stop. Drawing Figure 6 takes seconds in which it
-is not asked; its successor takes 20 s of a core to read the models."""
+"""How long a process may go on after it was told to stop. It is not asked while a figure is drawn,
+which takes seconds; its successor takes 20 s of a core to read the models."""
 GROWN_BYTES = 10**9
 """A process that is larger by this than before its task is not kept."""
 _POLL_S = 0.05

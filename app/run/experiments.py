@@ -22,7 +22,6 @@ from app.run.ask import DEAF, TIP, Ask, Ear
 from app.run.bodies import choose_tip_source
 from app.run.display import Display
 from app.run.made import options_of
-from app.run.many.pairing import is_hidden
 from app.run.models import get_body, get_system
 from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.run_writer import RunWriter, writing_run
@@ -151,7 +150,7 @@ def _generated(
 def _read_grids(folder: Path) -> dict[str, Grid]:
     """Motions of a folder, by what their names say."""
     grids: dict[str, dict[tuple[str, int], Motion]] = {}
-    for path in sorted(path for path in folder.glob("*.npz") if not is_hidden(Path(path.name))):
+    for path in sorted(path for path in folder.glob("*.npz") if not path.name.startswith(".")):
         named = _NAMED.fullmatch(path.name)
         if named is None:
             raise RunError(
