@@ -57,6 +57,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     limits = SpeechLimits(channel=ask.channel)
     speech = None if ask.speech is None else load_speech(ask.speech, limits)
     notes = apart(readings) + [note for each in readings.values() for note in each.notes]
+    is_first_track = speech is None or (ask.channel is None and speech.track == 0)
     if speech is not None:
         words.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
@@ -80,7 +81,7 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         timeline=timeline,
         body=body,
         tip=tip,
-        sound=ask.speech if ask.channel is None else run.folder.at(HEARD),
+        sound=ask.speech if is_first_track else run.folder.at(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
         heard=None if speech is None else heard_of(speech.waveform),
         mean_speeds=None if ask.mean_speeds is None else read_mean_speeds(ask.mean_speeds),

@@ -12,7 +12,8 @@ import struct
 import subprocess
 import threading
 import wave
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
@@ -29,7 +30,17 @@ SILENT_BELOW = 1e-3
 CANCELLED_BELOW = 0.25
 """Level of the mean of all channels, relative to the loudest one, under which it is not used."""
 
-_CONTAINERS = "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi,mpegts,mpeg"
+_CONTAINERS = (
+    "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi,mpegts,mpeg,nistsphere,voc,"
+    "tta,ac3,eac3"
+)
+MIN_GAP_S = 0.1
+"""Shortest time without sound, by the time stamps of a file, that is filled with silence."""
+_LATE = "The sound starts {seconds:.1f} s after the start of the file; silence was put before it."
+_RESAMPLE = f"aresample={SAMPLE_RATE}:osf=flt"
+_FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_GAP_S}:first_pts=0"
+"""Puts samples where their time stamps say. It comes after the resampling, so that a gap takes no
+more memory in ffmpeg than in the result."""
 _MOST_TRACKS = 8
 """Of which the first that is not silent is looked for."""
 _BLOCK_BYTES = 1 << 20
@@ -63,6 +74,8 @@ class Speech:
     """Of the bytes of the file it came from."""
     notes: tuple[str, ...] = ()
     """Sentences a person should see, such as what was missing from the file."""
+    track: int = 0
+    """Number of the sound track in the file, from 0."""
 
     @property
     def duration_s(self) -> float:
@@ -84,13 +97,17 @@ class _Decoded:
     """Length by the file's own header, where it has one that is of the sound."""
     num_tracks: int
     """Of sound."""
+    notes: tuple[str, ...] = ()
+    """Sentences on the file's time stamps."""
 
 
 def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Speech:
     """Decode a sound file of any common format, or the first sound track of a video.
 
     Channels are mixed to one. Where they cancel each other the loudest alone is used. Of several
-    tracks the first that is not silent is taken. What was changed or missing is said in ``notes``.
+    tracks the first that is not silent is taken. Where the file's time stamps say that the sound
+    starts late or has gaps, these are filled with silence. What was changed or missing is said in
+    ``notes``.
 
     Raises:
         SpeechError: if the file is missing, is no sound file, is too short, too long, too large,
@@ -120,6 +137,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
             )
     if decoded.rate not in (None, SAMPLE_RATE):
         notes.append(f"The sound was resampled from {decoded.rate:,} Hz to {SAMPLE_RATE:,} Hz.")
+    notes += decoded.notes
     waveform = decoded.waveform
     _check_waveform(waveform, name, limits)
     missing_s = (decoded.declared_s or 0.0) - len(waveform) / SAMPLE_RATE
@@ -135,7 +153,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
             notes.append(
                 f"The samples reached {peak:.3g} times full scale; they were scaled down to fit."
             )
-    return Speech(waveform=waveform, sha256=digest, notes=tuple(notes))
+    return Speech(waveform=waveform, sha256=digest, notes=tuple(notes), track=track)
 
 
 def _speaking_track(path: Path, name: str, limits: SpeechLimits) -> tuple[_Decoded, int, list[str]]:
@@ -201,6 +219,8 @@ def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: Spee
     duration_s = len(waveform) / SAMPLE_RATE
     if len(waveform) == 0:
         raise SpeechError(f"{name} holds no sound (0 samples); {_READABLE} of speech.")
+    if len(waveform) > _max_samples(limits):
+        raise _too_long(name, limits)
     if duration_s < limits.min_s:
         raise SpeechError(
             f"{name} is {duration_s:.2g} s long; at least {limits.min_s:g} s are needed."
@@ -214,9 +234,14 @@ def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: Spee
 
 
 def _decode(
-    path: Path, name: str, limits: SpeechLimits, channel: int | None, track: int = 0
+    path: Path,
+    name: str,
+    limits: SpeechLimits,
+    channel: int | None,
+    track: int = 0,
+    filters: str = _FILL_GAPS,
 ) -> _Decoded:
-    """One pass over the file; ``channel`` picks one, if there is one, in place of all's mean."""
+    """Decode the file once; ``channel`` selects one channel, if it exists, instead of the mean."""
     try:
         ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
@@ -224,11 +249,11 @@ def _decode(
             f"{name} cannot be decoded: no ffmpeg was found; install imageio-ffmpeg again."
         ) from error
     command = [
-        *(ffmpeg, "-hide_banner", "-nostdin", "-nostats"),
+        *(ffmpeg, "-hide_banner", "-nostdin", "-nostats", "-loglevel", "repeat+level+verbose"),
         *("-threads", "1", "-max_alloc", str(2**28)),
         *("-protocol_whitelist", "file", "-format_whitelist", _CONTAINERS),
         *("-i", f"file:{path.resolve()}"),
-        *("-map", f"0:a:{track}", "-vn", "-sn", "-dn", "-map_metadata", "-1"),
+        *("-map", f"0:a:{track}", "-vn", "-sn", "-dn", "-map_metadata", "-1", "-af", filters),
         # Sun's .au is raw samples after a header that says how many channels there are.
         *("-t", f"{limits.max_s + 1:.3f}", "-ar", str(SAMPLE_RATE)),
         *("-c:a", "pcm_f32be", "-f", "au", "pipe:1"),
@@ -237,8 +262,8 @@ def _decode(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert process.stdout is not None and process.stderr is not None
-    log = bytearray()
-    log_reader = threading.Thread(target=_drain, args=(process.stderr, log), daemon=True)
+    log, stamps = bytearray(), _Stamps()
+    log_reader = threading.Thread(target=_drain, args=(process.stderr, log, stamps), daemon=True)
     log_reader.start()
     timed_out = threading.Event()
     watchdog = threading.Timer(_TIMEOUT_S, lambda: (timed_out.set(), process.kill()))
@@ -257,10 +282,20 @@ def _decode(
         raise SpeechError(
             f"{name} took longer than {_TIMEOUT_S} s to decode; save it as WAV and try again."
         )
-    rate, declared_s, num_tracks = _parse_log(log.decode("utf-8", "replace"), track)
+    text = log.decode("utf-8", "replace")
+    rate, declared_s, num_tracks = _parse_log(text, track)
     if rate is None and len(waveform) == 0:
         raise SpeechError(f"{name} is not a sound file that can be read; {_READABLE}.")
-    return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks)
+    if stamps.dropped > sum(stamps.filled):
+        whole = _decode(path, name, limits, channel, track, _RESAMPLE)
+        note = (
+            f"By the time stamps of the file {stamps.dropped / SAMPLE_RATE:.1f} s of sound overlap "
+            "others; the time stamps were ignored, and all sound was kept."
+        )
+        return replace(whole, notes=(note,))
+    waveform, notes = _with_late_start(waveform, text, track, limits.max_s)
+    notes += _told_of_gaps(waveform, stamps.filled)
+    return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks, tuple(notes))
 
 
 def _read_au(
@@ -274,8 +309,7 @@ def _read_au(
     stream.read(offset - len(header))
     frame_bytes = 4 * num_channels
     block_bytes = max(1, _BLOCK_BYTES // frame_bytes) * frame_bytes
-    # Half a motion frame of tolerance: decoders pad the end.
-    max_samples = round((limits.max_s + 0.5 / FPS) * SAMPLE_RATE)
+    max_samples = _max_samples(limits)
     blocks: list[np.ndarray] = []
     energy = np.zeros(num_channels)
     num_samples = 0
@@ -293,12 +327,21 @@ def _read_au(
         blocks.append(block[:, channel].copy() if is_one else _mean(block))
         num_samples += len(block)
         if num_samples > max_samples:
-            raise SpeechError(
-                f"{name} is longer than {_minutes(limits.max_s)}, the limit; cut it, or raise the "
-                "limit (--max-minutes)."
-            )
+            raise _too_long(name, limits)
     waveform = np.concatenate(blocks) if blocks else np.zeros(0, dtype=np.float32)
     return waveform, np.sqrt(energy / max(1, num_samples))
+
+
+def _max_samples(limits: SpeechLimits) -> int:
+    """Return the limit with half a motion frame of tolerance: decoders pad the end."""
+    return round((limits.max_s + 0.5 / FPS) * SAMPLE_RATE)
+
+
+def _too_long(name: str, limits: SpeechLimits) -> SpeechError:
+    return SpeechError(
+        f"{name} is longer than {_minutes(limits.max_s)}, the limit; cut it, or raise the limit "
+        "(--max-minutes)."
+    )
 
 
 def _mean(block: Float32[np.ndarray, "N C"]) -> Float32[np.ndarray, " N"]:
@@ -306,10 +349,79 @@ def _mean(block: Float32[np.ndarray, "N C"]) -> Float32[np.ndarray, " N"]:
     return block.mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
-def _drain(stream: IO[bytes], log: bytearray) -> None:
-    """Keep the start of ffmpeg's messages and drop the rest, so that it never waits for us."""
-    while data := stream.read1(4096):  # pyright: ignore[reportAttributeAccessIssue]
-        log.extend(data[: max(0, _LOG_BYTES - len(log))])
+_LEVEL = re.compile(rb"\[(\w+)\] ")
+_MOVED = re.compile(rb"(adding|discarding) (\d{1,12}) audio samples")
+_STEP = 16384
+"""The most samples of silence that ffmpeg adds at once; a longer gap is several messages."""
+
+
+@dataclass
+class _Stamps:
+    """What was changed to follow time stamps, in samples of the result."""
+
+    filled: list[int] = field(default_factory=list)
+    """Lengths of the gaps that were filled with silence, in their order."""
+    dropped: int = 0
+    """Samples whose time had already passed."""
+    is_open: bool = False
+    """Whether the next silence belongs to the last gap."""
+
+
+def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
+    """Keep the start of ffmpeg's messages and drop the rest, so that it never waits for us. Of the
+    verbose ones only what they say of time stamps is kept."""
+    for line in iter(lambda: stream.readline(_LOG_BYTES), b""):
+        level = _LEVEL.search(line)
+        if level is None or level[1] != b"verbose":
+            line = line if level is None else line[: level.start()] + line[level.end() :]
+            log.extend(line[: max(0, _LOG_BYTES - len(log))])
+        elif moved := _MOVED.search(line):
+            count = int(moved[2])
+            if moved[1] == b"discarding":
+                stamps.dropped += count
+            elif stamps.is_open:
+                stamps.filled[-1] += count
+            else:
+                stamps.filled.append(count)
+            stamps.is_open = moved[1] == b"adding" and count == _STEP
+
+
+_LATE_FORMATS = re.compile(r"^Input #0, mpeg(?:ts)?,", re.MULTILINE)
+"""Containers of which ffmpeg shifts each track to 0 that is decoded without the picture."""
+
+
+def _with_late_start(
+    waveform: Float32[np.ndarray, " N"], log: str, track: int, max_s: float | int
+) -> tuple[Float32[np.ndarray, " M"], list[str]]:
+    """Add the silence before a track that starts later than the file, if ffmpeg has dropped it."""
+    start = re.search(r"^  Duration: .*?, start: (\d+\.\d+)", log, re.MULTILINE)
+    sounds = [stream for kind, stream in _STREAM.findall(log) if kind == "Audio"]
+    own = re.search(r", start (\d+\.\d+)", sounds[track]) if track < len(sounds) else None
+    late_s = float(own[1]) - float(start[1]) if start and own else 0.0
+    if not _LATE_FORMATS.search(log) or not MIN_GAP_S <= late_s <= max_s:
+        return waveform, []
+    return np.pad(waveform, (round(late_s * SAMPLE_RATE), 0)), [_LATE.format(seconds=late_s)]
+
+
+def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
+    """Sentences on the silence that was filled in, with its place: the stretches of zeros."""
+    edges = np.diff(np.concatenate([[0], waveform == 0, [0]]).astype(np.int8))
+    stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+    found: list[tuple[float, float]] = []
+    for count in filled:
+        start = next((start for start, end in stretches if end - start >= count), len(waveform))
+        found.append((start / SAMPLE_RATE, count / SAMPLE_RATE))
+    notes = [_LATE.format(seconds=length) for start, length in found if start == 0]
+    if gaps := [gap for gap in found if gap[0] > 0]:
+        (first_s, length_s), total_s = gaps[0], sum(length for _, length in gaps)
+        notes.append(
+            f"The sound has {counted(len(gaps), 'gap')} by the time stamps of the file, of "
+            f"{total_s:.1f} s in all, the first at {first_s:.1f} s; silence was filled in."
+            if len(gaps) > 1
+            else f"The sound has a gap of {length_s:.1f} s at {first_s:.1f} s by the time stamps "
+            "of the file; silence was filled in."
+        )
+    return notes
 
 
 _ERRORS = re.compile(r"^\[.*\b(?:Error|Invalid|partial file|truncat|corrupt)", re.M | re.I)

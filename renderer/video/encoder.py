@@ -144,7 +144,14 @@ class Encoder:
         exact_s = f"{num_frames / FPS:.6f}"
         sound = (
             *("-map", f"{inputs.count('-i')}:a:0"),
-            *("-af", f"apad=whole_dur={exact_s},atrim=end={exact_s}", "-c:a", "aac"),
+            # Sound that starts late or has gaps by its time stamps stays in time with the picture.
+            *(
+                "-af",
+                f"aresample=async=1:min_comp=0.1:first_pts=0,apad=whole_dur={exact_s},"
+                f"atrim=end={exact_s}",
+                "-c:a",
+                "aac",
+            ),
             *("-b:a", "128k"),
         )
         self._arguments = [

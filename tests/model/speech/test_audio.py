@@ -1,6 +1,7 @@
 """Real files through the real ffmpeg: every kind of upload, good and bad."""
 
 import hashlib
+import re
 import subprocess
 import tracemalloc
 import wave
@@ -319,3 +320,72 @@ def test_a_cut_video_is_still_told(tmp_path):
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
     (note,) = (note for note in load_speech(cut).notes if "damaged" in note)
     assert "6.0 s that the file states" in note
+
+
+LATE = ("-f", "lavfi", "-i", "color=d=4:s=64x64", "-itsoffset", "1.5")
+GAP = ("-af", "asetpts=PTS+1.5/TB*gte(T\\,1)")
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv", "ts"])
+def test_sound_that_starts_later_than_the_picture_stays_in_time_with_it(
+    ending: str, tmp_path: Path
+) -> None:
+    click = np.zeros(2 * SAMPLE_RATE, dtype=np.float32)
+    click[SAMPLE_RATE] = 0.9
+    path = tmp_path / f"late.{ending}"
+    ffmpeg(*LATE, "-i", written(tmp_path, click), *("-ar", "48000"), path)
+    speech = load_speech(path)
+    assert abs(np.abs(speech.waveform).argmax() / SAMPLE_RATE - 2.5) < 0.03
+    (note,) = (note for note in speech.notes if "silence" in note)
+    assert re.match(r"The sound starts 1.[45] s after the start of the file", note)
+    assert not any("damaged" in note for note in speech.notes)
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mka"])
+def test_a_gap_in_time_stamps_is_silence_and_told_with_its_place(
+    ending: str, tmp_path: Path
+) -> None:
+    source = written(tmp_path, tone(2.0))
+    speech = load_speech(encode(source, tmp_path / f"gap.{ending}", *GAP))
+    assert abs(speech.duration_s - 3.5) < 0.1
+    level = np.abs(speech.waveform)
+    silent, loud = slice(round(1.2 * SAMPLE_RATE), round(2.3 * SAMPLE_RATE)), 3 * SAMPLE_RATE
+    assert level[silent].max() < 0.01 and level[loud : loud + 1000].max() > 0.3
+    (note,) = (note for note in speech.notes if "gap" in note)
+    assert re.match(r"The sound has a gap of 1\.[45] s at 1\.[01] s by the time stamps", note)
+    assert not any("damaged" in note for note in speech.notes)
+
+
+def test_sound_whose_time_stamps_overlap_is_kept_whole(tmp_path: Path) -> None:
+    overlap = ("-af", "asetpts=PTS-0.5/TB*gte(T\\,1)", "-c:a", "pcm_s16le")
+    path = tmp_path / "overlap.mka"
+    ffmpeg("-i", written(tmp_path, tone(2.0)), *overlap, path)
+    speech = load_speech(path)
+    assert abs(speech.duration_s - 2.0) < 0.01
+    (note,) = (note for note in speech.notes if "overlap" in note)
+    assert "0.5 s" in note
+
+
+def test_silence_that_is_longer_than_the_limit_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    day = ("-af", "asetpts=PTS+86400/TB*gte(T\\,1)", "-c:a", "flac")
+    path = encode(written(tmp_path, tone(2.0)), tmp_path / "day.mka", *day)
+    assert_refused(path, "longer than 10 minutes")
+
+
+@pytest.mark.parametrize(
+    ("ending", "codec"),
+    [("sph", ""), ("voc", "pcm_u8"), ("tta", "tta"), ("ac3", "ac3"), ("eac3", "eac3")],
+)
+def test_formats_of_old_corpora_and_videos(ending: str, codec: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a.{ending}"
+    if codec:
+        encode(written(tmp_path, tone(2.0)), path, "-c:a", codec)
+    else:  # ffmpeg writes no SPHERE: a header of 1,024 bytes, then samples
+        head = (
+            "NIST_1A\n   1024\nsample_count -i 32000\nsample_n_bytes -i 2\nchannel_count -i 1\n"
+            "sample_byte_format -s2 01\nsample_rate -i 16000\nsample_coding -s3 pcm\nend_head\n"
+        )
+        samples = (32767 * tone(2.0)).astype("<i2").tobytes()
+        path.write_bytes(head.encode().ljust(1024) + samples)
+    speech = load_speech(path)
+    assert abs(speech.duration_s - 2.0) < 0.1 and abs(hertz_of(speech.waveform) - 440) < 5

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from renderer.video.encoder import VideoError, VideoWriter, read_facts
+from renderer.video.encoder import VideoError, VideoWriter, read_facts, run_ffmpeg
 
 SIZE = (96, 64)
 SAMPLE_RATE = 16_000
@@ -105,6 +105,16 @@ def test_flashes_and_claps_coincide_for_a_minute(tmp_path):
         first = max(0, round((frame - 10) / 30 * rate))
         heard = first + int(np.abs(sound[first : round((frame + 10) / 30 * rate)]).argmax())
         assert abs(heard / rate - frame / 30) < 1 / 30
+
+
+def test_sound_with_a_gap_in_its_time_stamps_stays_in_time(tmp_path):
+    clap = np.zeros(2 * SAMPLE_RATE)
+    clap[SAMPLE_RATE : SAMPLE_RATE + 80] = 0.9
+    wav, gap = write_wav(tmp_path / "s.wav", clap), tmp_path / "gap.mka"
+    run_ffmpeg("-i", str(wav), "-af", "asetpts=PTS+1.5/TB*gte(T\\,.5)", str(gap))
+    write_video(tmp_path / "v.mp4", np.zeros(120), gap)
+    sound, rate = decoded_sound(tmp_path / "v.mp4")
+    assert abs(np.abs(sound).argmax() / rate - 2.5) < 0.05 and abs(len(sound) / rate - 4) < 0.1
 
 
 def test_an_exception_leaves_an_older_file_and_no_process(tmp_path):
