@@ -20,14 +20,17 @@ from urllib.parse import urlsplit
 import gradio as gr
 from fastapi import FastAPI, HTTPException
 from gradio import route_utils
+from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect, HTTPConnection
-from starlette.responses import PlainTextResponse
+from starlette.responses import JSONResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from app.errors import visitor_sentence, without_folders
+from app.page.routes.bodies import BodyError, read_body
 from conventions.names import printable
+from model.storage.checked import why
 
 log = logging.getLogger(__name__)
 OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor")
@@ -139,6 +142,12 @@ class Guard:
             await _refuse(*refusal, scope, receive, framed)
             return
         self._forget_forwarded(scope)
+        if scope["type"] == "http" and scope["method"] not in SAFE_METHODS:
+            try:
+                receive = await read_body(scope, receive)
+            except BodyError as error:
+                await _refuse_call(error, scope, receive, framed)
+                return
         with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
             await self.inner(scope, receive, framed)
 
@@ -202,9 +211,17 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
     await answer(scope, receive, send)
 
 
+async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer as Gradio's own routes do, so that its page and its client show the sentence."""
+    told = {"detail": error.sentence, "error": error.sentence}
+    answer = JSONResponse(told, status_code=error.status, headers={"Connection": "close"})
+    await answer(scope, receive, send)
+
+
 UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
 WRONG_CALL = "This function cannot be called so: {why}"
-_MAX_WHY = 300
+_MAX_WHY, _MAX_READ = 300, 3000
+"""Characters of a reason that are told, and that are looked at."""
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
 _find, _call = route_utils.get_fn, route_utils.call_process_api
 _OWN_FUNCTIONS = str(Path(__file__).parents[1])
@@ -233,13 +250,14 @@ def tell_wrong_calls() -> None:
             _, *frames = traceback.extract_tb(error.__traceback__)
             if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
                 raise gr.Error(visitor_sentence(error), print_exception=False) from None
-            raise _wrong_call(f"{type(error).__name__}: {error}") from None
+            told = why(error) if isinstance(error, ValidationError) else str(error)[:_MAX_READ]
+            raise _wrong_call(f"{type(error).__name__}: {told}") from None
 
     route_utils.get_fn, route_utils.call_process_api = get_fn, call_process_api
 
 
-def _wrong_call(why: str) -> gr.Error:
-    told = printable(without_folders(why))[:_MAX_WHY]
+def _wrong_call(reason: str) -> gr.Error:
+    told = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
     log.warning("a wrong call: %s", told)
     return gr.Error(WRONG_CALL.format(why=told), print_exception=False)
 

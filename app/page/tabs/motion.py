@@ -282,9 +282,13 @@ def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) ->
         type="index",
         elem_id="examples",
     )
-    offered.click(
-        lambda index: str(fresh_copy(examples[index], folder)), offered, speech, **AT_ONCE
-    )
+
+    def copy_example(index: object) -> str:
+        if type(index) is not int or not 0 <= index < len(examples):
+            raise RunError("There is no such example; load the page again.")
+        return str(fresh_copy(examples[index], folder))
+
+    offered.click(copy_example, offered, speech, **AT_ONCE)
 
 
 def fresh_copy(path: Path, folder: Path) -> Path:

@@ -166,7 +166,8 @@ def build_own_form(services: Services) -> FormParts:
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     """Which motion is the recorded one, as a name says it; which are shown, where not all fit; and
     a channel where there is sound."""
-    kinds = {path: kind_of(path) for path in map(Path, paths or ())}
+    paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(ONE_EACH)]
+    kinds = {path: kind_of(path) for path in map(Path, paths)}
     names = display_names([stem_of(path) for path, kind in kinds.items() if kind == "motions"])
     recorded = next(filter(_IS_RECORDED.search, names), "")
     first = list(names[:MAX_COMPARED])
@@ -226,6 +227,8 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
 def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
     """What of an ask some files are, as is seen from them, of which one may be named as recorded.
     Raises `RunError` where there is no such, or more than one speech or text."""
+    if len(files) > MAX_FILES + len(ONE_EACH):
+        raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(files)))
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
     for path in files:
         by_kind[kind_of(path)].append(path)

@@ -97,7 +97,8 @@ class Services:
         )
 
     def _refusal(self, kind: UploadKind, value: str | list[str] | None) -> str:
-        paths = [Path(path) for path in ([value] if isinstance(value, str) else value or ())]
+        given = [value] if isinstance(value, str) else value or ()
+        paths = [Path(path) for path in dict.fromkeys(given)]  # each once, however often named
         try:
             given = Given(kind, paths, self.config.max_speech_s)
             sentence = self.gate.do(refusal_of, given) if paths else ""

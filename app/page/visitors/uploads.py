@@ -6,9 +6,11 @@ import asyncio
 import shutil
 from collections.abc import AsyncGenerator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from gradio import route_utils
+from gradio.components import file as file_component
 from starlette.formparsers import MultiPartException
 
 from app import text
@@ -93,6 +95,9 @@ class TidyParser(route_utils.GradioMultiPartParser):
 
 
 def keep_uploads_tidy(root: Path, min_free_bytes: int) -> None:
-    """Let Gradio parse uploads by `TidyParser`."""
+    """Let Gradio parse uploads by `TidyParser`, and make no empty file for each file of a call,
+    which it would leave beside the upload and never use."""
     TidyParser.root, TidyParser.min_free_bytes = root, min_free_bytes
     route_utils.GradioMultiPartParser = TidyParser
+    unused = SimpleNamespace(NamedTemporaryFile=lambda **_: SimpleNamespace())
+    file_component.tempfile = unused  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,0 +1,111 @@
+"""Limits on the bodies of requests, for every route but that of uploads, which has its own.
+
+They are held against a body before any route parses it: Gradio writes one error for each wrong
+item of a list, and makes a file for each file that a call names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.datastructures import Headers
+from starlette.types import Message, Receive, Scope
+
+UPLOAD_ROUTE = "/gradio_api/upload"
+MAX_BODY_BYTES = 10**6
+MAX_ITEMS = 250
+"""Most items of any list, and most files that a call may name."""
+MAX_VALUES = 10_000
+"""Most values of a call, however they are nested."""
+_MAX_DEPTH = 32
+_MAX_UNREAD_BYTES = 10**8
+"""Of a body that is too large: a client that still sends would not hear the answer."""
+TOO_LARGE = "A request may have {limit:,} bytes here; this one has more. Upload files as files."
+TOO_MANY_ITEMS = "A list may have {limit} items here; one of this request has {count}."
+TOO_MANY_FILES = "A request may name {limit} files; this one names more."
+TOO_MANY_VALUES = "A request may hold {limit:,} values; this one holds more."
+TOO_DEEP = "This request is nested too deeply."
+
+
+@dataclass
+class BodyError(Exception):
+    """A body that no route is given, with the sentence and status of the answer."""
+
+    sentence: str
+    status: int = 413
+
+
+async def read_body(scope: Scope, receive: Receive) -> Receive:
+    """Read a request's body and return a ``receive`` that gives it to the route.
+
+    Raises:
+        BodyError: for a body beyond the limits.
+    """
+    if scope["path"].rstrip("/").endswith(UPLOAD_ROUTE):
+        return receive
+    body, num_bytes, has_ended = bytearray(), 0, False
+    stated = Headers(scope=scope).get("content-length", "0")
+    if stated.isdecimal() and int(stated) > _MAX_UNREAD_BYTES:
+        raise BodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
+    while not has_ended:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return _replay(message, receive)
+        part = message.get("body", b"")
+        num_bytes += len(part)
+        if num_bytes <= MAX_BODY_BYTES:
+            body += part
+        has_ended = not message.get("more_body", False) or num_bytes > _MAX_UNREAD_BYTES
+    if num_bytes > MAX_BODY_BYTES:
+        raise BodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
+    check_values(bytes(body))
+    return _replay({"type": "http.request", "body": bytes(body), "more_body": False}, receive)
+
+
+def _replay(first: Message, receive: Receive) -> Receive:
+    """Return a ``receive`` that gives one message before all that come."""
+    waiting = [first]
+
+    async def replay() -> Message:
+        return waiting.pop() if waiting else await receive()
+
+    return replay
+
+
+def check_values(body: bytes) -> None:
+    """Check how many values, list items and files a body of JSON holds; of anything else the route
+    tells.
+
+    Raises:
+        BodyError: for too many of them.
+    """
+    try:
+        unchecked = [(json.loads(body), 0)] if body else []
+    except RecursionError:
+        raise BodyError(TOO_DEEP, 400) from None
+    except ValueError:
+        return
+    num_values = num_files = 0
+    while unchecked:
+        value, depth = unchecked.pop()
+        if depth > _MAX_DEPTH:
+            raise BodyError(TOO_DEEP, 400)
+        if isinstance(value, list) and len(value) > MAX_ITEMS:
+            raise BodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
+        num_files += _is_file(value)
+        if num_files > MAX_ITEMS:
+            raise BodyError(TOO_MANY_FILES.format(limit=MAX_ITEMS))
+        if isinstance(value, list | dict):
+            num_values += len(value)
+            if num_values > MAX_VALUES:
+                raise BodyError(TOO_MANY_VALUES.format(limit=MAX_VALUES))
+            inner = value.values() if isinstance(value, dict) else value
+            unchecked += [(each, depth + 1) for each in inner]
+
+
+def _is_file(value: Any) -> bool:
+    """Check whether Gradio takes a value for an uploaded file."""
+    return isinstance(value, Mapping) and "path" in value
