@@ -1,6 +1,7 @@
 """What forms are given becomes the requests and plans of a command line, or a sentence."""
 
 import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -245,13 +246,21 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
         (MOTIONS[:1], {"start_frame": -1}, "from 0 to 1000000; got -1"),
         (MOTIONS[:1], {"start_frame": 1.5}, "from 0 to 1000000; got 1.5"),
         (MOTIONS[:1], {"window": 0.5}, "Frames of a window must be a whole number"),
-        (["a.npz", "speech.zip"], {}, "A zip goes beside zips"),
         ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
     ],
 )
 def test_own_motion_that_cannot_be_measured_gives_a_sentence(own_form, motions, changes, words):
     with pytest.raises(RunError, match=words):
         own(own_form, *motions, **changes)
+
+
+def test_a_zip_of_sounds_goes_beside_zips_only(own_form, tmp_path):
+    path = tmp_path / "set.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.wav", b"")
+    with pytest.raises(RunError, match="A zip goes beside zips"):
+        own(own_form, "a.npz", str(path))
+    assert own(own_form, "a.zip", str(path)).speech == path
 
 
 STUDY: dict[str, Any] = {
