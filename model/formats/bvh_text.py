@@ -16,6 +16,8 @@ from model.storage.npz import MotionError, check_size
 
 MAX_JOINTS = 400
 MAX_WORD = 200
+MAX_LENGTH = 1e6
+"""Of an offset or position, in whatever unit, and of an angle in degrees."""
 _CHANNELS = {
     f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")
 }
@@ -114,7 +116,7 @@ class _Reader:
                     parent, current = blocks[-1] if blocks else -1, -1
                     if word.upper() != "END":
                         current = len(joints)
-                        joints.append(Joint(label, parent, first=width))
+                        joints.append(Joint(label, parent))
                     blocks.append(parent if current < 0 else current)
                 case "}":
                     if not blocks:
@@ -123,9 +125,13 @@ class _Reader:
                     current = blocks[-1] if blocks else -1
                 case "OFFSET":
                     offset = tuple(self._number(next(words, "")) for _ in range(3))
+                    if not np.abs(offset).max() < MAX_LENGTH:
+                        raise self._wrong(f"an offset must be under {MAX_LENGTH:g}")
                     if current >= 0:
                         joints[current].offset = offset
                 case "CHANNELS" if current >= 0:
+                    if joints[current].channels:
+                        raise self._wrong("a joint has CHANNELS twice")
                     count = next(words, "")
                     if not count.isdigit() or int(count) > 6:
                         raise self._wrong(f"a joint cannot have {count[:20]!r} channels")
@@ -133,6 +139,7 @@ class _Reader:
                     if not set(names) <= set(_CHANNELS) or len(set(names)) < len(names):
                         raise self._wrong(f"these are no channels: {' '.join(names)[:80]}")
                     joints[current].channels = [_CHANNELS[each] for each in names]
+                    joints[current].first = width
                     width += len(names)
                 case _:
                     raise self._wrong(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
@@ -201,6 +208,9 @@ class _Reader:
                 f"{self._name} holds values that are not finite in frames"
                 f" {', '.join(map(str, bad[:8]))}; repair them first."
             )
+        largest = np.abs(rows[:found]).max()
+        if largest > MAX_LENGTH:
+            raise MotionError(f"{self._name} holds {largest:.3g}, beyond {MAX_LENGTH:g}.")
         return rows[:found]
 
     def _row(self, words: list[str]) -> list[float] | np.ndarray:

@@ -79,7 +79,6 @@ class Draft:
         is_usual: bool = False,
     ) -> None:
         """Note one thing."""
-        others = tuple(each for each in others if each != value)
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
     def goes_at(

@@ -4,13 +4,15 @@ arrays."""
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
-from conventions.names import printable
+from conventions.names import listed, printable
 from conventions.rates import FPS
 from model.formats.numbers import (
     BODY,
@@ -23,7 +25,7 @@ from model.formats.numbers import (
     laid_out,
     shape_of,
 )
-from model.formats.read import Assumption, Part
+from model.formats.read import Assumption, Part, Sure
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -41,6 +43,9 @@ TRANSLATIONS = ("trans", "transl", "translation", "root_trans", "root_translatio
 EXPRESSIONS = ("expressions", "expression", "expr", "exp")
 RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
 VALID = ("is_valid", "valid", "valid_mask")
+"""Masks that are zero in frames whose tracking failed."""
+MISSING = "missing"
+"""Embody-3D's mask, which despite its name is zero in corrupted frames as well."""
 PARTS: dict[str, tuple[int, ...]] = {
     "global_orient": (0,),
     "body_pose": BODY[1:],
@@ -144,9 +149,28 @@ NOT_READ = {
     **dict.fromkeys(
         (768, 1024), "holds features of speech (of wav2vec 2.0, HuBERT or WavLM), no motion"
     ),
+    **dict.fromkeys(
+        (29, 36),
+        "holds a motion of Unitree's G1 by its width (29 joint angles, with or without 7 numbers "
+        "of the root); a robot's hinges are no person's joints: give the human motion that it was "
+        "retargeted from (SMPL-X or BVH)",
+    ),
     **dict.fromkeys((80, 128), "holds a mel spectrogram, by its width, and no motion"),
 }
 """Widths of which no motion can be made, and why."""
+_SOMA = (
+    "is of SOMA's skeleton (NVIDIA's Kimodo and GEM-X) by its {joints} joints, whose rotations "
+    "start from another rest pose; turn it into BVH (kimodo_convert FILE.npz FILE.bvh), and give "
+    "that"
+)
+JOINTS_NOT_READ = {
+    77: _SOMA,
+    30: _SOMA,
+    34: "is of Unitree's G1 by its {joints} joints (Kimodo's form); a robot's hinges are no "
+    "person's joints: give the human motion that it was retargeted from, or generate it for SMPL-X",
+}
+"""Numbers of joints of skeletons that are not read, and why."""
+_PARAMETER_WIDTHS = (3, 10, 16, 45, 63, 300)
 CONVERT = (
     'python -c "import numpy as n,sys; f=lambda d,p=str(): {k: v for a,b in d.items() for k,v in '
     "(f(b,p+str(a)+'/') if hasattr(b,'items') else {p+str(a): n.asarray(b)}).items()}; "
@@ -161,6 +185,10 @@ _FARTHEST = 1e5
 _READS = (
     "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
     " numbers each"
+)
+_IN_A_FOLDER = (
+    "If it is one parameter of a motion (global_orient, body_pose, transl, ...), give the folder of"
+    " all its files, or a zip of it."
 )
 
 
@@ -185,7 +213,11 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
         array = read_npy_file(path)
     except OSError as error:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
-    if array is None or array.dtype.kind not in "fiu" or array.ndim < 2:
+    if array is not None and array.dtype.kind in "fiub" and array.ndim < 2:
+        raise MotionError(
+            f"{path.name} has the shape {array.shape}, one number a frame; {_READS}. {_IN_A_FOLDER}"
+        )
+    if array is None or array.dtype.kind not in "fiu":
         raise MotionError(
             f"{path.name} is no plain array of numbers with a row for each frame; pickled objects"
             f" are never loaded: if you trust it, convert it yourself: {CONVERT}."
@@ -208,8 +240,25 @@ def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "")
     if shape is None and array.ndim in (2, 3) and width in COLUMNS:
         return _of_columns(array, COLUMNS[width], name, told)
     if shape is None:
-        raise MotionError(f"{named} has the shape {array.shape}; {_READS}.")
+        if why := not_read(array.shape):
+            raise MotionError(f"{named} {why}.")
+        folder = f" {_IN_A_FOLDER}" if width in _PARAMETER_WIDTHS and not key else ""
+        raise MotionError(f"{named} has the shape {array.shape}; {_READS}.{folder}")
     return _of_rotations(array, shape, name, told)
+
+
+def not_read(shape: tuple[int, ...]) -> str:
+    """Return what an array of a skeleton that is not read is, by its number of joints, and what to
+    do; nothing for others.
+    """
+    match shape:
+        case (*_, joints, 3, 3) if joints in JOINTS_NOT_READ:
+            pass
+        case (_, joints, width) if joints in JOINTS_NOT_READ and width in WIDTHS and joints != 30:
+            pass  # 30 joints of 3 numbers are both hands
+        case _:
+            return ""
+    return JOINTS_NOT_READ[joints].format(joints=joints)
 
 
 def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, str]) -> Draft:
@@ -333,6 +382,8 @@ class _Archive:
     """Key of each plain name."""
     choice: Assumption | None = None
     """Of one of several motions."""
+    lengths: dict[str, int] = field(default_factory=dict)
+    """Rows of each parameter that is read."""
 
     def read(self) -> Draft:
         self.headers = read_headers(self.archive, self.name, names_objects=True)
@@ -345,25 +396,40 @@ class _Archive:
             draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
             trans = self._array(draft, key, 3)
+            self.lengths[key] = len(trans)
             _check_finite(draft, f"`{key}`", trans, most=_FARTHEST)
             draft.trans = trans.astype(np.float64)
         if draft.expressions is None and (key := self._find(EXPRESSIONS)):
             self._expressions(draft, key)
         self._betas(draft)
         _rate(draft, {key: self._rate_of(key) for key in RATES if key in self.plain})
-        arrays = {"poses": draft.poses, "trans": draft.trans, "expressions": draft.expressions}
-        lengths = {key: len(array) for key, array in arrays.items() if array is not None}
-        shortest = min(lengths.values())
-        if shortest < max(lengths.values()):
-            found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
-            draft.assume("frames", str(shortest), f"{found}; the first {shortest} were used")
-            draft.keep(slice(shortest))
+        self._of_one_length(draft)
         self._invalid(draft)
         if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
             draft.is_offset = None
         draft.basis = read_basis(self.archive, self.headers, self.name)
         _complete(draft)
         return draft
+
+    def _of_one_length(self, draft: Draft) -> None:
+        """Let a parameter of one row hold for all frames, and cut others to the shortest."""
+        frames = _num_frames(self.lengths)
+        single = [f"`{key}`" for key, length in self.lengths.items() if length == 1]
+        if frames > 1 and single:
+            have = "have one row, which holds" if len(single) > 1 else "has one row, which holds"
+            draft.assume("frames", str(frames), f"{listed(single)} {have} for all of them")
+        by_length: dict[int, list[str]] = {}
+        for key, length in self.lengths.items():
+            by_length.setdefault(length, []).append(key)
+        by_length.pop(1, None)
+        if len(by_length) > 1:
+            found = ", ".join(f"{length} of {listed(keys)}" for length, keys in by_length.items())
+            draft.assume("frames", str(frames), f"{found}; the first {frames} were used")
+        draft.poses = _of_length(draft.poses, frames)
+        if draft.trans is not None:
+            draft.trans = _of_length(draft.trans, frames)
+        if draft.expressions is not None:
+            draft.expressions = _of_length(draft.expressions, frames)
 
     def _choose(self) -> str:
         """The key of the poses (or of ``global_orient``), after the user's choice where there are
@@ -381,6 +447,7 @@ class _Archive:
                 for key, (shape, dtype) in self.headers.items()
                 if dtype.kind in "fiu" and _is_motion(shape)
             ]
+            usable = [key for key in usable if self.headers[key][0][-1] not in NOT_READ] or usable
             if len(usable) != 1:
                 raise MotionError(self._nothing())
             found = {"": usable[0]}
@@ -415,6 +482,9 @@ class _Archive:
                 f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
                 f" never loaded; if you trust it, convert it yourself: {CONVERT}."
             )
+        for shape, _ in self.headers.values():
+            if why := not_read(shape) or (len(shape) == 2 and NOT_READ.get(shape[-1], "")):
+                return f"{self.name} {why}."
         return (
             f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"
             f" {self._listed(list(self.headers)) or 'nothing'}; {_READS}."
@@ -443,6 +513,7 @@ class _Archive:
             check_length(max(shape[:2]), self.name)
         array = self._numbers(key)
         draft = _of_array(array, self.name, self.told, printable(key))
+        self.lengths["poses"] = len(draft.poses)
         if plain != "poses":
             draft.assume("layout", printable(key), f"its array of shape {shape} holds rotations")
         return draft
@@ -455,13 +526,13 @@ class _Archive:
         for part, joints in PARTS.items():
             if part not in self.plain or not self._is_number(part):
                 continue
-            array = self._numbers(self.plain[part])
-            rows = self._part_rows(part, array, len(joints))
+            rows = self._part_rows(part, self._filled(part), len(joints))
             check_length(len(rows), self.name)
             _check_finite(draft, f"`{part}`", rows)
             found[joints] = rows
             keys.append(part)
-        frames = min(len(rows) for rows in found.values())
+            self.lengths[part] = len(rows)
+        frames = _num_frames(self.lengths)
         if not set(BODY[1:]) <= {joint for joints in found for joint in joints}:
             raise MotionError(f"{self.name} has `global_orient` and no `body_pose`; both needed.")
         joints = tuple(joint for of in found for joint in of)
@@ -470,7 +541,7 @@ class _Archive:
         groups = [list(found)] if len(widths) == 1 else [[of] for of in found]
         for group in groups:
             these = tuple(joint for of in group for joint in of)
-            rows = np.concatenate([found[of][:frames] for of in group], axis=1)
+            rows = np.concatenate([_of_length(found[of], frames) for of in group], axis=1)
             poses[:, list(these)] = draft.turns(rows, these)
         draft.poses = poses
         draft.assume("layout", "parts", f"{', '.join(keys)}, laid side by side", "stated")
@@ -506,16 +577,23 @@ class _Archive:
             raise MotionError(f"{self.name}: `{key}` must hold numbers; it holds {dtype}.")
         return read_array(self.archive, key).astype(np.float32)
 
+    def _filled(self, plain: str) -> np.ndarray:
+        """An array of at least two axes with something in it; a vector is one row."""
+        array = self._numbers(self.plain[plain])
+        if not array.size:
+            raise MotionError(f"{self.name}: `{plain}` is empty; it has the shape {array.shape}.")
+        return np.atleast_2d(array)
+
     def _array(self, draft: Draft, plain: str, columns: int) -> np.ndarray:
         """An array with one row for each frame, of the motion that was chosen of a batch."""
-        array = self._numbers(self.plain[plain])
+        array = self._filled(plain)
         shape = array.shape
         if array.ndim == 3 and array.shape[1] != 1:
             array = array[min(draft.chosen, len(array)) - 1]
         if array.ndim == 2 and array.shape[1] != columns and array.shape[0] == columns:
             array = array.T
         array = array.reshape(len(array), -1)
-        if array.shape[1] != columns or not len(array):
+        if array.shape[1] != columns:
             raise MotionError(
                 f"{self.name}: `{plain}` must have the shape (frames, {columns}); it has {shape}."
             )
@@ -530,6 +608,7 @@ class _Archive:
             draft.assume("face", "none", f"{why}; it stays at rest")
             return
         face = self._array(draft, plain, columns)
+        self.lengths[plain] = len(face)
         _check_finite(draft, f"`{plain}`", face)
         draft.expressions = np.pad(face, ((0, 0), (0, NUM_EXPRESSIONS - columns)))
         if columns < NUM_EXPRESSIONS or plain != "expressions":
@@ -560,13 +639,51 @@ class _Archive:
         return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
     def _invalid(self, draft: Draft) -> None:
-        key = self._find(VALID)
-        if key is None or self.headers[self.plain[key]][1].kind not in "bui":
+        """Tell frames that a mask marks as invalid; those of `MISSING` are bridged."""
+        key = self._find((*VALID, MISSING))
+        if key is None or self.headers[self.plain[key]][1].kind not in "buif":
             return
-        marks = read_array(self.archive, self.plain[key]).reshape(-1)[: len(draft.poses)] == 0
-        if marks.any():
-            why = f"`{key}` marks frames {stretches(marks)} as invalid; they were kept as they are"
-            draft.assume("frames", "as-is", why, "stated")
+        marks = np.zeros(len(draft.poses), dtype=bool)
+        values = read_array(self.archive, self.plain[key]).reshape(-1)[: len(marks)]
+        marks[: len(values)] = values == 0
+        sure: Sure = "stated"
+        if key == MISSING and marks.mean() > 0.5:  # then zero rather means that none is missing
+            marks[: len(values)] = values != 0
+            sure = "unsure"
+        told = self.told.get("frames", "bridge" if key == MISSING else "refuse")
+        if not marks.any() or marks.all():
+            return
+        which = f"`{key}` marks frames {stretches(marks)} as invalid"
+        if told == "bridge":
+            _bridge(draft, marks)
+            draft.assume("frames", "bridge", f"{which}; they were interpolated", sure)
+        else:
+            why = f"{which}; they were kept as they are (--assume frames=bridge interpolates them)"
+            draft.assume("frames", "as-is", why, sure)
+
+
+def _num_frames(lengths: Mapping[str, int]) -> int:
+    """Frames that all parameters have; those of one row hold for any number."""
+    return min((length for length in lengths.values() if length > 1), default=1)
+
+
+def _of_length(rows: np.ndarray, frames: int) -> np.ndarray:
+    return np.repeat(rows, frames, axis=0) if len(rows) == 1 else rows[:frames]
+
+
+def _bridge(draft: Draft, marks: np.ndarray) -> None:
+    """Interpolate marked frames from those around; at the ends the nearest holds."""
+    good, bad = np.flatnonzero(~marks), np.flatnonzero(marks)
+    at = bad.clip(good[0], good[-1])
+    if len(good) == 1:
+        draft.poses[bad] = draft.poses[good]
+    else:
+        for joint in range(NUM_JOINTS):
+            turns = Slerp(good, Rotation.from_rotvec(draft.poses[good, joint]))
+            draft.poses[bad, joint] = turns(at).as_rotvec()
+    for rows in (draft.trans, draft.expressions):
+        for column in () if rows is None else rows.T:
+            column[bad] = np.interp(at, good, column[good])
 
 
 def _is_motion(shape: tuple[int, ...]) -> bool:
@@ -576,7 +693,7 @@ def _is_motion(shape: tuple[int, ...]) -> bool:
 
 def _split(key: str) -> tuple[str, str]:
     """What stands before the plain name of an array, and that name: ``gt``, ``poses``."""
-    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, *PARTS, "betas")
+    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
     for mark in ("/", ":", "."):
         before, found, after = key.rpartition(mark)
         if found and after in known:

@@ -85,6 +85,10 @@ class Assumption:
     is_usual: bool = False
     """Whether it is as our own files are, so that nobody needs to be told."""
 
+    def __post_init__(self) -> None:
+        others = tuple(each for each in self.others if each != self.value)
+        object.__setattr__(self, "others", others)
+
     def sentence(self, name: str) -> str:
         """For a note that names the file."""
         way = ""
@@ -263,15 +267,32 @@ def read_any_motion(
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
+    path = Path(path)
+    said = (told or Assumptions()).of(path.name, path.stem, *names)
+    hands = mean_hands(body)
+    try:
+        return read_unguarded(path, said, hands)
+    except MotionError as error:
+        if path.name in str(error):
+            raise
+        raise MotionError(f"{path.name}: {error}") from error
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise MotionError(
+            f"{path.name} cannot be read: it is damaged, or of a form that is not known here"
+            f" ({type(error).__name__}). Save it again, or in another form ({', '.join(ENDINGS)})."
+        ) from error
+
+
+def read_unguarded(
+    path: Path, said: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
+) -> Reading:
+    """Read a motion file; what no reader has thought of is an error of the program's own."""
     from model.formats.bvh_reader import read_bvh
     from model.formats.judged import finished
     from model.formats.numpy_reader import CONVERT, read_npy, read_npz
 
-    path = Path(path)
-    kind = _kind(path, CONVERT)
-    said = (told or Assumptions()).of(path.name, path.stem, *names)
-    draft = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[kind](path, said)
-    return finished(draft, mean_hands(body))
+    reader = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[_kind(path, CONVERT)]
+    return finished(reader(path, said), hands)
 
 
 def _kind(path: Path, convert: str) -> str:

@@ -20,6 +20,24 @@ WILD: st.SearchStrategy[Any] = st.one_of(
     st.dictionaries(st.text(max_size=5), st.integers() | st.none(), max_size=3),
     st.integers(1, 3).map(lambda depth: nested(60 * depth)),
 )
+WILD_WORDS = [
+    *(
+        b"0",
+        b"-1",
+        b"1",
+        b"3",
+        b"6",
+        b"7",
+        b"1e308",
+        b"nan",
+        b"inf",
+        b"1,5",
+        b"9" * 400,
+        b"{",
+        b"}",
+    ),
+    *(b"ROOT", b"JOINT", b"End", b"CHANNELS", b"OFFSET", b"MOTION", b"Xrotation", b"Frames:"),
+]
 
 
 def nested(depth: int) -> Any:
@@ -48,6 +66,26 @@ def damaged(draw: st.DrawFn, data: bytes) -> bytes:
         else:
             data = data[:at]
     return data
+
+
+@st.composite
+def damaged_lines(draw: st.DrawFn, text: bytes) -> bytes:
+    """The text with a few lines or words replaced by others of it, doubled, moved or left out."""
+    lines = text.splitlines()
+    for _ in range(draw(st.integers(1, 3))):
+        at = draw(st.integers(0, max(0, len(lines) - 1)))
+        other = draw(st.sampled_from(lines)) if lines else b""
+        words, wild = lines[at].split() if lines else [], draw(st.sampled_from(WILD_WORDS))
+        how = draw(st.sampled_from(["double", "leave out", "move", "word", "word", "fewer"]))
+        if how == "word" and words:
+            words[draw(st.integers(0, len(words) - 1))] = wild
+            lines[at] = b" ".join(words)
+        elif how == "fewer":
+            lines[at : at + 1] = [b" ".join(words[:-1])]
+        else:
+            new = {"double": lines[at : at + 1] * 2, "move": [other]}.get(how, [])
+            lines[at : at + 1] = new
+    return b"\n".join(lines)
 
 
 @st.composite
@@ -103,7 +141,7 @@ def wild_npz(draw: st.DrawFn, arrays: dict[str, np.ndarray]) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", draw(st.sampled_from([0, 8, 12, 14]))) as archive:
         for key, array in arrays.items():
-            how = draw(st.sampled_from(["keep", "keep", "keep", "header", "values", "name", "no"]))
+            how = draw(st.sampled_from(["keep"] * 5 + ["header", "values", "shape", "name", "no"]))
             if how == "no":
                 continue
             content = io.BytesIO()
@@ -113,6 +151,11 @@ def wild_npz(draw: st.DrawFn, arrays: dict[str, np.ndarray]) -> bytes:
                 content.write(np.lib.format.magic(1, 0) + len(text).to_bytes(2, "little") + text)
                 content.write(array.tobytes())
             else:
+                if how == "shape":
+                    empty = array[:0] if array.ndim else array
+                    one = array.reshape(-1)[0]
+                    shapes = [array[:1] if array.ndim else array, empty, one, array.reshape(-1)]
+                    array = draw(st.sampled_from([*shapes, array[None], array.T]))
                 if how == "values" and array.dtype.kind in "fi":
                     array = array.astype(draw(st.sampled_from(["f4", "f8", "i4", "c8", "U5"])))
                     if array.dtype.kind in "fc":

@@ -169,6 +169,70 @@ def test_the_shortest_array_decides_the_length(tmp_path: Path):
     assert "60 of poses, 55 of trans, 58 of expressions; the first 55" in reading.notes[0]
 
 
+@pytest.mark.parametrize("has_place", [True, False])
+def test_parameters_of_one_row_hold_for_all_frames(tmp_path: Path, has_place: bool):
+    """As smplx writes them where nothing of a clip moves; a plain vector is such a row."""
+    row = MOTION.expressions[5:6, :10]
+    parts = {
+        "global_orient": POSES[:, 0],
+        "body_pose": POSES[:, 1:22].reshape(60, 63),
+        "jaw_pose": POSES[7, 22],
+        "left_hand_pose": POSES[3:4, 25:40].reshape(1, 45),
+        "transl": MOTION.trans if has_place else None,
+        "expression": row,
+    }
+    path = written(tmp_path, poses=None, trans=None, expressions=None, betas=None, **parts)
+    reading = read_any_motion(path, read_told("hands=flat"))
+    found = reading.motion.poses.reshape(-1, 55, 3)
+    np.testing.assert_allclose(found[:, :22], POSES[:, :22], atol=1e-6)
+    np.testing.assert_allclose(found[:, 22], np.tile(POSES[7, 22], (60, 1)), atol=1e-6)
+    np.testing.assert_allclose(found[:, 25:40], np.tile(POSES[3, 25:40], (60, 1, 1)), atol=1e-6)
+    np.testing.assert_array_equal(reading.motion.expressions[:, :10], np.tile(row, (60, 1)))
+    said = "frames 60, `jaw_pose`, `left_hand_pose` and `expression` have one row, which holds"
+    assert said in " ".join(reading.notes)
+
+
+def test_parts_of_other_lengths_are_told(tmp_path: Path):
+    parts = {"global_orient": POSES[:, 0], "body_pose": POSES[:58, 1:22].reshape(58, 63)}
+    reading = read_any_motion(written(tmp_path, poses=None, **parts))
+    assert reading.motion.num_frames == 58
+    said = "60 of global_orient, trans and expressions, 58 of body_pose; the first 58"
+    assert said in " ".join(reading.notes)
+
+
+@pytest.mark.parametrize(
+    ("key", "assume", "value"),
+    [
+        ("missing", "", "bridge"),
+        ("missing", "frames=refuse", "as-is"),
+        ("is_valid", "", "as-is"),
+        ("is_valid", "frames=bridge", "bridge"),
+    ],
+)
+def test_frames_that_a_mask_marks_are_interpolated_or_told(
+    tmp_path: Path, key: str, assume: str, value: str
+):
+    marks, poses, trans = np.ones(60), MOTION.poses.copy(), MOTION.trans.copy()
+    marks[[0, 20, 21, 22]] = 0
+    poses[20:23, 57], trans[20:23] = 1.5, 3.0
+    path = written(tmp_path, poses=poses, trans=trans, **{key: marks})
+    reading = read_any_motion(path, read_told(assume))
+    notes = " ".join(reading.notes)
+    assert f"frames {value}, `{key}` marks frames 0, 20-22 as invalid" in notes
+    wanted = MOTION if value == "bridge" else None
+    off = reading.motion.poses - (poses if wanted is None else wanted.poses)
+    assert np.abs(off[1:]).max() < 0.02
+    assert (reading.motion.poses[0] == poses[1]).all() == (value == "bridge")
+    assert (np.abs(reading.motion.trans[21] - MOTION.trans[21]).max() < 0.01) == (value == "bridge")
+
+
+def test_quaternions_do_not_offer_their_own_form_among_the_others(tmp_path: Path):
+    for form in ("quaternion-wxyz", "quaternion-xyzw", "6d"):
+        found = read_any_motion(written(tmp_path, poses=in_form(POSES, form))).of("rotations")
+        assert found is not None and found.value == form and found.others
+        assert form not in found.others
+
+
 def test_expressions_and_betas_of_other_lengths_are_filled_up(tmp_path: Path):
     path = written(tmp_path, betas=np.full(16, 0.5), expressions=MOTION.expressions[:, :50])
     motion = read_any_motion(path).motion
@@ -276,6 +340,14 @@ def test_positions_are_no_rotations(tmp_path: Path):
         ({"poses": np.full((60, 220), 0.9)}, "no unit quaternions"),
         ({"poses": np.full((60, 495), 0.9)}, "no rotation matrices"),
         ({"trans": np.zeros((60, 2))}, "(frames, 3)"),
+        ({"trans": np.zeros((0, 3))}, "`trans` is empty; it has the shape (0, 3)"),
+        ({"trans": np.array(1.0)}, "(frames, 3)"),
+        ({"expressions": np.zeros((0, 100))}, "`expressions` is empty"),
+        ({"poses": None, "body_pose": np.zeros((0, 63)), "global_orient": POSES[:, 0]}, "is empty"),
+        ({"poses": None, "body_pose": np.array(0.0), "global_orient": POSES[:, 0]}, "63 numbers"),
+        ({"poses": None, "local_rot_mats": np.zeros((60, 77, 3, 3))}, "kimodo_convert FILE.npz"),
+        ({"poses": None, "posed_joints": np.zeros((60, 34, 3))}, "is of Unitree's G1 by its 34"),
+        ({"poses": None, "qpos": np.zeros((60, 36))}, "29 joint angles"),
         ({"trans": np.full((60, 3), np.nan)}, "frames 0-59"),
         ({"trans": np.full((60, 3), "x")}, "numbers"),
         ({"trans": np.full((60, 3), 2e5)}, "2e+05"),
@@ -299,6 +371,10 @@ def test_all_bad_frames_are_named(tmp_path: Path):
         ((1, 60, 141), r"give the \.bvh"),
         ((60, 768), "features of speech"),
         ((60, 80), "mel spectrogram"),
+        ((60, 29), "a motion of Unitree's G1 by its width"),
+        ((60, 30, 3, 3), "SOMA's skeleton .* by its 30 joints"),
+        ((60,), "one parameter of a motion .*, give the folder of all its files"),
+        ((60, 63), "one parameter of a motion"),
     ],
 )
 def test_arrays_that_no_motion_can_be_made_of_say_why(
