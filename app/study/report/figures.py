@@ -81,8 +81,9 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
                     continue
                 value, low, high = (scale * each for each in bar.limits)
                 axes.bar(at, value, 0.92 * width, **_fill(system, count))
-                reach = [[value - low], [high - value]]
-                axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
+                if np.isfinite(high - low):
+                    reach = [[value - low], [high - value]]
+                    axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
                 if count * len(results) <= MOST_NUMBERS:
                     axes.text(at, 2, f"{value:.0f}", ha="center", fontsize=9, bbox=_PLATE)
         if chance is not None:
@@ -137,7 +138,8 @@ def forest(found: Sequence[Number]) -> Figure:
         places = np.arange(count)[::-1]
         for place, one in zip(places, found, strict=True):
             value, low, high = (scale * each for each in one.limits)
-            axes.plot([low, high], [place, place], color=INK, lw=1.6)
+            if np.isfinite(high - low):
+                axes.plot([low, high], [place, place], color=INK, lw=1.6)
             axes.plot(value, place, "o", color=INK, ms=5)
         axes.set_yticks(places, names)
         axes.set_ylim(-0.6, count - 0.4)

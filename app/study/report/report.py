@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, fields, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,7 @@ def number(value: float, form: str = "z.2f") -> str:
 
 
 def limits(found: Number, form: str = "z.2f") -> str:
-    """From and to; one participant alone gives none."""
+    """Format an interval as "from to"; "unknown" where resamples cannot differ."""
     _, low, high = found.limits
     if not math.isfinite(high - low):
         return "unknown"
@@ -120,7 +121,8 @@ def ahead(gap: Number, is_ranking: bool) -> Number:
 
 
 def headline(result: QuestionResult) -> str:
-    """Which system came out best, and how surely."""
+    """Say which system came out best and which differences are beyond chance, by the same
+    comparisons that are printed below."""
     name = f"{result.question.id}: "
     if matches := result.all("right_choices"):
         good = [str(one.first) for one in matches if one.beyond > 0]
@@ -136,26 +138,38 @@ def headline(result: QuestionResult) -> str:
     order = [str(one.first) for one in sorted(scores, key=lambda one: sign * one.limits[0])]
     if len(order) < 2:
         return f"{name}there are too few answers to compare systems."
+    measure = f"{scores[0].measure}_gap" if ranks or ratings else "share"
+    better = -1 if ranks else 1
+
+    def lead(one: str, other: str) -> int:
+        """1 where the first is better beyond chance, -1 where it is worse."""
+        found = result.one(measure, one, other)
+        return better * found.beyond if found else 0
+
     best, *others = order
-    if ranks or ratings:
-        gaps = [(other, result.one(f"{scores[0].measure}_gap", best, other)) for other in others]
-        beaten = [other for other, gap in gaps if gap and (gap.p_holm or 0) < ALPHA]
-    else:
-        pairs = [(other, result.one("share", best, other)) for other in others]
-        beaten = [other for other, pair in pairs if pair and pair.beyond > 0]
+    beaten = [other for other in others if lead(best, other) > 0]
     if beaten == others:
         return f"{name}{best} came first, ahead of every other system beyond chance."
-    alike = listed([system for system in order if system not in beaten])
-    sentence = f"{name}{alike} are not told apart"
-    votes = (
-        result.one("share", best, others[0]) if len(order) == 2 and not (ranks or ratings) else None
-    )
-    if votes:
+    ahead_of_best = [other for other in others if lead(best, other) < 0]
+    alike = [best, *(other for other in others if lead(best, other) == 0)]
+    told = []
+    if any(lead(*pair) for pair in combinations(alike, 2)):
+        told.append(f"{best} is not told apart from {listed(alike[1:])}")
+    elif len(alike) > 1:
+        told.append(f"{listed(alike)} are not told apart")
+    if len(order) == 2 and measure == "share" and (votes := result.one("share", *order)):
         ties = f", {counted(votes.ties, 'tie')}" if votes.ties else ""
-        return f"{sentence}: {votes.wins} and {votes.losses} votes{ties}."
+        told[:1] = [f"{told[0]}: {votes.wins} and {votes.losses} votes{ties}"] if told else []
     if beaten:
-        return f"{sentence}; {best} is ahead of {listed(beaten)} beyond chance."
-    return f"{sentence}."
+        told.append(f"{best} is ahead of {listed(beaten)} beyond chance")
+    if ahead_of_best:
+        told.append(
+            f"{listed(ahead_of_best)} ahead of {best} beyond chance, yet not over all pairs"
+        )
+    friedman = result.one("friedman")
+    if alike == order and friedman and friedman.is_significant:
+        told.append("that all are equal is unlikely all the same (Friedman)")
+    return f"{name}{'; '.join(told)}."
 
 
 def _drawn(kind: str, name: str, description: str, *about: Any) -> Markup:
@@ -172,9 +186,14 @@ def csv_of(results: Sequence[QuestionResult]) -> str:
             cells = dict(zip(names, astuple(one), strict=True))
             if not one.votes:
                 cells |= dict.fromkeys(_COUNTS)
-            shown = (f"{v:.6g}" if isinstance(v, float) else v for v in cells.values())
+            shown = (_digits(v) if isinstance(v, float) else v for v in cells.values())
             rows.append((result.question.id, *shown))
     return harmless.csv_text(rows)
+
+
+def _digits(value: float) -> str | None:
+    """Six digits; None for the limits of an interval that is unknown."""
+    return f"{value:.6g}" if math.isfinite(value) else None
 
 
 def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
@@ -198,4 +217,4 @@ def _latex_cell(one: Number | None) -> str:
         return "--"
     scale, digits = (1, 1) if one.measure == "mean_rating" else (100, 0)
     value, low, high = (f"{scale * each:.{digits}f}" for each in one.limits)
-    return f"{value} [{low}, {high}]"
+    return f"{value} [{low}, {high}]" if math.isfinite(one.limits[2]) else f"{value} [unknown]"

@@ -18,12 +18,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from scipy import stats
+from scipy import sparse, stats
 
 from app.study.statistics.shares import CONFIDENCE, Limits, Number, with_holm
 
@@ -37,6 +37,10 @@ ELO_MEAN, ELO_SCALE = 1000.0, 400.0
 _MAX_ITERATIONS = 200
 _LONGEST_STEP = 2.0
 _TOLERANCE = 1e-9
+_LEAST_SPREAD = 1e-6
+"""Resamples that differ by less are equal; Newton's method leaves differences of 1e-9."""
+ALPHA_DRAWS = 500
+"""Resamples of what was judged, for the interval of Krippendorff's alpha."""
 
 
 def participant_weights(count: int) -> Float[np.ndarray, "B R"]:
@@ -51,12 +55,18 @@ def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np
     Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know
     about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by what
     the normal quantile falls short of Student's.
+
+    Returns:
+        Infinite limits where resamples cannot differ (one participant, or all with the same
+        answers): nothing is then known of how other participants vary.
     """
     if count < 2:
         return np.tile([-np.inf, np.inf], (samples.shape[1], 1))
     student = stats.t.ppf((1 - CONFIDENCE) / 2, count - 1)
     tail = stats.norm.cdf(np.sqrt(count / (count - 1)) * student)
-    return np.quantile(samples, [tail, 1 - tail], axis=0).T
+    limits = np.quantile(samples, [tail, 1 - tail], axis=0).T
+    limits[np.ptp(samples, axis=0) < _LEAST_SPREAD] = -np.inf, np.inf
+    return limits
 
 
 def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
@@ -218,7 +228,8 @@ Level = Literal["nominal", "ordinal", "interval"]
 
 
 def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float | None:
-    """Alpha from coincidences (Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability").
+    """Compute alpha from coincidences (Krippendorff 2011, "Computing Krippendorff's
+    Alpha-Reliability").
 
     Args:
         units: for each thing judged the values it got, in any order; raters may be missing.
@@ -228,15 +239,47 @@ def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float 
         None if no unit has two values, or all values are the same: then there is nothing to agree
         on.
     """
+    values, by_unit = _coincidences(units)
+    return _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
+
+
+def alpha_number(units: Iterable[Sequence[float]], level: Level) -> Number:
+    """Compute alpha with its interval for other things of the same kind, which are drawn anew."""
+    values, by_unit = _coincidences(units)
+    count = by_unit.shape[0]
+    measure = f"krippendorff_alpha_{level}"
+    alpha = _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
+    if alpha is None:
+        return Number(measure)
+    drawn = (
+        _alpha(draw @ by_unit, values, level) for draw in participant_weights(count)[:ALPHA_DRAWS]
+    )
+    known = np.array([[one] for one in drawn if one is not None])
+    ((low, high),) = percentile_limits(known, count if len(known) == ALPHA_DRAWS else 1)
+    return Number(measure, value=alpha, low=low, high=high)
+
+
+def _coincidences(
+    units: Iterable[Sequence[float]],
+) -> tuple[Float[np.ndarray, " V"], Any]:
+    """Find the different values, and how often two coincide in each unit (sparse, U x V * V)."""
     pairable = [np.asarray(unit, dtype=float) for unit in units if len(unit) >= 2]
     if not pairable:
-        return None
+        return np.empty(0), sparse.csr_matrix((0, 0))
     values, codes = np.unique(np.concatenate(pairable), return_inverse=True)
-    coincidences = np.zeros((len(values), len(values)))
     ends = np.cumsum([len(unit) for unit in pairable])
+    rows = []
     for unit in np.split(codes, ends[:-1]):
         counts = np.bincount(unit, minlength=len(values)).astype(float)
-        coincidences += (np.outer(counts, counts) - np.diag(counts)) / (len(unit) - 1)
+        pairs = (np.outer(counts, counts) - np.diag(counts)) / (len(unit) - 1)
+        rows.append(sparse.csr_matrix(pairs.reshape(1, -1)))
+    return values, sparse.vstack(rows, format="csr")
+
+
+def _alpha(
+    coincidences: Float[np.ndarray, ...], values: Float[np.ndarray, " V"], level: Level
+) -> float | None:
+    coincidences = coincidences.reshape(len(values), len(values))
     totals = coincidences.sum(1)
     if level == "nominal":
         difference = 1 - np.eye(len(values))

@@ -19,7 +19,7 @@ from app.study.design.key import Key, Question
 from app.study.statistics.answers import Participant
 from app.study.statistics.models import (
     Level,
-    krippendorff_alpha,
+    alpha_number,
     mean_numbers,
     strength_numbers,
 )
@@ -138,14 +138,14 @@ def _result(
     )
     if question.kind == "choice":
         found += share_numbers("left_chosen", votes)
-        alike = turned(votes, votes.left > votes.right)
-        units = alike.groupby(["clip", "left", "right"]).score.apply(list)
+        judged = turned(votes, votes.left > votes.right).rename(columns={"score": "value"})
+        things = ["trial", "left", "right"]
     else:
-        units = (
-            values.assign(value=values.value.round()).groupby(["clip", "system"]).value.apply(list)
-        )
+        judged, things = values.assign(value=values.value.round()), ["trial", "system"]
+    # Two answers of one rater are no agreement: a table of battles may hold the same one twice.
+    units = judged.drop_duplicates([*things, "rater"]).groupby(things).value.apply(list)
     num_raters = (values if is_rating else votes).rater.nunique()
-    found.append(Number(f"krippendorff_alpha_{level}", value=krippendorff_alpha(units, level)))
+    found.append(alpha_number(units, level))
     alone = smallest_share_detected(num_raters)
     found.append(Number("detectable_share_of_participants", value=alone))
     if jitter and not is_matched and not is_rating:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from app.study.design.key import Expected, Key
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
+from conventions.names import counted, listed
 
 SHORTEST_VIDEO_S = 0.5
 """Where the key does not say how long the videos are."""
@@ -19,7 +20,8 @@ TOLERANCE = 0.9
 HASTY_SHARE = 0.1
 """Of trials answered sooner than their videos last, which a reload at a bad moment may cause."""
 ALIKE_FROM = 10
-"""As many answers on the same place are no chance: sides are balanced on every list."""
+"""So many answers on the same place, with evidence of not looking beside them, are no judgement:
+sides are balanced on every list. A tie stands on no place."""
 COPY_FROM = 5
 """As many answers with equal times to the millisecond are one person's, or a program's."""
 SLIDER_TOLERANCE = 5
@@ -142,18 +144,24 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     order = [place[answer.trial] for answer in participant.answers]
     if order != sorted(order):
         return "answers in another order than that of the list"
-    if len(judged) >= ALIKE_FROM and len({_place(answer) for answer in judged}) == 1:
-        return "every answer on the same place"
+    # Whoever watched may well find the same each time; that alone excludes nobody.
+    failed = failed_checks(participant, key)
+    places = {_place(answer) for answer in judged}
+    if len(judged) >= ALIKE_FROM and len(places) == 1 and None not in places and (failed or hasty):
+        evidence = [counted(failed, "attention check") + " failed"] if failed else []
+        evidence += [f"{hasty} of {len(spent)} trials answered too soon"] if hasty else []
+        return f"every answer on the same place, and {listed(evidence)}"
     return None
 
 
 def _place(answer: Answer) -> object:
-    """What was answered, in terms of where it stood."""
+    """Return the answer by where it stood on the screen; None for a tie, which stands nowhere."""
     if isinstance(answer.value, dict):
-        return tuple(answer.value.get(video) for video in answer.shown)
+        ratings = [answer.value.get(video) for video in answer.shown]
+        return tuple(ratings) if len(set(ratings)) > 1 else None
     if isinstance(answer.value, list):
         return tuple(answer.shown.index(video) for video in answer.value)
-    return TIE if answer.value == TIE else answer.shown.index(answer.value)
+    return None if answer.value == TIE else answer.shown.index(answer.value)
 
 
 def _content(participant: Participant) -> tuple:

@@ -57,13 +57,33 @@ class Number:
         return self.wins + self.ties + self.losses
 
     @property
-    def beyond(self) -> int:
-        """1 where votes and participants lean to the first beyond chance, -1 to the second, else
-        0."""
+    def is_significant(self) -> bool:
+        """Whether the test is, after Holm's correction where there is one."""
         p = self.p if self.p_holm is None else self.p_holm
+        return p is not None and p < ALPHA
+
+    @property
+    def side(self) -> int:
+        """1 where the interval, as it is printed, lies above what chance gives (one half of votes,
+        no difference), -1 where it lies below, else 0."""
+        _, low, high = self.limits
+        # Printed with two digits: in per cent without decimals, differences with two.
+        return int(round(low, 2) > self._chance) - int(round(high, 2) < self._chance)
+
+    @property
+    def beyond(self) -> int:
+        """1 where test and interval both say that the first is preferred beyond chance, -1 for the
+        second, else 0. Of votes more participants lean to that side, too; an interval that is
+        unknown, as all answered alike, leaves it to the test."""
+        value, low, high = self.limits
+        is_known = np.isfinite(high - low)
+        side = self.side if is_known else int(np.sign(value - self._chance))
         lead = np.sign(self.participants_for - self.participants_against)
-        is_sure = p is not None and p < ALPHA and self.value is not None
-        return int(lead) if is_sure and lead == np.sign(self.value - 0.5) else 0  # type: ignore[operator]
+        return side if self.is_significant and (not self.votes or lead == side) else 0
+
+    @property
+    def _chance(self) -> float:
+        return 0.5 if self.votes else 0.0
 
     @property
     def limits(self) -> tuple[float, float, float]:

@@ -20,12 +20,12 @@ MISMATCHED = "_Mismatched"
 """Behind the name of a system under another clip's speech."""
 SMOOTHNESS = "smoothness"
 """The reason that measured jitter is joined with."""
-VOTES = ("rater", "clip", "left", "right", "score", "is_smooth", "weight")
-"""Columns of comparisons: index of the participant, clip, both names, 1 where the left one was
-preferred, 0 where the right one, 0.5 for a tie; whether smoothness was among the reasons; 2 where
-the preference was said to be clear, else 1. Votes that a ranking implies have no sides: the left
-one is that named first in the study."""
-VALUES = ("rater", "clip", "system", "value")
+VOTES = ("rater", "trial", "clip", "left", "right", "score", "is_smooth", "weight")
+"""Columns of comparisons: index of the participant, trial (one clip from one view), clip, both
+names, 1 where the left one was preferred, 0 where the right one, 0.5 for a tie; whether smoothness
+was among the reasons; 2 where the preference was said to be clear, else 1. Votes that a ranking
+implies have no sides: the left one is that named first in the study."""
+VALUES = ("rater", "trial", "clip", "system", "value")
 """Columns of ranks (1 = best) and ratings, a row for each video."""
 BATTLES = (
     *("user", "input_code", "model_a", "model_b", "winner", "is_strong"),
@@ -40,42 +40,42 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
     """Comparisons of two different systems, those asked for and those that rankings imply, or of a
     system's motion under its own and another's speech."""
     rows = []
-    for rater, clip, answer in _judged(participants, key, question):
+    for *about, answer in _judged(participants, key, question):
         names = [_name(key, video) for video in answer.shown]
         facts = SMOOTHNESS in answer.reasons, 2.0 if answer.is_strong else 1.0
         if isinstance(answer.value, list):
             place = {_name(key, video): place for place, video in enumerate(answer.value)}
             ranked = sorted(place, key=key.systems.index)
             rows += [
-                (rater, clip, one, other, float(place[one] < place[other]), *facts)
+                (*about, one, other, float(place[one] < place[other]), *facts)
                 for one, other in itertools.combinations(ranked, 2)
             ]
         elif isinstance(answer.value, str) and len(names) == 2 and names[0] != names[1]:
             score = 0.5 if answer.value == TIE else float(answer.value == answer.shown[0])
-            rows.append((rater, clip, *names, score, *facts))
+            rows.append((*about, *names, score, *facts))
     return pd.DataFrame(rows, columns=list(VOTES))
 
 
 def values_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
     """Places in rankings, or slider positions, 0 to 100."""
     rows = []
-    for rater, clip, answer in _judged(participants, key, question):
+    for *about, answer in _judged(participants, key, question):
         value = answer.value
         if isinstance(value, list):
             value = {video: place for place, video in enumerate(value, 1)}
         if isinstance(value, dict):
-            rows += [(rater, clip, key.videos[name].system, float(v)) for name, v in value.items()]
+            rows += [(*about, key.videos[name].system, float(v)) for name, v in value.items()]
     return pd.DataFrame(rows, columns=list(VALUES))
 
 
 def _judged(
     participants: Sequence[Participant], key: Key, question: str
-) -> Iterator[tuple[int, str, Answer]]:
+) -> Iterator[tuple[int, str, str, Answer]]:
     for rater, participant in enumerate(participants):
         for answer in participant.answers:
             trial = key.trials[answer.trial]
             if answer.question == question and trial.expected is None:
-                yield rater, trial.clip, answer
+                yield rater, answer.trial, trial.clip, answer
 
 
 def _name(key: Key, video: str) -> str:
@@ -116,7 +116,7 @@ def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
     """All choices between two videos, sorted as the leaderboard sorts them."""
     rows = []
     for question in key.questions:
-        for rater, clip, answer in _judged(participants, key, question.id):
+        for rater, _, clip, answer in _judged(participants, key, question.id):
             if question.kind == "choice":
                 names = [_name(key, video) for video in answer.shown]
                 winner = "model_a" if answer.value == answer.shown[0] else "model_b"

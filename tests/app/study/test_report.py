@@ -2,6 +2,7 @@
 
 import html
 import json
+import math
 import re
 from collections import Counter
 from dataclasses import replace
@@ -220,9 +221,15 @@ def test_equal_means_have_no_winner(is_ranking: bool) -> None:
 
 
 def test_agreement_is_told_by_krippendorffs_marks() -> None:
-    marks = {0.8: "agree well", 0.667: "agree fairly", 0.1: "agree little", 0.0: "than by chance"}
-    for alpha, told in marks.items():
-        assert told in say("agreement", alpha, "ordinal", 9)
+    for alpha, low, told in [
+        (0.8, 0.7, "(95 % interval 0.70 to 0.90): raters agree well"),
+        (0.667, 0.5, "agree fairly"),
+        (0.1, 0.01, "agree little"),
+        (0.8, -0.1, "\N{MINUS SIGN}0.10 to 0.90): agreement is not told from chance"),
+        (0.8, -math.inf, "(95 % interval unknown): agreement is not told from chance"),
+    ]:
+        one = Number("krippendorff_alpha_ordinal", value=alpha, low=low, high=0.9)
+        assert told in plain(say("agreement", one, "ordinal", 9))
 
 
 def test_a_tie_has_no_winner_in_its_first_line() -> None:

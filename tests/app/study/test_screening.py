@@ -17,7 +17,7 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import AttentionRule, Expected, Key, read_key, write_key
-from app.study.statistics.answers import MAX_FILE_BYTES, Participant, collect
+from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect
 from app.study.statistics.screening import doubts, failed_checks, screen
 from tests.app.study.made import (
     LEFT_CHECK,
@@ -192,12 +192,33 @@ def each(change: Callable[[int], dict]) -> Forge:
     )
 
 
-def always_left(who: Participant) -> Participant:
-    return replace(
-        who,
-        answers=tuple(
-            replace(one, value=one.shown[0]) if LONG.trials[one.trial].expected is None else one
+def always(of: Callable[[Answer], object], num_failed: int = 0) -> Forge:
+    """A participant whose answers are all of one kind, with so many attention checks failed."""
+
+    def forge(who: Participant) -> Participant:
+        checks = [one.trial for one in who.answers if LONG.trials[one.trial].expected is not None]
+        answers = (
+            replace(one, value=of(one))
+            if one.trial not in checks
+            else replace(one, value="missed" if one.trial in checks[:num_failed] else one.value)
             for one in who.answers
+        )
+        return replace(who, answers=tuple(answers))
+
+    return forge
+
+
+def left(answer: Answer) -> object:
+    return answer.shown[0]
+
+
+def left_and_hasty_once(who: Participant) -> Participant:
+    first = next(one for one in who.answers if LONG.trials[one.trial].expected is None)
+    same = always(left)(who)
+    return replace(
+        same,
+        answers=tuple(
+            replace(one, ms=1) if one.trial == first.trial else one for one in same.answers
         ),
     )
 
@@ -209,6 +230,20 @@ def test_nobody_is_doubted_who_answers_as_people_do() -> None:
         assert doubts(made_participants(key, 8), key) == {}
 
 
+def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> None:
+    ties: Callable[[Answer], object] = lambda answer: TIE  # noqa: E731
+    for forge in (always(ties), always(ties, num_failed=1), always(left)):
+        honest = forge(PEOPLE[3])
+        assert screen([honest, *PEOPLE[4:]], LONG).kept[0] == honest
+    rating = replace(made_key("rating", num_clips=10), video_s=2.0)
+    (rater,) = made_participants(rating, 1)
+    equal = tuple(
+        replace(one, value=dict.fromkeys(one.shown, 50)) if isinstance(one.value, dict) else one
+        for one in rater.answers
+    )
+    assert doubts([replace(rater, answers=equal)], rating) == {}
+
+
 def test_impossible_answers_are_set_aside() -> None:
     for forge, words in [
         (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
@@ -216,7 +251,8 @@ def test_impossible_answers_are_set_aside() -> None:
         (each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}), "sooner than"),
         (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
         (lambda who: replace(who, answers=who.answers[::-1]), "another order"),
-        (always_left, "same place"),
+        (always(left, num_failed=1), "same place, and 1 attention check failed"),
+        (left_and_hasty_once, "same place, and 1 of 18 trials answered too soon"),
     ]:
         forged = forge(PEOPLE[3])
         screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)

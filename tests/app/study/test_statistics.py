@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,16 +10,20 @@ import pytest
 from scipy import optimize, stats
 
 from app.errors import RunError
+from app.study.design.key import Key
+from app.study.report.report import limits
 from app.study.simulate import ALIKE
+from app.study.statistics.answers import TIE, Participant
 from app.study.statistics.models import (
     PRIOR_SD,
+    alpha_number,
     elo_numbers,
     fit_strengths,
     krippendorff_alpha,
     mean_numbers,
     strength_numbers,
 )
-from app.study.statistics.results import join_jitter, read_jitter
+from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
 from app.study.statistics.shares import (
     POWER,
     Number,
@@ -141,7 +146,8 @@ def test_known_strengths_come_back_from_pairs_and_from_rankings():
 def test_a_system_that_wins_everything_stays_finite():
     votes = repeated({("a", "b", 1.0): 30})
     gap = one(strength_numbers(votes, AB, has_sides=False), "log_strength_gap")
-    assert gap.value is not None and 2 < gap.value < 8 and np.isfinite(width(gap))
+    assert gap.value is not None and 2 < gap.value < 8
+    assert limits(gap) == "unknown"  # nobody differs, so nothing is known of how others would
 
 
 def test_participants_are_drawn_whole():
@@ -337,3 +343,63 @@ def test_votes_are_split_by_reason_and_turned_to_the_smoother():
     votes = made_votes([(0, "a", "b", 1.0)], "x")
     for rough in ({}, {("x", "b"): 1.0}):  # not measured, and equal
         assert join_jitter(votes, {("x", "a"): 1.0} | rough) == []
+
+
+def seen_from_two_views(key: Key) -> Key:
+    """Each trial once more, of videos from the side."""
+    videos = {f"{name}@side": replace(video, view="side") for name, video in key.videos.items()}
+    trials = {
+        f"{name}@side": replace(trial, videos=tuple(f"{video}@side" for video in trial.videos))
+        for name, trial in key.trials.items()
+        if trial.expected is None
+    }
+    lists = {number: (*names, *trials) for number, names in key.lists.items()}
+    return replace(key, videos=key.videos | videos, trials=key.trials | trials, lists=lists)
+
+
+@pytest.mark.parametrize("protocol", ["pairwise", "rating"])
+def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protocol: Any) -> None:
+    """Raters who agree with themselves from view to view, and with nobody else."""
+    once = made_key(protocol, num_clips=20)
+    key = seen_from_two_views(once)
+    people = made_participants(once, 4)
+    rng = np.random.default_rng(0)
+
+    def on_both(one: Participant) -> Participant:
+        judged = [each for each in one.answers if once.trials[each.trial].expected is None]
+        answers = []
+        for answer in judged:
+            shown = answer.shown
+            if protocol == "pairwise":
+                value: Any = (shown[0], TIE, shown[1])[rng.integers(3)]
+                side = TIE if value == TIE else f"{value}@side"
+            else:
+                value = {video: int(rng.integers(101)) for video in shown}
+                side = {f"{video}@side": rating for video, rating in value.items()}
+            again = tuple(f"{video}@side" for video in shown)
+            answers.append(replace(answer, value=value))
+            answers.append(replace(answer, trial=f"{answer.trial}@side", shown=again, value=side))
+        return replace(one, answers=tuple(answers))
+
+    (result,) = analyse_participants([on_both(one) for one in people], key)
+    alpha = result.one(f"krippendorff_alpha_{result.level}")
+    assert result.num_units == 2 * 20 * 3
+    assert abs(alpha.value) < 0.1 and alpha.low < 0 < alpha.high
+
+
+def test_resamples_that_cannot_differ_give_no_interval() -> None:
+    """Three participants, each of whom finds each of two systems better once."""
+    votes = made_votes([(rater, "a", "b", score) for rater in range(3) for score in (1.0, 0.0)])
+    numbers = strength_numbers(votes, AB, has_sides=True)
+    assert one(numbers, "elo", "a").value == pytest.approx(1000)
+    of_means = mean_numbers(table_of(np.full((3, 2, 2), 5.0)), range(2), "mean")[1]
+    alike = (
+        krippendorff_alpha([[1, 1], [2, 2]], "nominal"),
+        alpha_number([[1, 1], [2, 2]], "nominal"),
+    )
+    assert alike[0] == alike[1].value == 1
+    known = [number for number in (*numbers, *of_means, alike[1]) if number.low is not None]
+    assert len(known) == 2 + 1 + 1 + 2 + 2 + 1 + 1
+    for number in known:
+        assert not np.isfinite(number.limits[1]) and not np.isfinite(number.limits[2])
+        assert limits(number) == "unknown" and number.beyond == 0
