@@ -46,7 +46,7 @@ from model.storage.files import write_atomically
 from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
-_FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
+_FIGURE = ("joint", "start_frame", "figure_forms", "figure_panels", "figure_frames", "figure_width")
 _WORDS = ("channel", "transcript", "words")
 _DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
 """What decides a plan that is drawn of speech."""
@@ -99,19 +99,19 @@ _DIAGNOSE = part_of(
 )
 _STEPS = part_of(
     StepsAsk,
-    *("out", *_SYSTEMS, "seed", "counts"),
+    *("out", *_SYSTEMS, "seed", "counts", "figure_forms"),
     systems=(Annotated[Names, arg(help="At most six.")],),
     speech=_speech("Of which ten seconds are used."),
 )
 _HEARING = part_of(
     HearingAsk,
-    *("out", *_SYSTEMS, "guidance", "seeds", "speakers"),
+    *("out", *_SYSTEMS, "guidance", "seeds", "speakers", "figure_forms"),
     speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
     systems=(Names, usual_systems("hearing")),
 )
 _MECHANISM = part_of(
     MechanismAsk,
-    *("out", "seed", "joint", "speech", "told", "size", "noise_rad"),
+    *("out", "seed", "joint", "speech", "told", "size", "noise_rad", "figure_forms"),
     motions=_motion("One."),
     body=_BODY,
 )

@@ -29,6 +29,7 @@ from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framin
 from model.formats.read import Assumptions, read_told
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.npz import MotionError
+from renderer.figures.style import FORMS
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -157,6 +158,11 @@ CloseUps = Annotated[
     some_of(CLOSE_UPS, "no close-up {name!r}; there are {names}, or off", "V,...|off", "off"),
     arg(name="close-up"),
 ]
+FigureForms = Annotated[
+    tuple[str, ...],
+    some_of(FORMS, "no form {name!r}; figures are written as {names}", "png,svg,..."),
+    arg(name="figures"),
+]
 FigureFrames = Annotated[
     tuple[int, ...], written(read_frames, "N,...", "every 50 from --start"), arg(name="frames")
 ]
@@ -266,6 +272,8 @@ class Ask:
     than six; by default the first six. All are measured."""
     start_frame: Annotated[int, arg(name="start")] = 0
     """First of the 300 frames of Figure 6."""
+    figure_forms: FigureForms = FORMS
+    """File formats of all figures."""
     figure_panels: FigurePanels = tuple(FIGURE_PANELS)
     """Of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
     figure_frames: FigureFrames = ()

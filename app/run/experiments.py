@@ -46,9 +46,6 @@ from renderer.figures.curves import (
     HEARING,
     STEPS,
     HearingRow,
-    draw_error_growth,
-    draw_hearing,
-    draw_step_curve,
 )
 from renderer.figures.style import MAX_SYSTEMS
 from renderer.video.compose import compose_videos
@@ -109,7 +106,7 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
             for part, shares in numbers["parts"].items()
         ]
         run.table("hearing", told, [("system", "part", *_COLUMNS), *table])
-        _draw_hearing(told, of_system, run)
+        _draw_hearing(told, of_system, run, ask)
         run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
 
 
@@ -215,7 +212,10 @@ def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
 
 
 def _draw_hearing(
-    told: Mapping[str, Mapping[str, Any]], of_system: Mapping[str, _Made], run: RunWriter
+    told: Mapping[str, Mapping[str, Any]],
+    of_system: Mapping[str, _Made],
+    run: RunWriter,
+    ask: HearingAsk,
 ) -> None:
     rows = [
         HearingRow(
@@ -228,7 +228,7 @@ def _draw_hearing(
         )
         for system, numbers in told.items()
     ]
-    run.figure("hearing", lambda: draw_hearing(rows), HEARING)
+    run.figure("hearing", rows, HEARING, ask.figure_forms)
 
 
 def _percent(share: float) -> str:
@@ -283,7 +283,7 @@ def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None
         }
     )
     said = growth_sentence(growth, ask.noise_rad)
-    run.figure("error_growth", lambda: draw_error_growth(spreads), said)
+    run.figure("error_growth", spreads, said, ask.figure_forms)
 
 
 def _draw_bodies(
@@ -367,7 +367,7 @@ def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
         run.note(*_step_sentences(points))
         told = list(map(asdict, points))
         run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", lambda: draw_step_curve(DataFrame(points)), STEPS)
+        run.figure("steps", DataFrame(points), STEPS, ask.figure_forms)
         run.finish(MEASURED.format(count=len(points)))
 
 

@@ -35,8 +35,8 @@ from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion
 from model.storage.files import file_sha256
-from renderer.figures.figure6 import choose_snapshot_frames, draw_figure6
-from renderer.figures.jitter import draw_sheet, sheet_caption
+from renderer.figures.figure6 import choose_snapshot_frames
+from renderer.figures.jitter import sheet_caption
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -165,12 +165,12 @@ def _draw_figures(ask: Ask, rows: Rows, diagnostics: Diagnostics, run: RunWriter
     on_share(_POSES)
     clip = printable(ask.speech.stem) if ask.speech is not None and not ask.motions else ""
     contents = figure6_of(rows.drawn, snapshots, rows.tip, ask, clip, run.stop_if_asked)
-    run.figure("figure6", lambda: draw_figure6(contents), contents.caption)
+    run.figure("figure6", contents, contents.caption, ask.figure_forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
     sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
     told = f"{said['trajectory']} {said['depth']}"
-    run.figure("jitter", lambda: draw_sheet(sheet), sheet_caption(sheet, clip, told))
+    run.figure("jitter", sheet, sheet_caption(sheet, clip, told), ask.figure_forms)
     run.progress("figure", 1.0)
 
 
@@ -184,7 +184,7 @@ def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
         ask = replace(ask, size=POSES_PX, views=("front",))
     placed = {name: _placed(motion, rows) for name, motion in rows.drawn.items()}
     on_share = run.share("figure", _POSES)
-    return draw_poses(placed, ask, rows.body, rows.tip, on_share, frames)
+    return draw_poses(placed, ask, rows.body, on_share, frames)
 
 
 def _line(ask: Ask, num_rows: int, num_frames: int, seconds: float) -> str:

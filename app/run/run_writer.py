@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -55,10 +55,8 @@ from model.speech.audio import Speech, write_wav
 from model.speech.transcript import Transcript
 from model.storage.harmless import csv_text
 from renderer.body.body import Body
-from renderer.figures.style import written
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from renderer.figures import kept
+from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, written
 
 _GROWN = 1.2
 """So many times as long, a motion may stand elsewhere among the others."""
@@ -201,10 +199,17 @@ class RunWriter(Ear):
         table.write_text(csv_text(rows), "utf-8", newline="")
         self.file(numbers, table)
 
-    def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
-        """One that is drawn, in all its forms."""
+    def figure(self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS) -> None:
+        """Draw one of `renderer.figures.kept.DRAW` in some forms; where these are not all, keep
+        what the others can be drawn from."""
         stem = self.folder.path(f"{name}.png").with_suffix("")
-        self.file(*(self.folder.path(path.name) for path in written(draw, stem, caption)))
+        places: Places = []
+        files = written(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
+        if set(forms) != set(FORMS):
+            path = self.folder.path(shown_file(name, CONTENTS_ENDING))
+            kept.save_contents(path, name, contents, caption, places)
+            self.file(path)
+        self.file(*(self.folder.path(path.name) for path in files))
 
     def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
         """Motion that goes on with what there is of a row, which is to have so many frames.
@@ -324,6 +329,11 @@ class RunWriter(Ear):
         for row in record.rows:
             row.assumed = diagnostics.assumed.get(row.name, [])
         self.tell()
+
+
+def draw_figure(asked: tuple[Path, Path], *_: object) -> None:
+    """Draw a figure from what a run has kept of it into a file, as a task."""
+    kept.draw_saved(*asked)
 
 
 def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:

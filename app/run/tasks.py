@@ -36,6 +36,7 @@ class Task:
         return getattr(import_module(self.module), self.name)(request, ear)
 
 
+DRAW_FIGURE = Task("app.run.run_writer", "draw_figure")
 DRAW_BEHIND = Task("app.run.videos.videos", "draw_behind")
 DRAW_SEEN = Task("app.run.videos.seen_video", "draw_seen")
 MAKE_TAKE = Task("app.run.takes.take", "make_take")

@@ -13,6 +13,7 @@ from app import text
 from app.page.parts import markup
 from app.page.parts.markup import explained, player_part, told_part
 from app.page.routes.media import Address
+from renderer.figures.style import CONTENTS_ENDING, FORMS
 
 
 class ResultParts:
@@ -49,7 +50,6 @@ class ResultParts:
         return [*vars(self).values()]
 
 
-_DOWNLOADS = ("png", "svg", "pdf")
 NO_WORDS: Mapping[str, str] = {}
 
 
@@ -59,17 +59,30 @@ def figures_html(
     """The figures among some files, each with what the numbers say of it."""
     figures: dict[str, dict[str, Path]] = {}
     for path in files:
-        figures.setdefault(path.stem, {})[path.suffix.lstrip(".")] = path
+        stem, _, ending = path.name.rpartition(".")
+        if path.name.endswith(CONTENTS_ENDING):
+            stem, ending = path.name.removesuffix(CONTENTS_ENDING), CONTENTS_ENDING
+        figures.setdefault(stem, {})[ending] = path
     return "".join(
         _figure(
             stem,
-            {each: address(paths[each]) for each in _DOWNLOADS if each in paths},
+            _addresses(paths, address),
             sentences,
             paths["txt"].read_text("utf-8") if "txt" in paths else "",
         )
         for stem, paths in figures.items()
         if "png" in paths
     )
+
+
+def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
+    """Where a figure is had in each form: its file, or what the form is drawn from when it is
+    asked for."""
+    urls = {form: address(paths[form]) for form in FORMS if form in paths}
+    if CONTENTS_ENDING in paths:
+        contents = address(paths[CONTENTS_ENDING])
+        urls |= {form: f"{contents}&as={form}" for form in FORMS if form not in paths}
+    return urls
 
 
 def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str) -> str:

@@ -36,7 +36,8 @@ from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.pieces import body_glb, builds, face_names, reaches_message
-from app.run.tasks import MARKERS_ENDING, RENDER, WRITE_PLAN, RenderAsk
+from app.run.tasks import DRAW_FIGURE, MARKERS_ENDING, RENDER, WRITE_PLAN, RenderAsk
+from renderer.figures.style import CONTENTS_ENDING
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -153,6 +154,8 @@ PLAN_ENDINGS = {
 }
 """The same of a plan."""
 PLAN_SUFFIX = ".plan.json"
+FIGURE_ENDINGS = {"svg": ".svg", "pdf": ".pdf"}
+"""The same of a figure's contents."""
 
 
 class _Modules(StaticFiles):
@@ -184,17 +187,20 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
         )
 
     async def made_of(path: Path, kind: str) -> Response:
-        is_plan = path.name.endswith(PLAN_SUFFIX)
-        endings = PLAN_ENDINGS if is_plan else ENDINGS
-        if not (is_plan or path.suffix == ".npz") or kind not in endings:
-            return PlainTextResponse(GONE, status_code=404)
-        stem = path.name.removesuffix(PLAN_SUFFIX if is_plan else ".npz")
-        task = WRITE_PLAN if is_plan else RENDER
-
         def asked(out: Path) -> RenderAsk:
             return RenderAsk(motions=(path,), out=out)
 
-        return await made.answer(task, asked, f"{stem}{endings[kind]}")
+        for suffix, endings, task, request in (
+            (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, asked),
+            (CONTENTS_ENDING, FIGURE_ENDINGS, DRAW_FIGURE, lambda out: (path, out)),
+            (".npz", ENDINGS, RENDER, asked),
+        ):
+            if path.name.endswith(suffix):
+                if kind not in endings:
+                    break
+                name = f"{path.name.removesuffix(suffix)}{endings[kind]}"
+                return await made.answer(task, request, name)
+        return PlainTextResponse(GONE, status_code=404)
 
     return [
         APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),

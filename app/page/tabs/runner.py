@@ -47,6 +47,7 @@ def set_here(config: AppConfig, job: Path) -> dict[str, Any]:
         "weights": config.weights,
         "body": config.body,
         "max_speech_s": config.max_speech_s,
+        "figure_forms": ("png",),
     }
 
 

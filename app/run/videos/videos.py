@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,13 @@ from renderer.figures.figure6 import JointMarks
 from renderer.scene.stage import Panel, Stage, frames_of, lay_out
 from renderer.video.compose import compose_videos
 from renderer.video.marks import Heat, Marks, Trail
-from renderer.video.render import RenderSettings, projected_joints, stage_for
+from renderer.video.render import (
+    RenderSettings,
+    draw_frames,
+    projected_joints,
+    stacked,
+    stage_for,
+)
 from renderer.video.workers import RenderJob, draw_jobs
 
 OnFile = Callable[..., None]
@@ -155,18 +161,45 @@ def draw_poses(
     motions: Mapping[str, Motion],
     ask: Ask,
     body: Body,
-    tip: TipSource,
     on_share: Callable[[float], None],
     frames: tuple[int, ...],
 ) -> Snapshots:
-    """For Figure 6, the whole body in the first view; arguments and errors as of `draw_rows`."""
-    whole = replace(ask, display=Display(), framing="whole", close_ups=(), views=ask.views[:1])
-    jobs = jobs_of(motions, whole, body, tip, lambda *_: None, None, frames)
-    pictures = {name: each for (name, _), each in draw_jobs(jobs, on_share).items()}
-    seen = next(iter(jobs.values()))
-    assert seen.stage is not None
+    """Draw snapshots for Figure 6, of the whole body in the first view.
+
+    In this process, which has read the body, and all in one context: to start another process
+    takes as long as some forty pictures. That the driver can draw was tried in a process of its
+    own before (`choose_backend`).
+
+    Args:
+        motions: in register.
+        on_share: called with the share of pictures done; what it raises ends the work.
+
+    Raises:
+        GLError: if the driver draws no picture.
+    """
+    whole = replace(ask, framing="whole", close_ups=(), views=ask.views[:1])
+    settings = picture_of(whole, whole.views[0])
     posed = {name: body_motion(motion) for name, motion in motions.items()}
-    return Snapshots(frames, pictures, jerk_marks(body, posed, frames, seen.settings, seen.stage))
+    stage = stage_for(body, [*posed.values()], settings)
+    groups: dict[Any, list[str]] = {}
+    for name, motion in posed.items():
+        groups.setdefault((motion.expression_basis, motion.betas.tobytes()), []).append(name)
+    pictures: dict[str, list[np.ndarray]] = {name: [] for name in posed}
+    for names in groups.values():  # one after the other as frames of one motion
+        still = [frames_of(posed[name], frames) for name in names]
+        parts = {
+            part: np.concatenate([getattr(each, part) for each in still])
+            for part in ("poses", "trans", "expressions")
+        }
+        ways = [stage.tracks(body, posed[name])[0][list(frames)] for name in names]
+        looks = body, replace(still[0], **parts), settings, stage.going([np.concatenate(ways)])
+        with closing(draw_frames(*looks)) as drawn:
+            for number, picture in enumerate(drawn):
+                pictures[names[number // len(frames)]].append(picture.copy())
+                done = sum(map(len, pictures.values()))
+                on_share(done / (len(posed) * len(frames)))
+    stacks = {name: stacked(each, settings) for name, each in pictures.items()}
+    return Snapshots(frames, stacks, jerk_marks(body, posed, frames, settings, stage))
 
 
 _HEAT_SIGMA_FRAMES = 3.0

@@ -30,7 +30,7 @@ from model.speech.audio import write_wav
 from renderer.body.body import load_body
 from renderer.scene.stage import set_stage
 from renderer.video.compose import band_height
-from renderer.video.render import RenderSettings
+from renderer.video.render import RenderSettings, draw_frames, stage_for
 from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example
@@ -137,10 +137,25 @@ def test_all_bodies_of_a_run_are_in_register(
     assert jobs["a", "front"].stage == jobs[REFERENCE_NAME, "front"].stage
     files = {job.out.name for job in jobs.values()}
     assert files == {f"{n}{v}.mp4" for n in ("a", REFERENCE_NAME) for v in ("", ".side")}
-    with pytest.raises(_Drawing):
-        _draw_poses(ask, rows, run)
-    assert [*jobs] == [("a", "front")], "of no more than a figure holds"
-    assert jobs["a", "front"].still_frames and jobs["a", "front"].out is None
+
+
+@pytest.mark.gl
+def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_path: Path) -> None:
+    """Also where the camera goes with them, and where one has another shape and face."""
+    motion = load_motion(CLEAN).part(slice(40))
+    walking = replace(motion, trans=motion.trans + np.linspace(0, 3, 40)[:, None] * [1, 0, 0])
+    other = replace(motion, betas=np.ones(300, np.float32), expression_basis="flame100")
+    drawn = {"a": motion, "b": walking, "c": other}
+    body, ask = load_body(), Ask(out=tmp_path, figure_frames=(3, 30))
+    rows: Any = SimpleNamespace(drawn=drawn, body=body, is_made=False)
+    shares: list[Any] = []
+    snapshots = _draw_poses(ask, rows, Ear(shares.append))
+    assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
+    settings = RenderSettings(512, 512)
+    stage = stage_for(body, [*map(body_motion, drawn.values())], settings)
+    for name, each in drawn.items():
+        alone = draw_frames(body, body_motion(each), settings, stage, frames=(3, 30))
+        np.testing.assert_array_equal(snapshots.pictures[name], [*map(np.copy, alone)])
 
 
 def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:

@@ -100,11 +100,11 @@ def lines_of(axes: Any) -> dict[str, Any]:
 
 def test_the_caption_stands_beside_the_figure_and_not_in_it(tmp_path: Path) -> None:
     contents = check(**make_inputs(1, False, 0, 15))
-    files = written(partial(draw_figure6, contents), tmp_path / "figure6", contents.caption)
-    with Image.open(files.png) as picture:
+    png, *_, txt = written(partial(draw_figure6, contents), tmp_path / "figure6", contents.caption)
+    with Image.open(png) as picture:
         assert picture.width == 2055  # 174 mm at 300 dpi
         assert picture.info["Description"] == contents.caption
-    assert files.txt.read_text() == f"{contents.caption}\n"
+    assert txt.read_text() == f"{contents.caption}\n"
     assert ONE_SEED_CAVEAT in contents.caption
     texts = [text.get_text() for text in drawn(contents).findobj(lambda a: hasattr(a, "get_text"))]
     assert not any("example" in text for text in texts)

@@ -131,6 +131,11 @@ def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path
     assert "<p>Of &lt;one&gt; clip.</p>" in html("figure6.png", "figure6.txt"), "to copy"
     assert told.count("<img") == 2
     assert told.count("download=") == 3 and 'download="figure6.svg"' in told
+    later = html("figure6.png", "figure6.figure.npz")  # drawn when they are asked for
+    for form in ("svg", "pdf"):
+        link = f'<a href="figure6.figure.npz&amp;as={form}" download="figure6.{form}">'
+        assert link in later
+    assert later.count("download=") == 3
     assert told.index(text.FIGURES["figure6"].title) < told.index(text.FIGURES["jitter"].title)
     assert "local has &lt;3" in html("figure6.png", said={"trajectory": "local has <3"})
 

@@ -23,7 +23,9 @@ from app.page.routes.media import (
 )
 from app.page.visitors.visitors import COOKIE, Kept, visitor_route
 from model.motion.motion import load_motion, save_motion
+from renderer.figures.kept import save_contents
 from tests.app.fakes import does, made_motion
+from tests.renderer.figures.test_curves import MARKS
 
 
 @pytest.fixture
@@ -176,6 +178,17 @@ def test_a_motion_comes_as_each_program_reads_it(media, browser, job, temp):
     answer = browser("mine").get(f"/{address(damaged)}&as=bvh")
     assert answer.status_code == 400 and "damaged.npz" in answer.text
     assert str(job) not in answer.text and not list(temp.iterdir())
+
+
+def test_a_figure_comes_in_the_forms_that_were_not_written(media, browser, job, temp):
+    save_contents(job / "steps.figure.npz", "steps", MARKS, "What it shows.")
+    address = media.share(job, "mine")(job / "steps.figure.npz")
+    for form, begins in (("svg", b"<?xml"), ("pdf", b"%PDF-")):
+        answer = browser("mine").get(f"/{address}&as={form}")
+        assert answer.status_code == 200 and answer.content.startswith(begins)
+        assert f'filename="steps.{form}"' in answer.headers["content-disposition"]
+    assert browser("mine").get(f"/{address}&as=bvh").status_code == 404
+    assert not list(temp.iterdir())
 
 
 SECRET = b"which video is whose"

@@ -1,0 +1,109 @@
+"""Contents of figures in files, from which the page draws further forms when they are asked for.
+
+A file is an npz of plain arrays with a JSON text that says what they belong to: nothing that is
+executed when it is read, whoever wrote it.
+"""
+
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from renderer.figures.curves import HearingRow, draw_error_growth, draw_hearing, draw_step_curve
+from renderer.figures.figure6 import Figure6, JointMarks, draw_figure6
+from renderer.figures.jitter import Jitter, JitterSheet, draw_sheet
+from renderer.figures.style import FigureError, Places, written
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DRAW: Mapping[str, "Callable[[Any], Figure]"] = {
+    "figure6": draw_figure6,
+    "jitter": draw_sheet,
+    "hearing": draw_hearing,
+    "error_growth": draw_error_growth,
+    "steps": draw_step_curve,
+}
+"""Functions that draw the figures of a run from their contents, by the name of the figure."""
+_KINDS: Mapping[str, Any] = {
+    kind.__name__: kind for kind in (Figure6, HearingRow, Jitter, JitterSheet, JointMarks)
+}
+_TEXT = "contents"
+
+
+def save_contents(
+    path: Path, name: str, contents: object, caption: str, places: Places | None = None
+) -> None:
+    """Write what a figure shows, so that `draw_saved` can draw it.
+
+    Args:
+        name: one of `DRAW`.
+        places: as of `written`.
+    """
+    arrays: list[np.ndarray] = []
+    told = {"name": name, "caption": caption, "places": places or []}
+    told["contents"] = _as_json(contents, arrays)
+    text = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    # Compressed as little as possible: pictures are most of it, and numpy's own way is slow.
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for key, array in {_TEXT: text, **dict(enumerate(arrays))}.items():
+            with archive.open(f"{key}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, array, allow_pickle=False)
+
+
+def draw_saved(path: Path, out: Path) -> None:
+    """Draw a figure from a file of `save_contents` in the form that the name of ``out`` ends in.
+
+    Raises:
+        FigureError: for a file that holds no figure.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            told = json.loads(arrays[_TEXT].tobytes())
+            draw, caption, places = DRAW[told["name"]], str(told["caption"]), told["places"]
+            contents = _from_json(told["contents"], arrays)
+    except (KeyError, TypeError, ValueError, zipfile.BadZipFile, RecursionError) as error:
+        raise FigureError(f"{path.name} holds no figure that can be drawn.") from error
+    form = out.suffix.lstrip(".")
+    written(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
+
+
+def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
+    """JSON of contents, in which an object says of what kind it is; arrays are added to a list."""
+    if is_dataclass(value):
+        of = {field.name: getattr(value, field.name) for field in fields(value)}
+        told = {name: _as_json(each, arrays) for name, each in of.items()}
+        return {"kind": type(value).__name__, "of": told}
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"kind": "array", "of": len(arrays) - 1}
+    if isinstance(value, Mapping):
+        pairs = [[_as_json(each, arrays) for each in pair] for pair in value.items()]
+        return {"kind": "mapping", "of": pairs}
+    if isinstance(value, tuple | list):
+        return [_as_json(each, arrays) for each in value]
+    if hasattr(value, "to_dict"):  # pandas is imported by who has a table
+        return {"kind": "table", "of": value.to_dict("list")}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _from_json(told: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    if isinstance(told, Sequence) and not isinstance(told, str):
+        return tuple(_from_json(each, arrays) for each in told)
+    if not isinstance(told, Mapping):
+        return told
+    kind, of = told["kind"], told["of"]
+    match kind:
+        case "array":
+            return arrays[str(of)]
+        case "mapping":
+            return dict(_from_json(pair, arrays) for pair in of)
+        case "table":
+            from pandas import DataFrame
+
+            return DataFrame(of)
+    return _KINDS[kind](**{name: _from_json(each, arrays) for name, each in of.items()})
