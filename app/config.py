@@ -6,7 +6,11 @@ import ipaddress
 import os
 import re
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -20,8 +24,72 @@ BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
 EXAMPLES = PROJECT / "examples"
 LOCAL_PROXIES = ("127.0.0.1", "::1")
 """Their X-Forwarded-For and -Proto are believed without a word."""
+ASKED_BACKEND = os.environ.get("MPLBACKEND", "")
+"""matplotlib's backend that the environment names."""
+_MODULE = "module://"
+_ROOT_PATH = re.compile(r"(https?://[\w.:-]+)?(/[\w.~-]+)*/?")
 _ORIGIN = re.compile(r"https?://(\*\.)?[a-z0-9.-]+(:[0-9]{1,5})?", re.IGNORECASE)
 Several = UseAppendAction[tuple[str, ...]]
+
+
+def use_file_backend() -> None:
+    """Have matplotlib draw into files alone, before it or Gradio is imported.
+
+    Colab and Jupyter name a backend in MPLBACKEND that only their own Python has, shells one with
+    windows: either ends every figure, and every click of Gradio, in an ImportError.
+    """
+    os.environ["MPLBACKEND"] = "agg"
+
+
+def drop_missing_backend() -> None:
+    """Remove a module from MPLBACKEND that this Python does not have; see `use_file_backend`."""
+    name = os.environ.get("MPLBACKEND", "")
+    if name.startswith(_MODULE) and not _can_import(name.removeprefix(_MODULE)):
+        del os.environ["MPLBACKEND"]
+
+
+def backend_fault() -> str:
+    """Return why the backend that the environment names cannot be used; empty if it can."""
+    from matplotlib.backends import backend_registry
+
+    try:
+        backend_registry.resolve_backend(ASKED_BACKEND)
+        import_module(backend_registry._backend_module_name(ASKED_BACKEND))  # pyright: ignore[reportAttributeAccessIssue]
+    except Exception as error:
+        return f"{ASKED_BACKEND} cannot be imported: {error}"
+    return ""
+
+
+def _can_import(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+_NO_PROXIES = {"NO_PROXY": "*", "no_proxy": "*"}
+
+
+def ask_without_proxies() -> None:
+    """Have this process ask others, above all itself, without http_proxy and ALL_PROXY, before
+    Gradio is imported: a page behind a firewall could not reach itself, and a SOCKS proxy needs a
+    package."""
+    os.environ |= _NO_PROXIES
+
+
+@contextmanager
+def without_proxies() -> Iterator[None]:
+    """As `ask_without_proxies`, for the block."""
+    before = {name: os.environ.get(name) for name in _NO_PROXIES}
+    os.environ |= _NO_PROXIES
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
@@ -50,6 +118,11 @@ def default_port() -> int:
     return int(value)
 
 
+def default_root_path() -> str:
+    """GRADIO_ROOT_PATH, else none."""
+    return os.environ.get("GRADIO_ROOT_PATH") or ""
+
+
 def default_body() -> Path | None:
     """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
     value = os.environ.get("SMPLX_MODEL")
@@ -74,6 +147,9 @@ class AppConfig:
     proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
     """Address of a proxy whose X-Forwarded headers are believed; may be given again. By default
     one on this machine, without X-Forwarded-Host."""
+    root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
+    """Path below which a proxy serves the page, as /lab, whether it removes it or not; by default
+    $GRADIO_ROOT_PATH."""
     embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
     """A site that may show the page in a frame, as https://lab.example; may be given again. By
     default none but the page itself; for a hosted space its host's too."""
@@ -107,6 +183,11 @@ class AppConfig:
                 raise RunError(
                     f"--proxy takes an address as 10.0.0.2 or a network as 10.0.0.0/8; got {proxy}."
                 )
+        if not _ROOT_PATH.fullmatch(self.root_path):
+            raise RunError(
+                f"--root-path takes a path as /lab or https://lab.example/lab; got "
+                f"{self.root_path!r}."
+            )
         for origin in self.embedders:
             if not _ORIGIN.fullmatch(origin):
                 raise RunError(f"--embed-in takes a site as https://lab.example; got {origin}.")

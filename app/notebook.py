@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from app.config import BUNDLED_WEIGHTS
+from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
-from app.page.alone import player_alone
 from app.run.ask import TIP, Ask, Ear
 from app.run.bodies import TipSource
 from app.run.diagnostics import measure_motions, onsets_of
@@ -47,6 +46,10 @@ from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.files import write_atomically
 from model.systems.registry import family_of, list_systems, usual_planner
+
+drop_missing_backend()
+with without_proxies():  # it imports Gradio
+    from app.page.alone import player_alone
 
 __all__ = [
     "Comparison",

@@ -188,6 +188,7 @@ SEEN_GONE = "A motion of the stage is kept no longer; start the run again, then 
 VIDEOS_LABEL = "Draw videos as well"
 VIDEOS_HELP = "For a file to keep or to send; nobody waits for them, and the stage needs none."
 VIDEOS_DONE = "Its videos are drawn."
+VIDEOS_MISSING = "The saved run lacks {missing} of {count} videos: they are not drawn yet."
 STOPPED = "Stopped. Nothing was kept."
 CANCELLED = "Cancelled. Nothing was kept."
 FAILED_TITLE = "This run stopped"

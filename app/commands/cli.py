@@ -15,6 +15,7 @@ from app import text
 from app.commands import runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
+from app.config import use_file_backend
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
 from app.run.output.telling import LogLines, say
@@ -44,6 +45,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
+    use_file_backend()
     log_to = logging.StreamHandler()
     log_to.setFormatter(LogLines("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.commands.runs import Files
-from app.config import BUNDLED_WEIGHTS, default_body
+from app.config import ASKED_BACKEND, BUNDLED_WEIGHTS, backend_fault, default_body
 from app.errors import RunError, sentence_of
 from app.flags import File, use_family_files
 
@@ -63,6 +63,7 @@ def examine(weights: Path, body: Path | None) -> list[Examined]:
         _weights(weights),
         *_family_files(),
         _ffmpeg(),
+        *_matplotlib(),
         _memory(),
         _disk(),
     ]
@@ -171,6 +172,15 @@ def _ffmpeg() -> Examined:
     missing = [name for name in ("libx264", " aac ") if name not in output]
     detail = f"lacks {', '.join(missing)}" if missing else "H.264 and AAC"
     return Examined("ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg")
+
+
+def _matplotlib() -> list[Examined]:
+    """Whether its backend that the environment names can be had; nothing here uses it."""
+    if not ASKED_BACKEND:
+        return []
+    fault = backend_fault()
+    advice = "nothing; figures are drawn without it (unset MPLBACKEND)"
+    return [Examined("MPLBACKEND", not fault, fault or ASKED_BACKEND, advice, is_needed=False)]
 
 
 def _memory() -> Examined:

@@ -20,7 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from app import text
-from app.config import EXAMPLES, LOCAL_PROXIES, AppConfig
+from app.config import (
+    EXAMPLES,
+    LOCAL_PROXIES,
+    AppConfig,
+    ask_without_proxies,
+    use_file_backend,
+)
 from app.errors import RunError, sentence_of
 from app.flags import family_files, part_of, read_flags, use_family_files
 from model.systems.registry import families, left_out
@@ -52,7 +58,7 @@ END_WITHIN_S = 15.0
 
 _FLAGS = part_of(
     AppConfig,
-    *("host", "port", "body", "weights", "host_names", "proxies", "embedders"),
+    *("host", "port", "body", "weights", "host_names", "proxies", "root_path", "embedders"),
     *("accounts", "opened", "max_speech_s"),
 )
 
@@ -79,6 +85,8 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
         os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
+    use_file_backend()
+    ask_without_proxies()
     # Gradio reads them when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
@@ -158,6 +166,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     page.launch(
         server_name=config.host,
         server_port=config.port or None,  # 0: any free one
+        root_path=config.root_path.rstrip("/"),
         share=False,
         prevent_thread_lock=True,
         show_error=True,

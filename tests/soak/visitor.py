@@ -45,7 +45,10 @@ class Visitor(AbstractContextManager["Visitor"]):
         self._client = httpx.Client(
             base_url=address,
             transport=httpx.HTTPTransport(verify=tls or True, local_address=self._own),
-            headers={"Origin": address.rstrip("/"), "X-Forwarded-For": "8.8.8.8"},
+            headers={
+                "Origin": str(httpx.URL(address).copy_with(path="/")).rstrip("/"),
+                "X-Forwarded-For": "8.8.8.8",
+            },
             timeout=PATIENCE_S,
         )
         if account is not None:

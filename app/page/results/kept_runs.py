@@ -104,8 +104,13 @@ class KeptRun:
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
         alone = f'href="{address}/page" download title="{text.SAVE_PAGE_HELP}"'
         saved = f"<a class=bundle {zipped}>{text.SAVE_RUN}</a><a {alone}>{text.SAVE_PAGE}</a>"
+        told = ""
+        if missing := self.record.missing:
+            videos = {*missing, *(path.name for path in files if path.suffix == ".mp4")}
+            lacks = text.VIDEOS_MISSING.format(missing=len(missing), count=len(videos))
+            told = f"<p>{lacks}</p>"
         heading = markup.heading("Downloads")
-        return f'{heading}<div class="downloads"><p>{saved}</p>{listed}</div>'
+        return f'{heading}<div class="downloads"><p>{saved}</p>{told}{listed}</div>'
 
 
 def told_so_far(showing: Showing, parts: ResultParts) -> Updates:

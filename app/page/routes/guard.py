@@ -131,6 +131,7 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self.inner(scope, receive, send)
             return
+        _take_off_root_path(scope)
 
         async def framed(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -192,6 +193,15 @@ class Guard:
         names = (f"access-token-{self.app.cookie_id}",)
         names += (f"access-token-unsecure-{self.app.cookie_id}",)
         return any(self.app.tokens.get(asked.cookies.get(name)) is not None for name in names)
+
+
+def _take_off_root_path(scope: Scope) -> None:
+    """Let routes find a path below --root-path whether a proxy has removed it or not. A mounted
+    folder is found only where neither path nor ``root_path`` has it."""
+    root, path = urlsplit(scope.get("root_path", "")).path, scope["path"]
+    if root and f"{path}/".startswith(f"{root}/"):
+        scope["path"] = path[len(root) :] or "/"
+    scope["root_path"] = ""
 
 
 def is_from_page(origin: str | None, host: str | None) -> bool:

@@ -24,7 +24,7 @@ from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.ask import Ask, Event, Grown
 from app.run.display import Seen
-from app.run.output.run_folder import drop_unfinished
+from app.run.output.run_folder import drop_unfinished, expect_videos
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, TakeAsk, edits_of
 from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE, SeenAsk
 from conventions.rates import FPS
@@ -203,6 +203,7 @@ class VideosBehind:
 
     def want(self, run: KeptRun, ask: Ask) -> None:
         """Draw them as soon as its visitor's page asks; without a page nobody does."""
+        expect_videos(run.showing.folder, ask.views)
         kept = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
         self._wanted = kept | {run.job.visitor: (run, ask)}
 

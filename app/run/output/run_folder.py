@@ -17,7 +17,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from app.errors import RunError
 from app.run.ask import MAX_CLIPS, Ask
 from app.run.output.result_folder import zip_files
-from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable, short_names
+from conventions.names import (
+    COMPARISON,
+    REFERENCE_NAME,
+    SampleName,
+    Version,
+    file_stem,
+    printable,
+    short_names,
+)
 from model.storage.checked import FieldError, read_checked
 from model.storage.files import list_bytes, write_atomically
 
@@ -153,6 +161,9 @@ class RunRecord(_Strict):
     notes: Annotated[list[Text], Field(max_length=MAX_TOLD)] = []
     files: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
     """That are whole."""
+    missing: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
+    """Videos that are drawn behind the run and are not there yet, nor in a zip that is saved
+    meanwhile; they stay here where their drawing is given up."""
 
     @model_validator(mode="after")
     def _each_once(self) -> RunRecord:
@@ -321,6 +332,15 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = Non
             of.files[kind] = own
         if own not in record.files:
             record.files.append(own)
+        record.missing = [name for name in record.missing if name != own]
+
+
+def expect_videos(folder: Path, views: Sequence[str]) -> None:
+    """Note as `RunRecord.missing` the videos that are to be drawn of a run's motions."""
+    with changed(folder) as record:
+        names = [row.name for row in record.rows if row.take is None and "motion" in row.files]
+        videos = [video_file(name, view, views) for view in views for name in names]
+        record.missing = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
 
 
 def drop_unfinished(folder: Path) -> None:
@@ -407,6 +427,11 @@ def ending_of(path: Path) -> str:
     """Of a file's name, where it is a plain one as kinds of files have; else none."""
     ending = path.suffix.lower()
     return ending if re.fullmatch(_ENDING, ending) else ""
+
+
+def video_file(name: str, view: str, views: Sequence[str]) -> str:
+    """Return the name of a row's video in one of the views that are drawn."""
+    return f"{file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
 
 
 def shown_file(name: str, ending: str) -> str:

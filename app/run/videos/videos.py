@@ -20,7 +20,7 @@ from app.run.bodies import TipSource, body_motion, choose_tip_source, picture_mo
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RowKind, add_file, file_of, read_run
+from app.run.output.run_folder import RowKind, add_file, file_of, read_run, video_file
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.measures.smoothness import derivative_magnitudes
@@ -145,14 +145,13 @@ def draw_rows(
     Raises:
         BodyError, GLError, VideoError: as `draw_jobs`.
     """
-    first = ask.views[0]
 
     def out(name: str, view: View) -> Path:
-        return folder.path(f"{file_stem(name)}{'' if view == first else f'.{view}'}.mp4")
+        return folder.path(video_file(name, view, ask.views))
 
     def on_done(key: tuple[str, View]) -> None:
         name, view = key
-        on_file(out(name, view), row=name if view == first else "", kind="video")
+        on_file(out(name, view), row=name if view == ask.views[0] else "", kind="video")
 
     draw_jobs(jobs_of(motions, ask, body, tip, out, speech), on_share, on_done)
 

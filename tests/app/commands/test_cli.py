@@ -3,9 +3,12 @@
 import contextlib
 import io
 import json
+import os
 import re
 import resource
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from app.run.display import Display
 from model.motion.motion import save_motion
 from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from renderer.video.compose import band_height
-from tests.helpers import smooth_motion_example
+from tests.helpers import ROOT, smooth_motion_example
 
 FRAMES = 16
 
@@ -278,6 +281,28 @@ def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
     told = sentence_after([*argv, str(tmp_path / "a.mp4")], capsys)
     assert "/nowhere/ffmpeg is no ffmpeg" in told
     assert [path.name for path in tmp_path.iterdir()] == [motion.name]
+
+
+def test_a_backend_that_cannot_be_imported_is_told_and_does_no_harm(tmp_path):
+    """As Colab and Jupyter leave it to programs that are not of their own Python."""
+    backend = "module://matplotlib_inline.backend_inline"
+    draw = (
+        "from app.commands.cli import main\n"
+        "import sys\n"
+        "main(['doctor', '--weights', sys.argv[1]])\n"
+        "from matplotlib import pyplot\n"
+        "pyplot.figure().savefig(sys.argv[1] + '/a.png')\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", draw, str(tmp_path)],
+        cwd=ROOT,
+        env={**os.environ, "MPLBACKEND": backend},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 0 and (tmp_path / "a.png").is_file(), ended.stderr
+    assert re.search(f"--  MPLBACKEND +{backend} cannot be imported: ", ended.stdout)
 
 
 def test_flags_that_a_command_would_ignore_are_refused(motion, tmp_path, capsys):

@@ -154,6 +154,13 @@ def test_a_port_that_is_taken_is_told_before_anything_is_made(weights, tmp_path,
         launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), is_warmed_up=False)
 
 
+DEAD = "//127.0.0.1:1"
+ELSEWHERE = {
+    **{name: f"http:{DEAD}" for name in ("http_proxy", "HTTPS_PROXY")},
+    **{name: f"socks5:{DEAD}" for name in ("ALL_PROXY", "all_proxy")},
+    "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+}
+"""What a firewall and a notebook leave in the environment of a page that is started there."""
 HEAVY = {"torch", "scipy", "matplotlib", "librosa", "numba", "trimesh", "pyrender"}
 HEAVY |= {"pocketsphinx", "model.speech.recognised"}
 START = f"""
@@ -184,7 +191,8 @@ def test_a_page_reads_files_and_computes_nothing_and_leaves_nothing_however_it_i
     weights, speech, tmp_path
 ):
     """torch alone takes longer to import than all of the page. Runs and their sentences come from a
-    process of their own."""
+    process of their own. Proxies that lead nowhere, and a backend of matplotlib that cannot be
+    imported, change nothing."""
     list_ = tmp_path / "list.wav"
     list_.write_text("eggs, milk, bread\n" * 50)
     temp = tmp_path / "temp"
@@ -192,7 +200,7 @@ def test_a_page_reads_files_and_computes_nothing_and_leaves_nothing_however_it_i
     child = subprocess.Popen(
         [sys.executable, "-c", START, "--port", "0", "--weights", str(weights)],
         cwd=ROOT,
-        env={**os.environ, "TMPDIR": str(temp), "OMP_NUM_THREADS": "1"},
+        env={**os.environ, **ELSEWHERE, "TMPDIR": str(temp), "OMP_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

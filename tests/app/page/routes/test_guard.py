@@ -155,6 +155,27 @@ def test_a_claim_of_another_address_is_believed_of_a_proxy_that_was_named_and_of
             AppConfig(**{"proxies" if flag == "--proxy" else "embedders": (value,)})
 
 
+def test_all_is_found_below_a_root_path_whether_a_proxy_removes_it_or_not(weights, tmp_path):
+    """And asks for a login there, too."""
+    with served_page(weights, tmp_path / "1", root_path="/lab/") as page:
+        for before in ("", "/lab"):
+            for path in ("/web/player/player.js", "/stage/facts.json", "/theme.css", "/config"):
+                assert page.client.get(before + path).status_code == 200, before + path
+            assert page.client.post(f"{before}/visitor").status_code == 204
+            assert page.client.get(f"{before}/config").json()["root"] == f"{ADDRESS}lab"
+            own = {"Origin": ADDRESS.rstrip("/"), "Host": "127.0.0.1"}
+            with page.client.websocket_connect(f"{before}/live/speak", headers=own):
+                pass
+        assert page.client.get("/laboratory/web/player/player.js").status_code == 404
+    accounts = (("ann", "word"),)
+    with served_page(weights, tmp_path / "2", root_path="/lab", accounts=accounts) as page:
+        for path in ("/media/x/a", "/lab/media/x/a", "/lab/visitor"):
+            assert page.client.get(path).status_code == 401, path
+    for wrong in ("lab", "/lab?x", "https://", "//evil"):
+        with pytest.raises(RunError, match="--root-path takes a path"):
+            AppConfig(root_path=wrong)
+
+
 def test_what_the_page_has_not_is_told_in_a_sentence(client):
     for path, body in (
         ("queue/join", {"data": [], "fn_index": 99_999, "session_hash": "a"}),

@@ -95,6 +95,18 @@ def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
     return [program("nginx-light", "nginx"), "-c", str(folder / "nginx.conf"), "-p", str(folder)]
 
 
+BELOW = "/lab"
+
+
+def nginx_below(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
+    """The same below a path, which nginx removes, as the docs say."""
+    command = nginx(folder, certificate, page, port)
+    conf = folder / "nginx.conf"
+    changes = ("location / {", f"location {BELOW}/ {{"), (f"{page};", f"{page}/;")
+    conf.write_text(changed(conf.read_text(), *changes))
+    return command
+
+
 def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
     """The command that serves docs/hosting/Caddyfile on a port of the test's."""
     cert, key = certificate
@@ -138,8 +150,8 @@ def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
             proxy.wait(5)
 
 
-@pytest.mark.parametrize("proxy", [nginx, caddy])
-def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("proxy", "below"), [(nginx, ""), (caddy, ""), (nginx_below, BELOW)])
+def test_behind_a_proxy_as_the_docs_say(proxy, below, certificate, weights, tmp_path, monkeypatch):
     look_up, seen = socket.getaddrinfo, []
 
     def looked_up(host, *arguments, **options):
@@ -154,10 +166,11 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
     monkeypatch.setattr(socket, "getaddrinfo", looked_up)
     monkeypatch.setattr(live_route, "address_of", noted)
     port = free_port()
-    address = f"https://{NAME}:{port}/"
+    address = f"https://{NAME}:{port}{below}/"
+    origin = f"https://{NAME}:{port}"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
     monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
-    settings = {"host_names": (NAME,), "accounts": (ACCOUNT,)}
+    settings = {"host_names": (NAME,), "accounts": (ACCOUNT,), "root_path": below}
     config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", **settings)
     save_motion(smooth_motion_example(45), tmp_path / "a.npz")
     motion = (tmp_path / "a.npz").read_bytes()
@@ -170,9 +183,9 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
             assert stranger.post("gradio_api/upload", files=UPLOAD).status_code == 401
             with pytest.raises(InvalidStatus):
                 connect(
-                    f"wss://{NAME}:{port}/live/speak",
+                    f"wss://{NAME}:{port}{below}/live/speak",
                     ssl=trusted,
-                    additional_headers={"Origin": address.rstrip("/")},
+                    additional_headers={"Origin": origin},
                     open_timeout=120,
                 )
             elsewhere = stranger.get("login", headers={"Host": "evil.example"})
@@ -182,6 +195,8 @@ def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, m
             assert answer.status_code == 403
 
             with Visitor(address, 6, trusted, ACCOUNT) as visitor:
+                for path in ("web/player/player.js", "stage/facts.json"):
+                    assert visitor._client.get(path).status_code == 200, path
                 with pytest.raises(httpx.HTTPError):  # Caddy 2.6 may break off without a word
                     visitor.upload("a.npz", bytes(3 * SIZE_MB * 10**6))
                 files = [path for path in (tmp_path / "page").rglob("*") if path.is_file()]

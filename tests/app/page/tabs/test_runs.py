@@ -1,5 +1,6 @@
 """Runs of the tabs as handlers give them: own motion, live, studies; opened again, with videos."""
 
+import json
 import re
 import shutil
 import threading
@@ -29,7 +30,7 @@ from app.page.tabs.stage import VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
 from app.run.ask import Ask, Ear, Progress
-from app.run.output.run_folder import zip_run
+from app.run.output.run_folder import RUN, zip_run
 from app.run.tasks import Sets
 from app.study.make.workspace import ExportRequest
 from conventions.views import CLOSE_UPS
@@ -480,8 +481,22 @@ class Tab:
 
 
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
-    tab = Tab(tmp_path, fakes.make_draw(seconds=0.2))
-    told = list(tab.updates())
+    first, second = threading.Event(), threading.Event()
+    tab = Tab(tmp_path, fakes.make_draw(lambda number: (first, second)[number], seconds=0.2))
+    assert "lacks 3 of 3 videos: they are not drawn yet" in tab.run.downloads(tab.run.showing)
+    first.set()
+    updates = tab.updates()
+    told = [next(updates)]
+    wait_for(lambda: len(tab.run.record.missing) == 2)
+    packed = zip_run(tab.run.folder, tmp_path / "meanwhile.zip")
+    with zipfile.ZipFile(packed) as archive:
+        lacks = json.loads(archive.read(RUN))["missing"]
+        assert lacks == ["globaldiff-global.mp4", "comparison.mp4"]
+        assert "globaldiff-local.mp4" in archive.namelist() and not {*lacks} & {*archive.namelist()}
+    assert "lacks 2 of 3 videos" in tab.run.downloads(tab.run.showing)
+    second.set()
+    told += updates
+    assert "lacks" not in told[-1][tab.parts.downloads]["value"] and not tab.run.record.missing
     assert text.VIDEOS_DONE in told[-1][tab.parts.status] and "Done." in told[-1][tab.parts.status]
     names = ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
     listed = saved(told[-1][tab.parts.downloads])
