@@ -118,7 +118,7 @@ class Visitor(AbstractContextManager["Visitor"]):
         with connect(
             f"{page.replace('http', 'ws', 1)}/live/speak",
             ssl=self._tls,
-            additional_headers={"Origin": page, "Cookie": cookies},
+            additional_headers={"Origin": self._client.headers["Origin"], "Cookie": cookies},
             source_address=(self._own, 0),
             open_timeout=120,
         ) as socket:
