@@ -50,7 +50,7 @@ def drop_missing_backend() -> None:
 
 def backend_fault() -> str:
     """Return why the backend that the environment names cannot be used; empty if it can."""
-    from matplotlib.backends import backend_registry
+    from matplotlib.backends.registry import backend_registry
 
     try:
         backend_registry.resolve_backend(ASKED_BACKEND)
