@@ -67,8 +67,9 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
     from model.systems.registry import list_systems
+    from renderer.body.levels import body_at
 
-    get_body(body)
+    body_at(get_body(body), height_px=1.0)  # coarser meshes of a licensed body are made once
     yield
     noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
     for name in list_systems(weights):

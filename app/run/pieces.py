@@ -59,11 +59,11 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def body_glb() -> bytes:
     """The file; made at the first call."""
-    from renderer.body.look import coarser_faces
+    from renderer.body.levels import open_body_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
-    return glb_bytes(body, reaches(body), coarser=coarser_faces())
+    return glb_bytes(body, reaches(body), coarser=open_body_faces()[1:])
 
 
 @functools.cache

@@ -8,12 +8,12 @@ with the length of the motion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Integer
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import NUM_JOINTS
@@ -96,12 +96,37 @@ class Body(BodyArrays):
     def num_vertices(self) -> int:
         return len(self.template)
 
+    @property
+    def height_m(self) -> float:
+        """Height in the zero pose (m)."""
+        return float(np.ptp(self.template[:, 1]))
+
     @cached_property
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"]:
         """Linear RGB in 0 to 1; clay where the body file names no painted regions."""
         if self.regions is None:
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
         return vertex_colors(self.shown, self.regions)
+
+    def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
+        """Return a body of some of the vertices, with ``faces`` among these, that moves as they do
+        on the whole. Its joints are those of the whole body."""
+        place = np.full(self.num_vertices, -1, np.int32)
+        place[vertices] = np.arange(len(vertices), dtype=np.int32)
+        moved, corrected = (place[each] for each in (self.expression_vertices, self.pose_vertices))
+        rows = (3 * np.flatnonzero(corrected >= 0)[:, None] + np.arange(3)).ravel()
+        return replace(
+            self,
+            template=self.template[vertices],
+            faces=faces.astype(np.int32),
+            weights=self.weights[vertices],
+            shape_dirs=self.shape_dirs[vertices],
+            expression_vertices=moved[moved >= 0],
+            expression_dirs=self.expression_dirs[:, moved >= 0],
+            pose_vertices=corrected[corrected >= 0],
+            pose_dirs=self.pose_dirs[rows],
+            regions=None if self.regions is None else self.regions[vertices],
+        )
 
     def notes(self, motion: BodyMotion) -> tuple[str, ...]:
         """Everything about ``motion`` that this body does not show, one sentence each."""

@@ -1,4 +1,4 @@
-"""How the open body looks: its builds, a colour for each painted region, and its coarser meshes.
+"""How the open body looks: its builds and a colour for each painted region.
 
 Every look has the same joints, fingertips and topology, so the motion and its measures do not
 depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
@@ -6,11 +6,8 @@ depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies 
 
 from __future__ import annotations
 
-import functools
-from pathlib import Path
-
 import numpy as np
-from jaxtyping import Float32, Int, UInt16
+from jaxtyping import Float32, Int
 
 Color = tuple[float, float, float]
 
@@ -81,14 +78,3 @@ def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarr
     """
     colors = COLORS[look.partition("-")[2]]
     return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]
-
-
-COARSER_PATH = Path(__file__).parents[1] / "assets" / "coarser.npz"
-"""Made by `tools.bake`."""
-
-
-@functools.cache
-def coarser_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
-    """Of each mesh, from fine to coarse."""
-    with np.load(COARSER_PATH, allow_pickle=False) as archive:
-        return tuple(archive[f"faces_{k}"] for k in range(len(archive.files)))

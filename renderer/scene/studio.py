@@ -13,6 +13,8 @@ from renderer.scene.stage import Stage
 RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""
 HALF_SIZE_M = 2.0
+SHADOW_VERTICES = 10_000
+"""The shadow of fewer would have holes: the middles of faces are added."""
 TOUCHING_M = 0.10
 """Below this height above the floor a vertex also casts a contact shadow."""
 LOST, BLURS, MOST_LOST = (0.30, 0.45), (2.6, 1.5), 0.62
@@ -55,7 +57,7 @@ STUDIO = Studio()
 class ShadowGround:
     """Texture of a square floor under the bodies: a pool of light, darkened where light is lost.
 
-    The shadow is a splat of the vertices along the light's direction, blurred; no ray is cast.
+    The shadow is a splat of points along the light's direction, blurred; no ray is cast.
     """
 
     def __init__(self, stage: Stage) -> None:
@@ -71,13 +73,13 @@ class ShadowGround:
         self._lit = (backdrop + pool[..., None] * (glow - backdrop)).astype(np.float32)
         self._fade = np.clip((1.0 - radius) * FADE, 0.0, 1.0).astype(np.float32)
 
-    def shadow(self, vertices: Float[np.ndarray, "V 3"]) -> Float32[np.ndarray, "R R"]:
+    def shadow(self, points: Float[np.ndarray, "N 3"]) -> Float32[np.ndarray, "R R"]:
         """Share of light lost at each texel, 0 to 1; rows run along z, columns along x."""
-        height = np.maximum(vertices[:, 1] - self.floor_m, 0.0)
+        height = np.maximum(points[:, 1] - self.floor_m, 0.0)
         scale = RESOLUTION / (2.0 * self.half_size_m)
         offset = np.array(self.centre_xz) - self.half_size_m
-        column = (vertices[:, 0] - self._slope[0] * height - offset[0]) * scale
-        row = (vertices[:, 2] - self._slope[1] * height - offset[1]) * scale
+        column = (points[:, 0] - self._slope[0] * height - offset[0]) * scale
+        row = (points[:, 2] - self._slope[1] * height - offset[1]) * scale
         inside = (column >= 0) & (column < RESOLUTION) & (row >= 0) & (row < RESOLUTION)
         texel = row[inside].astype(np.intp) * RESOLUTION + column[inside].astype(np.intp)
         touching = texel[height[inside] < TOUCHING_M]
@@ -131,13 +133,6 @@ class PosedFrame:
     colors: Float[np.ndarray, "V 3"] | None = None
     """Linear RGB of this frame alone; None is what the subject has."""
 
-    def part(self, vertices: Int[np.ndarray, " N"]) -> "PosedFrame":
-        """Some of the vertices, lit as among all."""
-        colors = None if self.colors is None else self.colors[vertices]
-        return replace(
-            self, vertices=self.vertices[vertices], normals=self.normals[vertices], colors=colors
-        )
-
 
 @dataclass(frozen=True)
 class Subject:
@@ -158,13 +153,25 @@ class FramePreparer:
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
         self.normals = VertexNormals(faces, num_vertices)
         self.ground = ShadowGround(stage)
+        self._faces = faces if num_vertices < SHADOW_VERTICES else None
 
     def __call__(
         self,
         vertices: Float[np.ndarray, "V 3"],
         colors: Float[np.ndarray, "V 3"] | None = None,
+        behind: PosedFrame | None = None,
     ) -> PosedFrame:
-        shadow = self.ground.shadow(vertices)
+        """
+        Args:
+            behind: frame whose ground is behind these vertices as well.
+        """
+        if behind is not None:
+            normals = self.normals(vertices)
+            return replace(behind, vertices=vertices, normals=normals, colors=colors)
+        points = vertices
+        if self._faces is not None:
+            points = np.concatenate([vertices, vertices[self._faces].mean(axis=1)])
+        shadow = self.ground.shadow(points)
         return PosedFrame(
             vertices=vertices,
             normals=self.normals(vertices),

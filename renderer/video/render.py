@@ -5,7 +5,7 @@ the next is touched, so memory does not grow with the length of a clip.
 """
 
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, repeat
 
 import numpy as np
@@ -13,18 +13,19 @@ from jaxtyping import Float, UInt8
 
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
+from renderer.body.levels import body_at
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import (
-    Cutout,
     Panel,
+    Shot,
     Stage,
     cut_out,
     frames_of,
     set_stage,
 )
-from renderer.scene.studio import FramePreparer, Subject
+from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.encoder import DEFAULT_CRF, check_size
 from renderer.video.marks import MarkPainter, Marks, heat_colors
 
@@ -121,19 +122,22 @@ def draw_frames(
     stage, panels = stage or stage_for(body, [motion], settings), settings.panels
     if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
-    parts = [None, *(cut_out(body, panel.view) for panel in panels[1:])]
+    meshes = [mesh_of(body, stage, *each) for each in zip(stage.shots, panels, strict=True)]
     ways = [track[frames] for track in stage.tracks(body, motion)]
     heat, painter = marks and marks.heat, MarkPainter(marks, panels) if marks else None
-    colors = heat_colors(body, heat.shares[frames]) if heat else repeat(None)
-    prepare = FramePreparer(body.faces, body.num_vertices, stage)
-    subject = Subject(
-        *(body.faces, body.vertex_colors, prepare.ground.corners()), settings.is_transparent
-    )
+    chosen = frames_of(motion, frames)
+    vertices = [chain.from_iterable(mesh.vertices(chosen)) for mesh in meshes]
+    colors = [heat_colors(mesh, heat.shares[frames]) if heat else repeat(None) for mesh in meshes]
+    prepare = [FramePreparer(mesh.faces, mesh.num_vertices, stage) for mesh in meshes]
+    corners = prepare[0].ground.corners()
     whole = np.full(settings.picture_shape, _LINE, np.uint8)
     with OffscreenRenderer(settings.backend or choose_backend()) as renderer:
         canvases = [
-            renderer.canvas(_part_of(subject, part), panel.width, panel.height)
-            for panel, part in zip(panels, parts, strict=True)
+            renderer.canvas(
+                Subject(mesh.faces, mesh.vertex_colors, corners, settings.is_transparent),
+                *(panel.width, panel.height),
+            )
+            for panel, mesh in zip(panels, meshes, strict=True)
         ]
 
         def fetch() -> None:
@@ -150,24 +154,29 @@ def draw_frames(
                 return whole
             return painter.paint(whole, int(numbers[index]), cameras(index))
 
-        vertices = chain.from_iterable(body.vertices(frames_of(motion, frames)))
-        for index, (places, shades) in enumerate(zip(vertices, colors, strict=False)):
+        for index in range(len(numbers)):
             # While the driver draws the picture before, which the caller takes while it draws this.
-            posed = prepare(places, shades)
+            posed: list[PosedFrame] = []
+            for prepared, places, shades in zip(prepare, vertices, colors, strict=True):
+                posed.append(prepared(next(places), next(shades), posed[0] if posed else None))
             if index:
                 fetch()
-            for part, canvas, camera in zip(parts, canvases, cameras(index), strict=True):
-                canvas.begin(posed if part is None else posed.part(part.vertices), camera)
+            for frame, canvas, camera in zip(posed, canvases, cameras(index), strict=True):
+                canvas.begin(frame, camera)
             if index:
                 yield painted(index - 1)
         fetch()
         yield painted(len(numbers) - 1)
 
 
-def _part_of(subject: Subject, part: Cutout | None) -> Subject:
-    if part is None:
-        return subject
-    return replace(subject, faces=part.faces, colors=subject.colors[part.vertices])
+def mesh_of(body: Body, stage: Stage, shot: Shot, panel: Panel) -> Body:
+    """Return as much of a body as a panel of a stage shows, as fine as its pixels are."""
+    pixel_m = stage.pixel_m(shot, panel.height)
+    mesh = body_at(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
+    if shot is stage.shots[0]:
+        return mesh
+    part = cut_out(mesh, panel.view)
+    return mesh.part(part.vertices, part.faces)
 
 
 def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:

@@ -1,4 +1,4 @@
-"""Coarser meshes of the open body, for browsers that draw on the processor.
+"""Coarser meshes of a body, for pictures that are small and for browsers without a GPU.
 
 Vertices are taken out one by one, each where that changes the surface least (quadric error
 metrics, Garland and Heckbert 1997); those that stay are where they were, so that a coarser mesh is
@@ -14,13 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from conventions.joints import FINGERS, JOINT_NAMES
+from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import Body
 
-NUM_FACES = (12_000, 5_500, 2_800, 900)
+NUM_FACES = (24_000, 12_000, 5_500, 2_800, 900)
 """Of each mesh, from fine to coarse."""
-_HANDS, _HEAD, _FACE = 6.0, 3.0, 12.0
+_HANDS, _HEAD, _FACE, _EYES = 6.0, 3.0, 12.0, 60.0
 """How much more a change weighs there than elsewhere; the face is all that its units move."""
+_EYE_M = 0.022
+"""How far from the middle of an eye its lids lie, at most."""
 _HEM_WEIGHT = 20.0
 """Of the outline of an open end, beside its surface."""
 _SKIN_M = 0.03
@@ -44,8 +46,7 @@ class Surface:
 
 
 def surface_of(body: Body) -> Surface:
-    """Of the open body, as its file has it; what matters is what one looks at when somebody
-    speaks."""
+    """Return the surface of a body; what matters is what one looks at when somebody speaks."""
     weights = body.weights.toarray().astype(np.float64)
     of_joint = np.ones(len(JOINT_NAMES))
     for joint, name in enumerate(JOINT_NAMES):
@@ -56,6 +57,9 @@ def surface_of(body: Body) -> Surface:
     importance = of_joint[weights.argmax(1)]
     moves = np.abs(body.expression_dirs).max((0, 2)) > _FACE_MOVES_M
     importance[body.expression_vertices[moves]] = _FACE
+    for side in ("left", "right"):
+        to_eye = body.template - body.rest_joints[JOINT_INDEX[f"{side}_eye"]]
+        importance[np.linalg.norm(to_eye, axis=1) < _EYE_M] = _EYES
     colors = np.asarray(body.vertex_colors, np.float64)
     return Surface(body.template.astype(np.float64), body.faces, colors, weights, importance)
 

@@ -1,0 +1,77 @@
+"""Levels of detail: a body as meshes from fine to coarse, and which of them a picture needs.
+
+Every mesh has vertices of its own, so that what is not drawn is not posed either. Those of the open
+body are baked; those of a licensed body are made once and kept in the user's cache.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from filelock import FileLock
+from jaxtyping import Integer, UInt16
+
+from renderer.body.body import Body
+from renderer.body.body_file import OPEN_BODY_PATH
+from renderer.body.decimation import coarser, surface_of
+
+COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
+"""Made by `tools.bake`."""
+NUM_DRAWN = 2
+"""Of the coarser meshes; the others would show in any picture."""
+FACES_PER_SQUARE_PX = 0.055
+"""Faces that a body needs, by its height in pixels squared: fewer show at the outline."""
+_CACHE_FORMAT = 1
+
+
+@functools.cache
+def open_body_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
+    """Return the faces of each coarser mesh of the open body, from fine to coarse."""
+    with np.load(COARSER_PATH, allow_pickle=False) as archive:
+        return tuple(archive[f"faces_{k}"] for k in range(len(archive.files)))
+
+
+def body_at(body: Body, height_px: float) -> Body:
+    """Return the coarsest mesh of a body that looks like the whole of it in a picture in which it
+    is so high."""
+    needed = FACES_PER_SQUARE_PX * height_px**2
+    if needed > len(body.faces):
+        return body
+    fine_enough = [
+        faces for faces in _coarser_faces(body) if needed <= len(faces) < len(body.faces)
+    ]
+    if not fine_enough:
+        return body
+    vertices, corners = np.unique(fine_enough[-1], return_inverse=True)
+    return body.part(vertices, corners.reshape(-1, 3))
+
+
+def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
+    """Return the faces of the coarser meshes that are drawn, from fine to coarse."""
+    if body.regions is not None:
+        return list(open_body_faces()[:NUM_DRAWN])
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    path = folder / "co-speech-motion" / "meshes" / f"{body.sha256}-{_CACHE_FORMAT}.npz"
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with FileLock(f"{path}.lock"):
+            if not path.exists():
+                numbered = {f"faces_{k}": each for k, each in enumerate(_decimated(body))}
+                part = path.with_suffix(".part.npz")
+                np.savez_compressed(part, **numbered)  # type: ignore[arg-type]
+                part.replace(path)
+            with np.load(path, allow_pickle=False) as archive:
+                meshes = [archive[name] for name in archive.files]
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return []  # nothing can be kept: the whole body is drawn, which takes longer
+    return [each for each in meshes if each.max(initial=0) < body.num_vertices]
+
+
+def _decimated(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
+    """Make the coarser meshes, which takes some ten seconds."""
+    counts = [len(faces) for faces in open_body_faces()[:NUM_DRAWN] if len(faces) < len(body.faces)]
+    return coarser(surface_of(body), counts)
