@@ -8,8 +8,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from app.commands.runs import Files
 from app.config import ASKED_BACKEND, BUNDLED_WEIGHTS, backend_fault, default_body
@@ -18,6 +21,7 @@ from app.flags import File, use_family_files
 
 MIN_MEMORY_GB = 2.0
 MIN_DISK_GB = 1.0
+RATE_FRAMES = 60
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ def examine(weights: Path, body: Path | None) -> list[Examined]:
     return [
         _python(),
         *_backends(),
+        _video_rate(),
         _body(body),
         _weights(weights),
         *_family_files(),
@@ -113,6 +118,29 @@ def _backends() -> list[Examined]:
             Examined(f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None)
         )
     return findings
+
+
+def _video_rate() -> Examined:
+    """How many frames of video pyrender and ffmpeg make in a second, once they have begun."""
+    from conventions.joints import JOINT_INDEX
+    from renderer.body.body import BodyMotion
+    from renderer.video.workers import RenderJob, draw_jobs
+
+    motion = BodyMotion.resting(RATE_FRAMES)
+    turn = np.sin(np.linspace(0.0, 4.0 * np.pi, RATE_FRAMES))
+    for name in ("left_shoulder", "spine2", "right_elbow"):
+        motion.poses[:, 3 * JOINT_INDEX[name]] = turn / 3.0
+    times: list[tuple[float, float]] = []
+    try:
+        with tempfile.TemporaryDirectory(prefix="doctor-") as folder:
+            job = RenderJob(motion, Path(folder) / "rate.mp4")
+            draw_jobs({"rate": job}, lambda share: times.append((time.perf_counter(), share)))
+    except Exception as error:
+        advice = "see OpenGL above and ffmpeg below"
+        return Examined("videos", False, _told(error), advice, is_needed=False)
+    (began, before), (ended, _) = [each for each in times if each[1] > 0.0][:1] + times[-1:]
+    rate = RATE_FRAMES * (1.0 - before) / max(ended - began, 1e-3)
+    return Examined("videos", True, f"{rate:.0f} frames of 512 x 512 a second")
 
 
 def _body(path: Path | None) -> Examined:
