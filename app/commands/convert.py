@@ -20,6 +20,7 @@ from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from app.run.output.telling import name_file, say
 from conventions.names import file_stem, printable
+from model.formats.parameters import motion_files
 from model.formats.read import Assumptions
 
 if TYPE_CHECKING:
@@ -110,8 +111,8 @@ def _found(
         if not folder.is_dir():
             yield given, Path(given.name)
             continue
-        for path in sorted(folder.rglob("*")):
-            if ends_in(endings, name := path.relative_to(folder)) and path.is_file():
+        for path, name in motion_files(folder):
+            if ends_in(endings, name):
                 yield path, name
 
 

@@ -3,6 +3,7 @@ arrays."""
 
 from __future__ import annotations
 
+import io
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,10 +26,23 @@ from model.formats.numbers import (
     laid_out,
     shape_of,
 )
+from model.formats.parameters import (
+    EXPRESSIONS,
+    MISSING,
+    PARTS,
+    POSES,
+    RATES,
+    ROOTS,
+    TRANSLATIONS,
+    VALID,
+    parameter_files,
+    split_key,
+)
 from model.formats.read import Assumption, Part, Sure
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
+    MAX_FILE_BYTES,
     Header,
     MotionError,
     check_size,
@@ -38,34 +52,7 @@ from model.storage.npz import (
     read_npy_file,
 )
 
-POSES = ("poses", "pose", "fullpose", "full_pose", "pose_aa", "rotations", "rot6d", "motion")
-TRANSLATIONS = ("trans", "transl", "translation", "root_trans", "root_translation", "root_pos")
-EXPRESSIONS = ("expressions", "expression", "expr", "exp")
-RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
-VALID = ("is_valid", "valid", "valid_mask")
-"""Masks that are zero in frames whose tracking failed."""
-MISSING = "missing"
-"""Embody-3D's mask, which despite its name is zero in corrupted frames as well."""
-PARTS: dict[str, tuple[int, ...]] = {
-    "global_orient": (0,),
-    "body_pose": BODY[1:],
-    "jaw_pose": (JOINT_INDEX["jaw"],),
-    "leye_pose": (JOINT_INDEX["left_eye"],),
-    "reye_pose": (JOINT_INDEX["right_eye"],),
-    "left_hand_pose": HANDS[:15],
-    "right_hand_pose": HANDS[15:],
-    "root_orient": (0,),
-    "root_pose": (0,),
-    "lhand_pose": HANDS[:15],
-    "rhand_pose": HANDS[15:],
-    "pose_body": BODY[1:],
-    "pose_jaw": (JOINT_INDEX["jaw"],),
-    "pose_eye": FACE[1:],
-    "pose_hand": HANDS,
-}
-"""SMPL-X's own parameters, then SMPLer-X's and AMASS's names of them, and the joints of each."""
 _BEAT2 = {"poses", "trans", "expressions", "betas", "mocap_frame_rate"}
-_ROOTS = ("global_orient", "root_orient", "root_pose")
 _DIFFSHEG = tuple(
     JOINT_INDEX[name]
     for name in (
@@ -202,13 +189,26 @@ def read_npz(path: Path, told: dict[str, str]) -> Draft:
         return _Archive(archive, path.name, told).read()
 
 
+def _read_parameter_files(files: Mapping[str, Path], name: str, told: dict[str, str]) -> Draft:
+    if sum(file.stat().st_size for file in files.values()) > MAX_FILE_BYTES:
+        raise MotionError(f"The files of {name} have over {MAX_FILE_BYTES // 2**20} MiB together.")
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for part, file in files.items():
+            archive.writestr(f"{part}.npy", file.read_bytes())
+    with opened_archive(next(iter(files.values())), content) as archive:
+        return _Archive(archive, name, told).read()
+
+
 def read_npy(path: Path, told: dict[str, str]) -> Draft:
-    """A motion of one array, without translation unless its columns have one.
+    """Read a motion of one array, or of an array in a file for each parameter.
 
     Raises:
         MotionError: as `model.formats.read.read_any_motion`.
     """
     check_size(path)
+    if files := parameter_files(path):
+        return _read_parameter_files(files, path.name, told)
     try:
         array = read_npy_file(path)
     except OSError as error:
@@ -435,11 +435,11 @@ class _Archive:
         """The key of the poses (or of ``global_orient``), after the user's choice where there are
         several; plain names stand for what is beside it."""
         found: dict[str, str] = {}
-        for names in (POSES, _ROOTS):
+        for names in (POSES, ROOTS):
             for key, (shape, dtype) in self.headers.items():
-                before, plain = _split(key)
+                before, plain = split_key(key)
                 is_one = plain in names and dtype.kind in "fiu"
-                if is_one and (not before or names is _ROOTS or _is_motion(shape)):
+                if is_one and (not before or names is ROOTS or _is_motion(shape)):
                     found.setdefault(before, key)
         if not found:
             usable = [
@@ -470,7 +470,7 @@ class _Archive:
             self.choice = Assumption("motion", printable(found[""]), why, "likely", others)
         for own in (False, True):  # what is beside no other motion, then what is beside this one
             for key in self.headers:
-                prefix, plain = _split(key)
+                prefix, plain = split_key(key)
                 if prefix == before if own else prefix not in found or not prefix:
                     self.plain[plain] = key
         return found[before]
@@ -499,10 +499,10 @@ class _Archive:
 
     def _poses(self, key: str) -> Draft:
         shape, _ = self.headers[key]
-        plain = _split(key)[1]
+        plain = split_key(key)[1]
         if 0 in shape:
             raise MotionError(f"{self.name} has no frames in `{printable(key)}`; it has {shape}.")
-        if plain in _ROOTS:
+        if plain in ROOTS:
             return self._of_parts()
         if not _is_motion(shape):
             raise MotionError(
@@ -689,19 +689,6 @@ def _bridge(draft: Draft, marks: np.ndarray) -> None:
 def _is_motion(shape: tuple[int, ...]) -> bool:
     known = shape_of(shape) or (len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *NOT_READ))
     return bool(known)
-
-
-def _split(key: str) -> tuple[str, str]:
-    """What stands before the plain name of an array, and that name: ``gt``, ``poses``."""
-    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
-    for mark in ("/", ":", "."):
-        before, found, after = key.rpartition(mark)
-        if found and after in known:
-            return before, after
-    if key in known:
-        return "", key
-    suffixes = sorted((name for name in known if key.endswith(f"_{name}")), key=len)
-    return (key[: -len(suffixes[-1]) - 1], suffixes[-1]) if suffixes else ("", key)
 
 
 def _rate(draft: Draft, stated: dict[str, str]) -> None:

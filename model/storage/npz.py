@@ -45,8 +45,8 @@ def check_size(path: Path) -> None:
 
 
 @contextmanager
-def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive at ``path``, open.
+def opened_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipfile.ZipFile]:
+    """Open the archive at ``path``, or what stands in its place.
 
     Raises:
         MotionError: if the file is missing, too large, or no readable archive, also while it is
@@ -57,7 +57,7 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise MotionError(f"{path.name} {kind}; give a BEAT2 motion file (.npz).")
     check_size(path)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(content or path) as archive:
             yield archive
     except (
         zipfile.BadZipFile,

@@ -32,6 +32,7 @@ from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
 from model.faults.table import find_faults, without
+from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, LACKS, MOTIONS, REFERENCE, Reading, read_any_motion
 from model.measures.beats import read_mean_speeds
 from model.measures.lag import heard_of
@@ -242,6 +243,11 @@ class _Clip:
             f"{name} {sample}": path
             for name, samples in self.files.items()
             for sample, path in samples.items()
+        }
+        files |= {
+            f"{name} {part}": each
+            for name, path in files.items()
+            for part, each in parameter_files(path).items()
         } | {name: path for name, path in beside.items() if path is not None}
         return stamp_of(files, [FORMAT, str(ask.told), str(ask.body), ask.channel])
 

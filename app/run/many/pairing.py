@@ -14,6 +14,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import RunError
 from conventions.names import file_stem
+from model.formats.parameters import motion_files
 
 GENERATED, RECORDED = "res_", "gt_"
 """How EMAGE's code and those after it begin the names of results, and of the recordings beside."""
@@ -101,10 +102,10 @@ def some_of(names: Iterable[str]) -> str:
 
 def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
     """Where results and recordings lie side by side, those of the kind that is asked."""
-    paths = sorted(path for path in folder.rglob("*") if ends_in(endings, path.relative_to(folder)))
-    if any(path.name.startswith(kind) for path in paths):
-        paths = [path for path in paths if path.name.startswith(kind)]
-    return [_read(path, path.relative_to(folder)) for path in paths]
+    files = [(path, name) for path, name in motion_files(folder) if ends_in(endings, name)]
+    if any(name.name.startswith(kind) for _, name in files):
+        files = [(path, name) for path, name in files if name.name.startswith(kind)]
+    return [_read(path, name) for path, name in files]
 
 
 def ends_in(endings: tuple[str, ...], path: PurePath) -> bool:
@@ -118,7 +119,7 @@ def is_hidden(path: PurePath) -> bool:
 
 
 def _read(path: Path, inside: Path) -> _Found:
-    stem = path.stem.removeprefix(GENERATED).removeprefix(RECORDED)
+    stem = inside.stem.removeprefix(GENERATED).removeprefix(RECORDED)
     stem = stem.removesuffix(OUTPUT) or stem
     folders = [file_stem(part) for part in inside.parent.parts]
     if named := _SAMPLE.match(stem):

@@ -60,6 +60,23 @@ def test_a_bad_file_of_a_zip_costs_itself_only(z_up, tmp_path, capsys):
     assert len(made) == 2 and made[1] == "theirs.npz" and made[0].endswith("one.npz")
 
 
+def test_a_zip_with_a_file_for_each_parameter_is_one_motion(tmp_path, capsys):
+    """As Embody-3D has them; `diagnose` measures it as one clip."""
+    poses = MOTION.poses.reshape(20, 55, 3)
+    parts = {"global_orient": poses[:, 0], "body_pose": poses[:, 1:22], "transl": MOTION.trans}
+    packed, out = tmp_path / "set.zip", tmp_path / "out"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for part, rows in parts.items():
+            np.save(tmp_path / "rows.npy", rows)
+            archive.write(tmp_path / "rows.npy", f"AAA111/smplx_mesh_{part}/clip.npy")
+    assert main(["convert", str(packed), "--out", str(out)]) == 0
+    found = load_motion(out / "AAA111" / "clip.npz")
+    np.testing.assert_allclose(found.poses[:, :66], MOTION.poses[:, :66], atol=1e-6)
+    assert main(["diagnose", str(packed), "--out", str(tmp_path / "numbers")]) == 0
+    assert [path.name for path in (tmp_path / "numbers" / "clips").glob("*.json")] == ["clip.json"]
+    capsys.readouterr()
+
+
 @pytest.mark.parametrize(
     ("files", "out", "said"),
     [

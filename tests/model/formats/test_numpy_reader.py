@@ -12,6 +12,7 @@ from conventions.joints import HANDS
 from model.formats.judged import RELAXED_HANDS
 from model.formats.numbers import shape_of
 from model.formats.numpy_reader import CONVERT
+from model.formats.parameters import motion_files
 from model.formats.read import Reading, mean_hands, read_any_motion, read_told
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion, save_motion
@@ -224,6 +225,35 @@ def test_frames_that_a_mask_marks_are_interpolated_or_told(
     assert np.abs(off[1:]).max() < 0.02
     assert (reading.motion.poses[0] == poses[1]).all() == (value == "bridge")
     assert (np.abs(reading.motion.trans[21] - MOTION.trans[21]).max() < 0.01) == (value == "bridge")
+
+
+PARAMETERS = {
+    "smplx_mesh_global_orient": POSES[:, 0],
+    "smplx_mesh_body_pose": POSES[:, 1:22].reshape(60, 63),
+    "smplx_mesh_left_hand_pose": POSES[:, 25:40].reshape(60, 45),
+    "smplx_mesh_transl": MOTION.trans,
+    "smplx_mesh_betas": np.zeros((60, 300)),
+    "missing": np.ones(60, np.float32),
+}
+
+
+@pytest.mark.parametrize("layout", ["AAA111/{part}/a.npy", "a/{part}.npy"])
+def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, layout: str):
+    files = {part: tmp_path / layout.format(part=part) for part in PARAMETERS}
+    for part, file in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, PARAMETERS[part])
+    np.save(tmp_path / "whole.npy", MOTION.poses)
+    ((path, name), (whole, _)) = motion_files(tmp_path)
+    assert whole.name == "whole.npy" and path == files["smplx_mesh_global_orient"]
+    assert str(name) == ("AAA111/a.npy" if "AAA" in layout else "a.npy")
+    for each in (path, files["smplx_mesh_transl"]):
+        reading = read_any_motion(each, read_told("hands=flat"))
+        np.testing.assert_allclose(reading.motion.poses[:, :66], MOTION.poses[:, :66], atol=1e-6)
+        np.testing.assert_allclose(reading.motion.trans, MOTION.trans, atol=1e-6)
+    files["smplx_mesh_body_pose"].unlink()
+    assert len(list(motion_files(tmp_path))) == len(PARAMETERS)
+    assert "give the folder of all its files" in refusal(files["smplx_mesh_transl"])
 
 
 def test_quaternions_do_not_offer_their_own_form_among_the_others(tmp_path: Path):

@@ -1,0 +1,93 @@
+"""Names of parameters of motion, in archives and as names of files.
+
+What is here needs no array library, so that files can be listed quickly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from conventions.joints import FACE, HANDS, JOINT_INDEX
+
+_BODY = tuple(range(1, 22))
+POSES = ("poses", "pose", "fullpose", "full_pose", "pose_aa", "rotations", "rot6d", "motion")
+TRANSLATIONS = ("trans", "transl", "translation", "root_trans", "root_translation", "root_pos")
+EXPRESSIONS = ("expressions", "expression", "expr", "exp")
+RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
+VALID = ("is_valid", "valid", "valid_mask")
+"""Masks that are zero in frames whose tracking failed."""
+MISSING = "missing"
+"""Embody-3D's mask, which despite its name is zero in corrupted frames as well."""
+PARTS: dict[str, tuple[int, ...]] = {
+    "global_orient": (0,),
+    "body_pose": _BODY,
+    "jaw_pose": (JOINT_INDEX["jaw"],),
+    "leye_pose": (JOINT_INDEX["left_eye"],),
+    "reye_pose": (JOINT_INDEX["right_eye"],),
+    "left_hand_pose": HANDS[:15],
+    "right_hand_pose": HANDS[15:],
+    "root_orient": (0,),
+    "root_pose": (0,),
+    "lhand_pose": HANDS[:15],
+    "rhand_pose": HANDS[15:],
+    "pose_body": _BODY,
+    "pose_jaw": (JOINT_INDEX["jaw"],),
+    "pose_eye": FACE[1:],
+    "pose_hand": HANDS,
+}
+"""SMPL-X's own parameters, then SMPLer-X's and AMASS's names of them, and the joints of each."""
+ROOTS = ("global_orient", "root_orient", "root_pose")
+PARAMETERS = tuple(
+    dict.fromkeys((*ROOTS, *PARTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, MISSING))
+)
+"""What may be a file of its own, the root's first."""
+
+
+def split_key(key: str) -> tuple[str, str]:
+    """What stands before the plain name of an array, and that name: ``gt``, ``poses``."""
+    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
+    for mark in ("/", ":", "."):
+        before, found, after = key.rpartition(mark)
+        if found and after in known:
+            return before, after
+    if key in known:
+        return "", key
+    suffixes = sorted((name for name in known if key.endswith(f"_{name}")), key=len)
+    return (key[: -len(suffixes[-1]) - 1], suffixes[-1]) if suffixes else ("", key)
+
+
+def parameter_files(path: Path) -> dict[str, Path]:
+    """Return the files of the motion that a .npy file is one parameter of, by parameter, the root's
+    first; empty for other files.
+
+    Read are ``PARAMETER/CLIP.npy``, as Embody-3D has them, and ``CLIP/PARAMETER.npy``.
+    """
+    folder = path.parent
+    layouts = (
+        (path.stem, lambda: ((file.stem, file) for file in sorted(folder.glob("*.npy")))),
+        (folder.name, lambda: ((f.name, f / path.name) for f in sorted(folder.parent.iterdir()))),
+    )
+    for name, candidates in layouts:
+        if path.suffix.lower() != ".npy" or split_key(name)[1] not in PARAMETERS:
+            continue
+        found = {split_key(each)[1]: file for each, file in candidates() if file.is_file()}
+        files = {part: found[part] for part in PARAMETERS if part in found}
+        if files.keys() & {"body_pose", "pose_body"} and next(iter(files)) in ROOTS:
+            return files
+    return {}
+
+
+def motion_files(folder: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield all files of a folder with their names below it; of a motion in a file for each
+    parameter the first file, with the name of the motion.
+    """
+    for path in sorted(file for file in folder.rglob("*") if file.is_file()):
+        name, files = path.relative_to(folder), parameter_files(path)
+        first = next(iter(files.values()), path)
+        if not first.is_relative_to(folder) or not files:
+            yield path, name
+        elif path == first and path.parent == files[list(files)[-1]].parent:
+            yield path, name.parent.with_name((name.parent.name or folder.name) + path.suffix)
+        elif path == first:
+            yield path, name.parent.parent / name.name
