@@ -41,7 +41,7 @@ FILTER_HELP = (
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
-TRANSCRIPT_LABEL = "Words: .TextGrid, or English as .txt (optional)"
+TRANSCRIPT_LABEL = "Words: .TextGrid, subtitles, or English as .txt (optional)"
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = "Of English, where no text is given; beside the drawing."
 GENERATE = "Generate motion"

@@ -247,8 +247,9 @@ class Ask:
     max_frames: int | None = None
     """Of all given motions together, at 30 a second."""
     transcript: File = None
-    """What is said: a TextGrid, or a plain English text (.txt), which is looked for in the speech;
-    for numbers and time line."""
+    """Words of the speech, for the time line and plans: a TextGrid, words with times (.tsv, .ctm,
+    .lab, .json of Whisper or WhisperX), subtitles (.srt, .vtt), or a plain English text (.txt),
+    which is looked for in the speech."""
     words: WordsAsked = "none"
     """Recognise English words where there is no transcript; a fifth of the speech's length on one
     core."""

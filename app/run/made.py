@@ -19,7 +19,7 @@ from app.run.output.run_folder import cut
 from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords, make_timeline
 from app.run.videos.videos import names_that_fit
-from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem
+from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
 from model.formats.read import ENDINGS, Assumptions, read_any_motion
 from model.generation.base import System, Windowing
 from model.generation.windows import (
@@ -38,6 +38,7 @@ from model.plan.plan import GesturePlan, Noted
 from model.plan.style import StyleWish, read_wish
 from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.transcript import SPARE_S
 from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
 
@@ -68,7 +69,7 @@ def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
     sound = run.sound(speech.waveform)
     seed = ask.seed if ask.take is not None else clip_seed(ask.seed, speech.sha256)
-    options = _options(replace(ask, speaker=speaker, seed=seed), systems, run)
+    options = _options(replace(ask, speaker=speaker, seed=seed), systems, speech, run)
     run.record.noise_seed = seed
     wish = None if ask.style is None else read_wish(ask.style)
     run.progress("speech", 1.0)
@@ -251,14 +252,28 @@ def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
     return GenerateOptions(**{**usual, **more})
 
 
-def _options(ask: Ask, systems: Sequence[System], run: RunWriter) -> dict[str, GenerateOptions]:
+def _plan_for(path: Path, speech: Speech) -> Noted:
+    """Read a plan, without what lies beyond the speech."""
+    read = read_plan_file(path)
+    if read.plan.duration_s <= speech.duration_s + SPARE_S:
+        return read
+    note = (
+        f"The plan {printable(path.name)} lasts {read.plan.duration_s:.1f} s and the speech "
+        f"{speech.duration_s:.1f} s: it may belong to another clip. What lies beyond is left out."
+    )
+    return Noted(read.plan.until(speech.duration_s), (*read.notes, note))
+
+
+def _options(
+    ask: Ask, systems: Sequence[System], speech: Speech, run: RunWriter
+) -> dict[str, GenerateOptions]:
     """By system. A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
         RunError: if no system has the sampler, or none takes guidance or a plan.
         PlanError: if the plan cannot be used.
     """
-    read = None if ask.plan is None else read_plan_file(ask.plan)
+    read = None if ask.plan is None else _plan_for(ask.plan, speech)
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", ask.plan), ("style", ask.style)):
         if given is not None and not any(map(_performs, systems)):
@@ -355,14 +370,14 @@ def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
     if is_empty:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, ask.out, sound)
-        return Noted(plan)
+        return Noted(plan, speech.notes)
     wish = None if ask.style is None else read_wish(ask.style)
     system = get_system(usual_planner(), ask.weights)
     with SpokenWords(ask.transcript, ask.words) as words:
         words.begin(speech.waveform)
-        said, _ = words.found(lambda: None)
+        said, notes = words.found(lambda: None)
     ask = replace(ask, seed=clip_seed(ask.seed, speech.sha256))
     (plan,) = draw_conditions(system, speech, options_of(ask, system, words=said.words))
     edited = Noted(plan) if wish is None else wish.done(plan, said.words)
     write_plan_file(edited.plan, ask.out, sound)
-    return edited
+    return Noted(edited.plan, (*speech.notes, *notes, *edited.notes))

@@ -23,7 +23,15 @@ from model.networks.speech_codes import heard_accents
 from model.plan.tier_files import Interval
 from model.speech.audio import Speech
 from model.speech.recognised import Hearing
-from model.speech.transcript import NOTHING_SAID, Accent, Origin, Transcript, Word, read_words
+from model.speech.transcript import (
+    NOTHING_SAID,
+    Accent,
+    GivenWords,
+    Origin,
+    Transcript,
+    Word,
+    read_words,
+)
 from model.storage.checked import read_checked
 
 
@@ -182,7 +190,10 @@ class SpokenWords:
         Raises:
             TranscriptError: if the transcript cannot be used.
         """
-        self._given = read_words(given) if isinstance(given, Path) else given
+        self._given: GivenWords | None = None
+        if given is not None:
+            is_file = isinstance(given, Path)
+            self._given = read_words(given) if is_file else GivenWords(given)
         self._asked: WordsAsked = asked
         self._hearing: Hearing | None = None
 
@@ -197,21 +208,22 @@ class SpokenWords:
     def given(self) -> Transcript:
         """What a transcript tells at once: nothing of a plain text, whose words are still to be
         found."""
-        return self._given if isinstance(self._given, Transcript) else NOTHING_SAID
+        return NOTHING_SAID if self._given is None else self._given.transcript
 
     @property
     def need_speech(self) -> bool:
         """Whether words are to be looked for in the speech."""
         if self._given is None:
             return self._asked == "recognise"
-        return isinstance(self._given, str)
+        return self._given.text is not None
 
     def begin(self, waveform: np.ndarray) -> None:
         """Look for them in this speech, if they are to be looked for and are not yet, and return at
         once."""
+        if self._given is not None:
+            self._given = self._given.within(len(waveform) / SAMPLE_RATE)
         if self.need_speech and self._hearing is None:
-            text = self._given if isinstance(self._given, str) else None
-            self._hearing = Hearing(waveform, text)
+            self._hearing = Hearing(waveform, self._given and self._given.text)
 
     def found(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
         """What was said, with what a person should know of it.
@@ -220,12 +232,13 @@ class SpokenWords:
             on_wait: called again and again while they are still looked for; what it raises ends
                 that.
         """
+        notes = () if self._given is None else self._given.notes
         if self._hearing is None:
-            return self.given, ()
+            return self.given, notes
         while not self._hearing.is_over(_LOOK_EVERY_S):
             on_wait()
         heard = self._hearing.heard()
-        return heard.transcript, heard.notes
+        return heard.transcript, (*notes, *heard.notes)
 
 
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:

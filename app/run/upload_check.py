@@ -16,6 +16,7 @@ from zipfile import BadZipFile, ZipFile, is_zipfile
 from app.errors import RunError, sentence_of
 from app.run.ask import MAX_CLIPS
 from conventions.names import printable
+from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.storage.files import list_bytes
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
@@ -31,7 +32,7 @@ FileKind = Literal["motions", "sounds", "transcript"]
 UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files", "clips"]
 """What a file is meant to be: references and motions are any file that can be read; of
 motions and sounds a zip may hold many; files are whichever of these each is."""
-MOTIONS, WORDS = (".npz", ".npy", ".bvh"), (".textgrid", ".txt")
+MOTIONS, WORDS = (".npz", ".npy", ".bvh"), tuple(each.lower() for each in WORD_ENDINGS)
 SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
 _MAX_LIST_BYTES = 300_000
 """Longest list of files at the end of a zip that is looked at."""

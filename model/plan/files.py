@@ -44,9 +44,9 @@ from model.plan.plan import (
 from model.plan.tier_files import (
     Interval,
     NamedTier,
+    decode_text,
     elan_of,
     elan_tiers,
-    text_of,
     textgrid_of,
     textgrid_tiers,
 )
@@ -168,6 +168,9 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
         for side in sides:
             rows[what, side] += of
 
+    names = [tier.name for tier in tiers if tier.rows]
+    if twice := next((name for name in names if names.count(name) > 1), ""):
+        raise PlanError(f"There are two tiers called {twice[:40]}; rename or delete one of them.")
     for tier in tiers:
         if len(tier.rows) > MAX_ROWS:
             raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
@@ -389,9 +392,10 @@ def plan_in(data: bytes, file: str) -> Noted:
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
         return Noted(_of_json(data, file))
-    tiers, duration_s = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
+    tiers, duration_s, notes = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
     try:
-        return plan_of_tiers(tiers, duration_s)
+        read = plan_of_tiers(tiers, duration_s)
+        return Noted(read.plan, (*notes, *read.notes))
     except PlanError as error:
         raise PlanError(f"{file}: {error}") from None
 
@@ -417,7 +421,7 @@ def annotated_plan(path: Path) -> GesturePlan:
     Raises:
         PlanError: if it tells no gestures of both hands with their goals.
     """
-    tiers, duration_s = _grid_tiers(bytes_within(path, MAX_BYTES, PlanError), path.name)
+    tiers, duration_s, _ = _grid_tiers(bytes_within(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
     for name in (f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)):
         if name not in there:
@@ -425,9 +429,10 @@ def annotated_plan(path: Path) -> GesturePlan:
     return plan_of_tiers(tiers, duration_s).plan
 
 
-def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float]:
-    """The tiers of a TextGrid without empty intervals, and its length."""
-    tiers, duration_s = textgrid_tiers(text_of(data, file, PlanError), file, PlanError)
+def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
+    """The tiers of a TextGrid without empty intervals, its length, and notes on how it was read."""
+    text, notes = decode_text(data, file, PlanError)
+    tiers, duration_s = textgrid_tiers(text, file, PlanError)
     if not tiers:
         raise PlanError(f"{file} has no tier at all.")
     if not 0 < duration_s < 1e6:
@@ -442,7 +447,7 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float]:
                     "which is no time of a plan."
                 )
         found.append(NamedTier(tier.name, rows, tier.has_points))
-    return found, duration_s
+    return found, duration_s, notes
 
 
 def check_ending(path: Path) -> None:

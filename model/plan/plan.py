@@ -26,6 +26,9 @@ FORMAT = 1
 MAX_EVENTS = 200_000
 """Of one kind; hours of speech have fewer."""
 STILL: tuple[str, ...] = ("rest", "hold")
+MAX_SECONDS = 24 * 3600.0
+MAX_NUMBER = 1e6
+"""Of times and of all other numbers; beyond, what is computed of them would be no number."""
 HANGING = (0.2, -0.42, 0.12)
 """Where a hand is that no plan tells of."""
 _GAP_S = 0.01
@@ -156,8 +159,11 @@ class GesturePlan(_FromJson):
         Raises:
             PlanError: if something ends before it begins, overlaps, or lies beyond the arm's reach.
         """
-        if not 0 < self.duration_s < math.inf:
-            raise PlanError(f"The plan lasts {self.duration_s} s; it must be longer than 0 s.")
+        if not 0 < self.duration_s <= MAX_SECONDS:
+            raise PlanError(
+                f"The plan lasts {self.duration_s:g} s; it must be longer than 0 s and at most "
+                f"{MAX_SECONDS / 3600:g} hours."
+            )
         for name, events in self._lists():
             if len(events) > MAX_EVENTS:
                 raise PlanError(
@@ -189,6 +195,21 @@ class GesturePlan(_FromJson):
 
         lists = {name: tuple(map(faster, events)) for name, events in self._lists()}
         return replace(self, duration_s=self.duration_s / speed, **lists)
+
+    def until(self, end_s: float) -> GesturePlan:
+        """The plan without what begins at ``end_s`` or later; what lasts longer is cut there."""
+
+        def cut(events: Sequence[Any]) -> tuple[Any, ...]:
+            return tuple(
+                replace(event, end_s=end_s)
+                if isinstance(event, Span) and event.end_s > end_s
+                else event
+                for event in events
+                if event.start_s < end_s
+            )
+
+        lists = {name: cut(events) for name, events in self._lists()}
+        return replace(self, duration_s=end_s, **lists)
 
     def as_json(self) -> str:
         """What a `.json` file holds of it."""
@@ -248,6 +269,12 @@ def _check(name: str, event: Any) -> None:
     numbers = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
     if not all(math.isfinite(n) for n in numbers.values() if isinstance(n, float)):
         raise PlanError(f"One of its {name} has a number that is not finite.")
+    for field_name, number in numbers.items():
+        limit = MAX_SECONDS if field_name.endswith("_s") else MAX_NUMBER
+        if isinstance(number, int | float) and abs(number) > limit:
+            raise PlanError(
+                f"One of its {name} has the {field_name} {number:g}; at most {limit:g} is read."
+            )
     if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
         raise PlanError(f"One of its {name} has a goal farther than {REACH_M:g} m from the chest.")
     if isinstance(event, Span) and not event.start_s < event.end_s:

@@ -16,6 +16,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -59,13 +60,24 @@ class NamedTier:
     """The tier whose rows these tell more of, one for one of some of them."""
 
 
-def text_of(data: bytes, name: str, error: type[ValueError]) -> str:
-    """Text in UTF-8, or in UTF-16 with a byte order mark, as Praat writes it; else an ``error``."""
+def decode_text(data: bytes, name: str, error: type[ValueError]) -> tuple[str, tuple[str, ...]]:
+    """Decode UTF-8, UTF-16 with a byte order mark, or Latin-1 (Windows-1252), as Praat writes them.
+
+    Returns:
+        The text, and a note where it was taken for Latin-1, which nothing in the file can prove.
+    """
     is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    try:
-        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
-    except UnicodeDecodeError as cause:
-        raise error(f"{name} is no text in UTF-8 or UTF-16.") from cause
+    with suppress(UnicodeDecodeError):
+        return data.decode("utf-16" if is_utf16 else "utf-8-sig"), ()
+    with suppress(UnicodeDecodeError):
+        text = data.decode("cp1252")
+        if not is_utf16 and all(sign >= " " or sign.isspace() for sign in set(text)):
+            note = (
+                f"{name} is no UTF-8; it was read as Latin-1 (Windows-1252). If letters with "
+                "accents are wrong, save it as UTF-8."
+            )
+            return text, (note,)
+    raise error(f"{name} is no text in UTF-8, UTF-16 or Latin-1.")
 
 
 def is_textgrid(text: str) -> bool:
@@ -75,13 +87,25 @@ def is_textgrid(text: str) -> bool:
 
 def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
     """The tiers of a TextGrid with all of their rows, and how long it is; what is no number there
-    is nan, as is a length that is not told. Of another text an ``error`` is made."""
+    is nan, as is a length that is not told. Of another text, or of one that has fewer tiers or rows
+    than it says, an ``error`` is made."""
     if not is_textgrid(text):
         raise error(f"{name} is no TextGrid; save one as text in Praat.")
     tiers: list[NamedTier] = []
     rows: list[Interval] = []
     numbers: deque[float] = deque(maxlen=6)
     length, kind, called = nan, "", ""
+    num_tiers = num_rows = 0.0
+
+    def end_tier() -> None:
+        count = num_rows if rows or len(numbers) < 3 else numbers[2]
+        if len(rows) < count:
+            raise error(
+                f"{name} is cut off or damaged: of {count:g} rows of its tier "
+                f"{called[:40]!r} {len(rows)} are there; save it again."
+            )
+        tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
+
     for found in _VALUE.finditer(text):
         if found[2] is not None:
             numbers.append(_number(found[2]))
@@ -89,17 +113,30 @@ def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[
         told = found[1].replace('""', '"')
         if told in _CLASSES and len(numbers) in (0, 3):  # after a head of two times and a count
             if kind:
-                tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
+                end_tier()
             elif numbers:
-                length = numbers[1]
-            kind, called, rows = told, "", []
+                length, num_tiers = numbers[1], numbers[2]
+            kind, called, rows, num_rows = told, "", [], 0.0
         elif kind and not (called or numbers):
             called = told
         elif kind and numbers:
-            rows.append(Interval(numbers[-1 if kind == "TextTier" else -2], numbers[-1], told))
+            times = 1 if kind == "TextTier" else 2
+            if len(numbers) < times:
+                raise error(
+                    f"{name} is cut off or damaged: {told[:40]!r} in its tier {called[:40]!r} has "
+                    "no time where it begins or ends; save it again."
+                )
+            if not rows and len(numbers) == times + 3:  # after the tier's two times and its count
+                num_rows = numbers[2]
+            rows.append(Interval(numbers[-times], numbers[-1], told))
         numbers.clear()
     if kind:
-        tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
+        end_tier()
+    if len(tiers) < num_tiers:
+        raise error(
+            f"{name} is cut off or damaged: of {num_tiers:g} tiers {len(tiers)} are there; save "
+            "it again."
+        )
     return tiers, length
 
 
@@ -160,10 +197,14 @@ def _number(text: str) -> float:
 
 AROUND_MS = 50
 """A moment's span begins so long before it, and ends so long after, where there is room."""
-MAX_ELEMENTS = 1_000_000
+MAX_ELEMENTS = 250_000
+"""An hour annotated with all its phones has 200,000."""
+MAX_TAG_BYTES = 50_000
+"""Longest tag with its attributes and the text after it."""
 MAX_DEPTH = 16
 MAX_HOURS = 24
 _DURATION = "duration_s"
+_ORIGIN = re.compile(r"-?[0-9]{1,9}")
 _PHRASES = "gesture"
 """Tiers whose names begin so have phases to choose from."""
 _DOCUMENT = """\
@@ -188,8 +229,9 @@ _DOCUMENT = """\
 """
 
 
-def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float]:
-    """The tiers of an ELAN file, and how long it says that it is, or else its last time.
+def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
+    """The tiers of an ELAN file in the time of its media, how long it says that it is, or else its
+    last time, and notes on what was changed.
 
     Raises:
         PlanError: if it is none, or one that could do harm; ``name`` is the file's in the sentence.
@@ -200,13 +242,20 @@ def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float]:
     header = root.find("HEADER")
     if header is not None and header.get("TIME_UNITS", "milliseconds") != "milliseconds":
         raise PlanError(f"{name} counts time in {header.get('TIME_UNITS')!r:.40}, not in ms.")
-    slots = _slots(root, name)
+    slots, notes = _slots(root, name), ()
+    if (origin_s := _media_origin_s(root, name)) != 0:
+        slots = {slot: max(0.0, time_s + origin_s) for slot, time_s in slots.items()}
+        notes = (
+            f"ELAN's time line of {name} begins {origin_s:g} s into the media (TIME_ORIGIN): so "
+            "much was added to all its times.",
+        )
     told = (each.text for each in root.iterfind("HEADER/PROPERTY") if each.get("NAME") == _DURATION)
     try:
         duration_s = float((next(told, "") or "").strip()[:40])
     except ValueError:
         duration_s = max(slots.values(), default=0.0)
-    return list(_tiers(root, slots, name)), duration_s
+    duration_s = max([duration_s, *slots.values()]) if origin_s > 0 else duration_s
+    return list(_tiers(root, slots, name)), duration_s, notes
 
 
 def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> str:
@@ -296,6 +345,12 @@ def _parsed(data: bytes, name: str) -> ET.Element:
     """The elements of a file, read without entities, definitions or anything outside of it."""
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
         raise PlanError(f"{name} defines a document type, which no ELAN file does.")
+    if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
+        raise PlanError(f"{name} holds more than any ELAN file ({MAX_ELEMENTS:,} elements).")
+    if (
+        max(map(len, data.split(b"<"))) > MAX_TAG_BYTES
+    ):  # of attributes each costs more than all before
+        raise PlanError(f"{name} has a label or tag of more than {MAX_TAG_BYTES:,} bytes.")
     depth = count = 0
     try:
         events = ET.iterparse(io.BytesIO(data), ("start", "end"))
@@ -308,6 +363,17 @@ def _parsed(data: bytes, name: str) -> ET.Element:
         raise
     except (ET.ParseError, LookupError, ValueError) as error:
         raise PlanError(f"{name} is no ELAN file: {str(error)[:80]}.") from None
+
+
+def _media_origin_s(root: ET.Element, file: str) -> float:
+    """Return the time of the media (s) at which ELAN's time line begins: of the first sound file,
+    else of the first file."""
+    media = root.findall("HEADER/MEDIA_DESCRIPTOR")
+    sounds = [each for each in media if each.get("MIME_TYPE", "").startswith("audio/")]
+    value = next((each.get("TIME_ORIGIN") for each in sounds or media), None) or "0"
+    if not _ORIGIN.fullmatch(value) or abs(int(value)) > MAX_HOURS * 3_600_000:
+        raise PlanError(f"{file}: the TIME_ORIGIN {value[:20]!r} is no number of milliseconds.")
+    return int(value) / 1000
 
 
 def _slots(root: ET.Element, file: str) -> dict[str, float]:

@@ -1,14 +1,18 @@
 """Words, phones and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and
-our corpus write them; and plain texts, whose times are still to be found."""
+our corpus write them, or from recognisers and captions; and plain texts, whose times are still to
+be found."""
+
+from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import inf
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf, isnan
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
-from model.plan.tier_files import Interval, NamedTier, is_textgrid, text_of, textgrid_tiers
+from model.plan.tier_files import Interval, NamedTier, decode_text, is_textgrid, textgrid_tiers
+from model.speech.word_files import parse_captions, parse_ctm, parse_json, parse_table
 from model.storage.files import bytes_within
 
 MAX_BYTES = 8 * 2**20
@@ -16,11 +20,21 @@ MAX_BYTES = 8 * 2**20
 MAX_WORDS = 50_000
 """Intervals of a tier."""
 MAX_GESTURE_TIERS = 4
+MAX_NAME = 200
+"""Characters of a tier's name that are looked at."""
 MAX_TEXT = 256 * 2**10
 """Characters of a plain text; what is said in an hour has less than 80,000."""
-TEXT_SUFFIX = ".txt"
-WORD_TIERS = ("words", "word")
-PHONE_TIERS = ("phones", "phone")
+ENDINGS = (".TextGrid", ".txt", ".tsv", ".json", ".srt", ".vtt", ".ctm", ".lab")
+WORD_TIERS = ("words", "word", "ort-mau", "ort")
+PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "mau")
+"""Names of tiers, as Montreal's, FAVE's and Munich's aligners write them."""
+_SPEAKER = re.compile(r".*\S\s+-\s+")
+"""Name of a speaker before that of a tier: "anna - words"."""
+SPARE_S = 0.5
+"""Time by which words and plans may be longer than the speech without a note."""
+MOST_IN_A_ROW = 1.5
+"""Words in a row, on average, up to which rows are words, not sentences."""
+AnyInterval = TypeVar("AnyInterval", bound=Interval)
 Origin = Literal["given", "aligned", "recognised"]
 """Where words and their times come from: a TextGrid; a plain text, looked for in the speech; or the
 speech alone."""
@@ -69,76 +83,214 @@ class Transcript:
 NOTHING_SAID = Transcript()
 
 
+@dataclass(frozen=True)
+class GivenWords:
+    """Content of a file of words: words with their times, or a text whose words are still to be
+    aligned with the speech."""
+
+    transcript: Transcript = NOTHING_SAID
+    text: str | None = None
+    notes: tuple[str, ...] = ()
+    """Sentences on how the file was read."""
+    name: str = ""
+    """Name of the file."""
+    length_s: float = 0.0
+    """Time up to which the file goes (s)."""
+
+    def within(self, speech_s: float) -> GivenWords:
+        """Leave out what lies beyond the end of the speech, with a note, if the file goes on for
+        longer than the speech."""
+        if self.length_s <= speech_s + SPARE_S:
+            return self
+        said = self.transcript
+        words = _before(speech_s, said.words)
+        note = (
+            f"{self.name} goes on to {self.length_s:.1f} s and the speech to {speech_s:.1f} s: it "
+            "may belong to another clip."
+        )
+        if num_beyond := len(said.words) - len(words):
+            note += f" {num_beyond} of its {len(said.words)} words lie beyond and are left out."
+        gestures = {name: _before(speech_s, rows) for name, rows in said.gestures.items()}
+        transcript = replace(
+            said,
+            words=words,
+            phones=_before(speech_s, said.phones),
+            gestures={name: rows for name, rows in gestures.items() if rows},
+            accents=tuple(accent for accent in said.accents if accent.time_s < speech_s),
+        )
+        return replace(self, transcript=transcript, notes=(*self.notes, note), length_s=speech_s)
+
+
+def _before(end_s: float, rows: Iterable[AnyInterval]) -> tuple[AnyInterval, ...]:
+    return tuple(replace(row, end_s=min(row.end_s, end_s)) for row in rows if row.start_s < end_s)
+
+
 def read_transcript(path: str | Path) -> Transcript:
     """The words, phones, gestures and accents of a TextGrid in one of Praat's text formats, pauses
     left out.
 
-    Words are taken from the tier called words or word, or from the only interval tier there is;
-    phones from that called phones or phone, if it can be read; gestures from the first
-    `MAX_GESTURE_TIERS` that `GESTURE_TIER` finds in their names.
+    Words are taken from the tier called as one of `WORD_TIERS`, or from that of the one speaker
+    ("anna - words"), or from the only interval tier there is; phones from that called as one of
+    `PHONE_TIERS`, if it can be read; gestures from the first `MAX_GESTURE_TIERS` that
+    `GESTURE_TIER` finds in their names.
 
     Raises:
         TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
     """
     path = Path(path)
-    return _of_grid(_text_in(path), path.name)
+    text, _ = _text_in(path)
+    return _of_grid(text, path.name).transcript
 
 
-def read_words(path: str | Path) -> Transcript | str:
-    """A TextGrid as a transcript, or a plain text (.txt) as it is, without any times.
+def read_words(path: str | Path) -> GivenWords:
+    """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
+
+    Captions and segments that hold more than a word each are given as a text without times.
 
     Raises:
-        TranscriptError: as `read_transcript`, or if a plain text is too large or has no words.
+        TranscriptError: as `read_transcript`, or if another file is too large, damaged, or has no
+            words.
     """
     path = Path(path)
-    text = _text_in(path)
-    if path.suffix.lower() != TEXT_SUFFIX or is_textgrid(text):
-        return _of_grid(text, path.name)
+    name, ending = path.name, path.suffix.lower()
+    text, notes = _text_in(path)
+    if is_textgrid(text):
+        given = _of_grid(text, name)
+        return replace(given, notes=(*notes, *given.notes))
+    rows: list[Interval] | None = None
+    match ending:
+        case ".json":
+            rows, num_untimed = parse_json(text, name, TranscriptError)
+            if num_untimed:
+                notes += (f"{num_untimed} words of {name} have no times and are left out.",)
+        case ".srt" | ".vtt":
+            rows = parse_captions(text)
+        case ".ctm":
+            rows = parse_ctm(text, name, TranscriptError)
+        case ".tsv" | ".lab" | ".txt":
+            rows = parse_table(text, ending == ".lab")
+            if rows is None and ending == ".tsv":
+                raise TranscriptError(
+                    f"{name} is no table of start, end and word, with tabs between them."
+                )
+        case _:
+            raise TranscriptError(
+                f"{name} is no TextGrid, and its ending is none of a file of words "
+                f"({', '.join(ENDINGS)})."
+            )
+    given = GivenWords(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
+    return replace(given, notes=(*notes, *given.notes), name=name)
+
+
+def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
+    return decode_text(bytes_within(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
+
+
+def _plain(text: str, name: str) -> str:
+    """Return a plain text as it is, once it is known to be one."""
     if len(text) > MAX_TEXT:
-        raise TranscriptError(f"{path.name} holds more than {MAX_TEXT} characters.")
+        raise TranscriptError(f"{name} holds more than {MAX_TEXT} characters.")
     if any(ord(sign) < 32 and not sign.isspace() for sign in text):
-        raise TranscriptError(f"{path.name} is no plain text; save it as UTF-8.")
+        raise TranscriptError(f"{name} is no plain text; save it as UTF-8.")
     if not any(sign.isalnum() for sign in text):
-        raise TranscriptError(f"{path.name} holds no words.")
+        raise TranscriptError(f"{name} holds no words.")
     return text
 
 
-def _text_in(path: Path) -> str:
-    return text_of(bytes_within(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
+def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> GivenWords:
+    """Words, if most rows hold one each; else the text of all rows, to be aligned."""
+    found = _intervals(rows, "word", name)
+    length_s = max((row.end_s for row in found), default=0.0)
+    count = sum(len(row.text.split()) for row in found)
+    if are_words or count <= MOST_IN_A_ROW * len(found):
+        if not found:
+            raise TranscriptError(f"{name} holds no words.")
+        words = tuple(Word(row.start_s, row.end_s, row.text) for row in found)
+        return GivenWords(Transcript(words), name=name, length_s=length_s)
+    text = _plain(" ".join(row.text for row in found), name)
+    note = f"{name} gives times of sentences only: its words are looked for in the speech."
+    return GivenWords(text=text, notes=(note,), name=name)
 
 
-def _of_grid(text: str, name: str) -> Transcript:
-    found, _ = textgrid_tiers(text, name, TranscriptError)
-    tiers = {tier.name: tier for tier in found if not tier.has_points}
-    named = [each for each in tiers if each.lower() in WORD_TIERS]
-    if not named and len(tiers) != 1:
-        there = ", ".join(each[:40] for each in list(tiers)[:8]) or "no interval tier"
-        raise TranscriptError(f"{name} has no tier called words; it has {there}.")
-    of_words = named[0] if named else next(iter(tiers))
-    words = _intervals(tiers[of_words], "word", name)
-    if not words:
-        raise TranscriptError(f"{name} holds no words.")
-    of_gestures = [each for each in tiers if each != of_words and GESTURE_TIER.search(each)]
+def _of_grid(text: str, name: str) -> GivenWords:
+    found, length_s = textgrid_tiers(text, name, TranscriptError)
+    tiers = [tier for tier in found if not tier.has_points]
+    of_words = _word_tier(tiers, name)
+    is_named = _kind_of(of_words.name) == "words"  # then its rows are words, whatever they hold
+    given = _of_rows(of_words.rows, name, is_named)
+    of_gestures = [t for t in tiers if t is not of_words and GESTURE_TIER.search(t.name)]
+    of_phones = [
+        t
+        for t in tiers
+        if _kind_of(t.name) == "phones" and _speaker(t.name) == _speaker(of_words.name)
+    ]
+    for same in (of_gestures, of_phones):
+        _refuse_same_names(same, name)
     gestures = {
-        each: _intervals(tiers[each], "gesture", name) for each in of_gestures[:MAX_GESTURE_TIERS]
+        tier.name: _intervals(tier.rows, "gesture", name)
+        for tier in of_gestures[:MAX_GESTURE_TIERS]
     }
-    return Transcript(
-        tuple(Word(word.start_s, word.end_s, word.text) for word in words),
-        {each: phases for each, phases in gestures.items() if phases},
-        phones=_phones(tiers, name),
+    transcript = replace(
+        given.transcript,
+        gestures={each: phases for each, phases in gestures.items() if phases},
+        phones=_phones(of_phones[:1], name),
         accents=_accents(found),
     )
+    last_s = max((row.end_s for row in of_words.rows), default=0.0)
+    length_s = last_s if isnan(length_s) else length_s
+    return replace(given, transcript=transcript, length_s=length_s)
 
 
-def _phones(tiers: dict[str, NamedTier], name: str) -> tuple[Interval, ...]:
+def _kind_of(name: str) -> Literal["words", "phones", ""]:
+    """Return what a tier's name says that it holds: "words", "anna - words"."""
+    own = name.strip()[len(_speaker(name)) :].lower()
+    return "words" if own in WORD_TIERS else "phones" if own in PHONE_TIERS else ""
+
+
+def _speaker(name: str) -> str:
+    found = _SPEAKER.match(name.strip()[:MAX_NAME])
+    return "" if found is None else found[0]
+
+
+def _word_tier(tiers: Sequence[NamedTier], name: str) -> NamedTier:
+    """Return the only tier of words.
+
+    Raises:
+        TranscriptError: if there is none, or there are several.
+    """
+    named = [tier for tier in tiers if _kind_of(tier.name) == "words"]
+    _refuse_same_names(named, name)
+    plain = [tier for tier in named if not _speaker(tier.name)]
+    if len(of_anyone := plain or [tier for tier in named if any(r.text for r in tier.rows)]) > 1:
+        there = ", ".join(repr(tier.name[:40]) for tier in of_anyone[:8])
+        raise TranscriptError(
+            f"{name} has several tiers of words ({there}); delete all but those of the speaker "
+            "whose speech it is."
+        )
+    if of_anyone or named:
+        return (of_anyone or named)[0]
+    only = tiers[0] if len(tiers) == 1 else None
+    if only is None or _kind_of(only.name) == "phones" or GESTURE_TIER.search(only.name):
+        there = ", ".join(tier.name[:40] for tier in tiers[:8]) or "no interval tier"
+        raise TranscriptError(f"{name} has no tier called words; it has {there}.")
+    return only
+
+
+def _refuse_same_names(tiers: Sequence[NamedTier], name: str) -> None:
+    names = [tier.name for tier in tiers]
+    if twice := next((each for each in names if names.count(each) > 1), ""):
+        raise TranscriptError(
+            f"{name} has {names.count(twice)} tiers called {twice[:40]!r}; rename or delete all "
+            "but one of them."
+        )
+
+
+def _phones(tiers: Sequence[NamedTier], name: str) -> tuple[Interval, ...]:
     """Of the tier that has them; one that is damaged is left out, and the words are not."""
-    for each, tier in tiers.items():
-        if each.lower() in PHONE_TIERS:
-            try:
-                return _intervals(tier, "phone", name)
-            except TranscriptError:
-                return ()
-    return ()
+    try:
+        return tuple(row for tier in tiers for row in _intervals(tier.rows, "phone", name))
+    except TranscriptError:
+        return ()
 
 
 def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
@@ -149,10 +301,10 @@ def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     return tuple(sorted(told, key=lambda accent: accent.time_s))
 
 
-def _intervals(tier: NamedTier, what: str, name: str) -> tuple[Interval, ...]:
+def _intervals(rows: Sequence[Interval], what: str, name: str) -> tuple[Interval, ...]:
     """Those with a label, in time."""
     found = []
-    for row in tier.rows:
+    for row in rows:
         label = row.text.strip()
         if label and not 0 <= row.start_s < row.end_s < inf:
             raise TranscriptError(

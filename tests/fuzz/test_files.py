@@ -21,9 +21,10 @@ from app.study.statistics.answers import collect
 from app.study.statistics.screening import screen
 from model.formats.read import read_unguarded
 from model.motion.motion import load_motion, save_motion
-from model.plan.files import ENDINGS, read_plan_file, write_plan_file
+from model.plan.files import ENDINGS, markers_csv, read_plan_file, tiers_of, write_plan_file
+from model.plan.tier_files import textgrid_of
 from model.speech.audio import load_speech
-from model.speech.transcript import read_transcript
+from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
 from renderer.files.exports import write_bvh
 from tests.app.study.made import made_files, made_key
@@ -34,6 +35,7 @@ from tests.model.formats.made import in_form
 from tests.model.formats.made_conventions import convention_text
 from tests.model.made import made_waveform
 from tests.model.plan.made import made_plan
+from tests.model.speech.test_transcript import FILES
 
 PLAN = b"""title = "People who talk"
 protocol = "pairwise"
@@ -77,6 +79,7 @@ item [2]:
  xmax = 0.5
  text = "stroke beat"
 """
+PRAAT = textgrid_of(tiers_of(made_plan(), for_praat=True), 6.0).replace("gaze", "words").encode()
 DEEP = (b"[" * 100_000, b'{"answers": ' * 50_000, b"[" * 50_000 + b"]" * 50_000)
 Read = Callable[[Path], object]
 
@@ -96,6 +99,14 @@ def check_reads(content: st.SearchStrategy[bytes], path: Path, *reads: Read) -> 
 def read_motion(path: Path) -> object:
     """Read without what makes a sentence of a reader's own errors, so that these are found."""
     return read_unguarded(path, {})
+
+
+def as_json(document: Any) -> bytes:
+    return json.dumps(document).encode("utf-8", "surrogatepass")
+
+
+def read_within(path: Path) -> None:
+    read_words(path).within(1.0)
 
 
 def test_npz(tmp_path: Path) -> None:
@@ -162,11 +173,31 @@ def test_sounds(tmp_path: Path) -> None:
 def test_plans_of_gestures(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"it{ending}"
     write_plan_file(made_plan(), path)
-    check_reads(damaged(path.read_bytes()), path, read_plan_file)
+    whole = path.read_bytes()
+    content = damaged(whole)
+    if ending == ".json":
+        content |= with_wild_values(json.loads(whole)).map(as_json)
+
+    def read_and_write(path: Path) -> None:
+        plan = read_plan_file(path).plan
+        markers_csv(plan)
+        for ending in ENDINGS:
+            write_plan_file(plan, tmp_path / f"again{ending}")
+
+    check_reads(content, path, read_and_write)
 
 
-def test_transcripts(tmp_path: Path) -> None:
-    check_reads(damaged(TEXTGRID), tmp_path / "it.TextGrid", read_transcript)
+@pytest.mark.parametrize("name", ["genea.tsv", "kaldi.ctm", "words.vtt", "whisper.json"])
+def test_transcripts(name: str, tmp_path: Path) -> None:
+    content = damaged(FILES[name].encode())
+    if name.endswith(".json"):
+        content |= with_wild_values(json.loads(FILES[name])).map(as_json)
+    check_reads(content, tmp_path / f"it{Path(name).suffix}", read_within)
+
+
+@pytest.mark.parametrize("whole", [TEXTGRID, PRAAT], ids=["bare", "with counts"])
+def test_textgrids(whole: bytes, tmp_path: Path) -> None:
+    check_reads(damaged(whole), tmp_path / "it.TextGrid", read_transcript, read_within)
 
 
 def test_plans_of_studies(tmp_path: Path) -> None:
@@ -196,8 +227,7 @@ def test_answers_and_keys(protocol: str, tmp_path: Path) -> None:
     def wild(document: Any) -> st.SearchStrategy[bytes]:
         text = json.dumps(document).encode()
         wild = with_wild_values(document)
-        as_json = wild.map(lambda it: json.dumps(it).encode("utf-8", "surrogatepass"))
-        return as_json | damaged(text) | st.sampled_from(DEEP)
+        return wild.map(as_json) | damaged(text) | st.sampled_from(DEEP)
 
     def read_answers(path: Path) -> None:
         found = collect([path], key)

@@ -39,6 +39,7 @@ from app.run.many.opened import SPEECHES
 from app.run.many.speeches import ENDINGS
 from app.run.upload_check import TOO_MANY_CLIPS
 from conventions.names import counted, file_stem, printable
+from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.systems.registry import sampler_title
 
 FIGURE = ("figure_panels", "figure_frames", "figure_width")
@@ -233,7 +234,7 @@ def build_form(services: Services) -> FormParts:
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
         )
         of["transcript"] = services.file(
-            "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
+            "transcript", text.TRANSCRIPT_LABEL, list(WORD_ENDINGS), "transcript", height=150
         )
         of["plan"] = services.file(
             "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150

@@ -31,6 +31,7 @@ from app.run.many.unpacked import is_packed, stem_of
 from app.run.tasks import MEASURE_SETS, Sets
 from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, counted, printable
+from model.speech.transcript import ENDINGS as WORD_ENDINGS
 
 TAB = "Your motion"
 ORDER = (
@@ -41,8 +42,8 @@ ORDER = (
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
 FILES_HELP = (
-    "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, or English as "
-    ".txt), zips of clips. No order is needed: each is known by what is in it."
+    "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, subtitles, or "
+    "English as .txt), zips of clips. No order is needed: each is known by what is in it."
 )
 NO_RECORDED = "none"
 _IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
@@ -107,7 +108,7 @@ def build_own_form(services: Services) -> FormParts:
     of["motions"] = services.file(
         "files",
         "Motions, and what goes with them",
-        [".npz", ".npy", ".bvh", ".TextGrid", ".txt", "audio", *SETS],
+        [".npz", ".npy", ".bvh", *WORD_ENDINGS, "audio", *SETS],
         "own-motions",
         height=170,
         file_count="multiple",

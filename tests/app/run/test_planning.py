@@ -84,6 +84,22 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 
 
+def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
+    asked: Ask, tmp_path: Path
+) -> None:
+    plan, said = tmp_path / "plan.json", tmp_path / "said.tsv"
+    write_plan_file(GesturePlan(9.0, nods=(Nod(1.0, 4.0), Nod(8.0, 4.0))), plan)
+    said.write_text("0.5\t1\tnow\n8\t8.5\tthen\n")
+    given = do(replace(asked, plan=plan, transcript=said))
+    performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
+    assert performed.duration_s == 4.0 and [nod.time_s for nod in performed.nods] == [1.0]
+    assert [word.text for word in given.said.words] == ["now"]
+    for file, what in (("plan.json lasts 9.0", "The plan "), ("said.tsv goes on to 8.5", "")):
+        assert any(note.startswith(f"{what}{file}") for note in given.notes)
+    told = json.loads((given.out / "diagnostics.json").read_text())
+    assert [word["text"] for word in told["words"]] == ["now"]
+
+
 def test_a_style_file_is_done_to_drawn_and_to_given_plans(asked: Ask, tmp_path: Path) -> None:
     style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")

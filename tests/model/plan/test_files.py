@@ -39,6 +39,7 @@ from model.plan.plan import (
     Stand,
 )
 from model.plan.tier_files import Interval, NamedTier, textgrid_of, textgrid_tiers
+from tests.helpers import reported_folder
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 
 MS = 0.0005000001
@@ -412,6 +413,23 @@ def test_times_that_an_annotator_left_open_lie_between(tmp_path: Path) -> None:
     assert plan.duration_s == 3.0
 
 
+def test_times_are_those_of_the_media_that_elan_shows(tmp_path: Path) -> None:
+    (tmp_path / "a.eaf").write_text(
+        eaf(slots("1000", "1500") + phase_tier((0, 1, "stroke"))).replace(
+            'TIME_UNITS="milliseconds"/>',
+            'TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MIME_TYPE="video/mp4" TIME_ORIGIN="7"/>'
+            '<MEDIA_DESCRIPTOR MIME_TYPE="audio/x-wav" TIME_ORIGIN="2000"/></HEADER>',
+        )
+    )
+    read = read_plan_file(tmp_path / "a.eaf")
+    ((start_s, end_s),) = [(phase.start_s, phase.end_s) for phase in read.plan.right]
+    assert (start_s, end_s, read.plan.duration_s) == (3.0, 3.5, 3.5)
+    assert read.notes[0].startswith("ELAN's time line of a.eaf begins 2 s into the media")
+    reported = read_plan_file(reported_folder() / "phases_time_origin_2000.eaf")
+    strokes = [(p.start_s, p.end_s) for p in reported.plan.right if p.phase == "stroke"]
+    assert strokes == [(3.5, 3.9), (7.5, 7.9)] and "TIME_ORIGIN" in reported.notes[0]
+
+
 def test_what_is_told_of_included_annotations_is_kept(tmp_path: Path) -> None:
     """A phrase, the phases in it, and the kind of one of these: as annotators nest them."""
     ref = (
@@ -430,6 +448,7 @@ HOSTILE = [
     (eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "document type"),
     (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
     (eaf("<a>" * 50 + "</a>" * 50), "nested deeper"),
+    (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag of more"),
     (eaf(slots("0", "5"))[:-9], "is no ELAN file"),
     ("<svg/>", "is no ELAN file"),
     ("", "is no ELAN file"),
@@ -438,6 +457,7 @@ HOSTILE = [
     (eaf(slots("0", "999999999")), "more than 24 hours"),
     (eaf(slots("0") + phase_tier((0, 4, "prep"))), "has no times"),
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
+    (eaf("").replace('"/>', '"><MEDIA_DESCRIPTOR TIME_ORIGIN="1e9"/></HEADER>', 1), "TIME_ORIGIN"),
     (eaf(slots("0", "1") + '<TIER TIER_ID="x"><ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a" '
      'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier tells what a hand does"),
 ]  # fmt: skip
@@ -448,6 +468,11 @@ NO_GRID = [
     (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
     (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
     (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is no length"),
+    (GRID.replace("xmax = 6.0000", "xmax = 1e5", 1), "at most 24 hours"),
+    (GRID[: len(GRID) // 2], "is cut off or damaged: of 9 rows"),
+    (GRID[: GRID.index("item [9]")], "is cut off or damaged: of 14 tiers 8 are there"),
+    (GRID.replace("xmin = 1.0000", "", 1), "has no time where it begins or ends"),
+    (GRID.replace('"brows"', '"nods"'), "two tiers called nods; rename or delete one"),
     ("xmin = 0", "is no TextGrid"),
     ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
 ]
@@ -463,6 +488,30 @@ def test_hostile_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
             assert str(error.value).count("\n") == 0
         with pytest.raises(PlanError, match="could not be read"):
             read_plan_file(tmp_path / f"missing{ending}")
+
+
+@pytest.mark.parametrize("number", [1e308, -1e308, 1e7])
+def test_numbers_that_nothing_can_be_computed_of_are_refused(number: float, tmp_path: Path) -> None:
+    whole = json.loads(made_plan().as_json())
+    for change in (
+        {"duration_s": number},
+        {"nods": [{"time_s": number, "depth_deg": 4.0}]},
+        {"nods": [{"time_s": 1.0, "depth_deg": number}]},
+        {"smiles": [{"start_s": 0.0, "end_s": abs(number), "size": 1.0}]},
+    ):
+        (tmp_path / "a.json").write_text(json.dumps({**whole, **change}))
+        with pytest.raises(PlanError, match=r"a\.json cannot be used: .*(at most|longer than)"):
+            read_plan_file(tmp_path / "a.json")
+
+
+def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
+    plan = made_plan()
+    cut = plan.until(2.0)
+    assert cut.duration_s == 2.0
+    ends = [each.end_s for events in (cut.right, cut.left, cut.smiles, cut.nods) for each in events]
+    assert max(ends) <= 2.0
+    assert cut.right[:3] == plan.right[:3] and cut.right[3] == replace(plan.right[3], end_s=2.0)
+    assert len(cut.right) == 4 and plan.until(6.0) == plan
 
 
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

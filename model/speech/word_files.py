@@ -1,0 +1,157 @@
+"""Readers of timed words and captions: tables of times (GENEA, Whisper, Audacity, HTK), CTM, SRT,
+WebVTT, and the JSON of Whisper, WhisperX and Gentle."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from model.plan.tier_files import Interval
+
+SHORTEST_S = 0.01
+"""Length of a word that recognisers write with the same time for start and end."""
+_NUMBER = r"(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
+_TABLE_ROW = re.compile(rf"\s*{_NUMBER}[\t ]+{_NUMBER}[\t ]+(\S.*)")
+_MILLISECONDS = re.compile(r"start\tend\ttext", re.IGNORECASE)
+"""Head of the tables that Whisper writes."""
+_HTK_S = 1e-7
+"""Unit of the whole numbers in HTK's label files."""
+_CLOCK = r"(?:(\d{1,4}):)?(\d{1,2}):(\d{1,2})[.,](\d{1,3})"
+_CUE = re.compile(rf"\s*{_CLOCK}\s*-->\s*{_CLOCK}")
+_MARKUP = re.compile(r"<[^<>]*>|\{\\[^{}]*\}")
+_SILENCES = {"sil", "sp", "pau", "<eps>", "<sil>", "#"}
+
+
+def parse_table(text: str, is_label_file: bool = False) -> list[Interval] | None:
+    """Parse lines of start, end and label in seconds; in milliseconds under Whisper's head, in
+    units of 100 ns where a label file (.lab) has whole numbers only.
+
+    Returns:
+        None where a line is none of these.
+    """
+    lines = [line for line in text.splitlines() if line.strip()]
+    unit_s = 1.0
+    if lines and _MILLISECONDS.fullmatch(lines[0].strip()):
+        unit_s, lines = 1e-3, lines[1:]
+    found = [_TABLE_ROW.fullmatch(line) for line in lines]
+    rows = [match for match in found if match is not None]
+    if not rows or len(rows) < len(found):
+        return None
+    if is_label_file and all(match[k].isdigit() for match in rows for k in (1, 2)):
+        unit_s = _HTK_S
+    spans = [(float(match[1]) * unit_s, float(match[2]) * unit_s, match[3]) for match in rows]
+    return list(_labelled(spans))
+
+
+def parse_ctm(text: str, name: str, error: type[ValueError]) -> list[Interval]:
+    """Parse lines of recording, channel, start, duration and word, in seconds.
+
+    Raises:
+        error: if a line is none of these, or they are of several recordings.
+    """
+    spans: list[tuple[float, float, str]] = []
+    recordings: dict[str, None] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        columns = line.split()
+        if not columns or line.startswith(";;"):
+            continue
+        times = [_number(column) for column in columns[2:4]]
+        if len(columns) < 5 or None in times:
+            raise error(
+                f"Line {number} of {name} is not recording, channel, start, duration and word."
+            )
+        start_s, duration_s = (time or 0.0 for time in times)
+        recordings[f"{columns[0]} {columns[1]}"] = None
+        spans.append((start_s, start_s + duration_s, columns[4]))
+    if len(recordings) > 1:
+        few = ", ".join(each[:40] for each in list(recordings)[:4])
+        raise error(
+            f"{name} has words of {len(recordings)} recordings or channels ({few}); keep one of "
+            "them."
+        )
+    return list(_labelled(spans))
+
+
+def parse_captions(text: str) -> list[Interval]:
+    """Parse the cues of SRT or WebVTT, without their markup; what is no cue is passed over."""
+    spans: list[tuple[float, float, str]] = []
+    lines = iter(text.splitlines())
+    for line in lines:
+        cue = _CUE.match(line)
+        if cue is None:
+            continue
+        said: list[str] = []
+        for more in lines:
+            if not more.strip():
+                break
+            said.append(_MARKUP.sub("", more).strip())
+        spans.append((_clock(cue.groups()[:4]), _clock(cue.groups()[4:]), " ".join(said).strip()))
+    return list(_labelled(spans))
+
+
+def parse_json(text: str, name: str, error: type[ValueError]) -> tuple[list[Interval], int]:
+    """Parse the words of Whisper, WhisperX or Gentle, else the segments of Whisper.
+
+    Returns:
+        Words or segments, and the number of words without times, which are left out.
+
+    Raises:
+        error: if it is none of these.
+    """
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict):
+        raise error(f"{name} is no JSON of Whisper, WhisperX or Gentle, with words or segments.")
+    segments = list(_dicts(content.get("segments")))
+    words = [word for segment in segments for word in _dicts(segment.get("words"))]
+    has_words = bool(words) and all(
+        segment.get("words") or not str(segment.get("text", "")).strip() for segment in segments
+    )
+    if not has_words:
+        words = [*_dicts(content.get("word_segments")), *_dicts(content.get("words"))] or segments
+    spans: list[tuple[float, float, str]] = []
+    num_untimed = 0
+    for word in words:
+        label = next((word[key] for key in ("word", "text") if isinstance(word.get(key), str)), "")
+        start_s, end_s = (_number(word.get(key)) for key in ("start", "end"))
+        if start_s is None or end_s is None:
+            num_untimed += bool(label.strip())
+        else:
+            spans.append((start_s, end_s, label))
+    if not spans:
+        raise error(f"{name} has no words or segments with a start and an end.")
+    return list(_labelled(spans)), num_untimed
+
+
+def _labelled(spans: list[tuple[float, float, str]]) -> Iterator[Interval]:
+    for start_s, end_s, label in spans:
+        if (label := label.strip()) and label not in _SILENCES:
+            yield Interval(start_s, end_s if end_s != start_s else start_s + SHORTEST_S, label)
+
+
+def _number(value: object) -> float | None:
+    """Return a finite number, given as such or as text; else None."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _clock(parts: tuple[str | None, ...]) -> float:
+    hours, minutes, seconds, fraction = parts
+    whole = 3600 * int(hours or 0) + 60 * int(minutes or 0) + int(seconds or 0)
+    return whole + float(f"0.{fraction}")
+
+
+def _dicts(value: object) -> Iterator[Mapping[str, Any]]:
+    """The objects of a list, if it is one."""
+    if isinstance(value, list):
+        yield from (each for each in value if isinstance(each, dict))
