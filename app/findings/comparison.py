@@ -10,8 +10,9 @@ from math import floor, log, log10
 from conventions.joints import TIP_VERTICES
 from conventions.names import REFERENCE_NAME, SampleName, short_names
 
-ALIKE = 1.05
-"""Two numbers whose ratio lies within this factor of 1 are told as equal."""
+ALIKE = 1 / 0.95
+"""Two numbers whose ratio lies within this factor of 1 are told as equal: 5 % less or, seen from
+the other one, as much more."""
 
 Samples = dict[int, float]
 """Number of a sample, or of a clip, from 1, to its value."""

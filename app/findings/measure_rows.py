@@ -3,10 +3,10 @@ nearest to the reference's."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from conventions.names import Version
 
@@ -38,9 +38,13 @@ class Measure:
     """Whether nearness to the reference says something; not for chance or for errors."""
     is_first: bool = False
     """Whether it is among the few that are shown before the others are asked for."""
-    needs: str = ""
-    """A part that a motion may lack (`model.formats.read.Part`), without which this says
+    needs: tuple[str, ...] = ()
+    """Parts that a motion may lack (`model.formats.read.Part`), without any of which this says
     nothing; ``detail`` is what frames that were filled in never had."""
+    compared_with: tuple[str, ...] = ()
+    """Parts without which it is another number: not to be compared with motions that have them."""
+    partner: str = ""
+    """Key of a measure without which this one says nothing: both are shown, or neither."""
 
     @property
     def key(self) -> str:
@@ -51,42 +55,47 @@ class Measure:
 _POINT, _JOINTS, _FEET, _POSTURE = "Followed point", "All joints", "Feet", "Posture"
 _HANDS, _ERROR = "Hands", "Error against the reference"
 _BEATS, _STEP, _DIVERSITY = "Beat alignment", "In step with the speech", "Diversity"
+_CHANCE = "BeatAlign by chance"
+_BEATS_KEY, _CHANCE_KEY = f"{_BEATS}: BeatAlign", f"{_BEATS}: {_CHANCE}"
 MEASURES = (
     Measure(_POINT, "Speed", "m/s",
             "Mean speed. Compare jerk at equal speed: what hardly moves is always smooth.",
             lambda m: m.point.tip_path_m_s, is_first=True),
     Measure(_POINT, "Acceleration", "m/s²", "Mean change of velocity.",
-            lambda m: m.point.tip_acceleration_m_s2, needs="detail"),
+            lambda m: m.point.tip_acceleration_m_s2, needs=("detail",)),
     Measure(_POINT, "Jerk", "m/s³", "Mean change of acceleration: how much it trembles and jolts.",
-            lambda m: m.point.tip_jerk_m_s3, is_first=True, needs="detail"),
+            lambda m: m.point.tip_jerk_m_s3, is_first=True, needs=("detail",),
+            compared_with=("place",)),
     Measure(_POINT, "Power above 5 Hz", "%",
             "Share of the velocity's power that is faster than gestures are: mostly tremble.",
-            lambda m: m.point.tip_velocity_power_above_5hz, 100, needs="detail"),
+            lambda m: m.point.tip_velocity_power_above_5hz, 100, needs=("detail",)),
     Measure(_POINT, "SPARC", "",
             "Spectral arc length of the speed: nearer to 0 is smoother.",
-            lambda m: m.point.tip_sparc, needs="detail"),
+            lambda m: m.point.tip_sparc, needs=("detail",)),
     Measure(_POINT, "Log dimensionless jerk", "",
             "Jerk for the speed and length of the movement, as a logarithm: nearer to 0 is "
             "smoother.",
-            lambda m: m.point.tip_log_dimensionless_jerk, needs="detail"),
+            lambda m: m.point.tip_log_dimensionless_jerk, needs=("detail",),
+            compared_with=("place",)),
     Measure(_JOINTS, "Mean jerk", "m/s³", "Of all 55 joints' positions.",
-            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True, needs="detail"),
+            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True, needs=("detail",),
+            compared_with=("place",)),
     Measure(_JOINTS, "Rotation noise", "°",
             "White noise that the joints' rotations seem to hold; recordings have under 0.3.",
-            lambda m: mean(m.rotations.joint_rotation_noise_deg), needs="detail"),
+            lambda m: mean(m.rotations.joint_rotation_noise_deg), needs=("detail",)),
     Measure(_JOINTS, "Peak jerk at joins", "times elsewhere",
             "Where windows of generated motion join; 1 means that joins cannot be told from the "
             "rest.",
-            lambda m: m.seams.seam_jerk_ratio, is_first=True, needs="detail"),
+            lambda m: m.seams.seam_jerk_ratio, is_first=True, needs=("detail",)),
     Measure(_FEET, "Slide on the ground", "cm/s",
             "Mean horizontal speed of a foot while it is on the ground.",
-            lambda m: m.posture.foot_slide_m_s, 100, is_first=True, needs="place"),
+            lambda m: m.posture.foot_slide_m_s, 100, is_first=True, needs=("place", "legs")),
     Measure(_FEET, "Height, left, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.left.p95, 100, needs="place"),
+            lambda m: m.posture.foot_height_m.left.p95, 100, needs=("place", "legs")),
     Measure(_FEET, "Height, right, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.right.p95, 100, needs="place"),
+            lambda m: m.posture.foot_height_m.right.p95, 100, needs=("place", "legs")),
     Measure(_POSTURE, "Spine tilt, mean", "°",
             "Angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
@@ -94,17 +103,17 @@ MEASURES = (
             lambda m: m.posture.spine_tilt_deg.p95),
     Measure(_POSTURE, "Drift of the pelvis", "cm",
             "Distance between its places in the first and in the last second.",
-            lambda m: m.posture.root_drift_m, 100, needs="place"),
+            lambda m: m.posture.root_drift_m, 100, needs=("place",)),
     Measure(_HANDS, "Moving alike", "correlation",
             "Of the two wrists' speeds: 1 where both always move at once.",
             lambda m: m.posture.hand_speed_symmetry),
     Measure(_HANDS, "Fingers beyond range", "%",
             "Frames and finger joints bent further than a hand can.",
-            lambda m: m.ranges.finger_angle_outside_share, 100, needs="finger_angles"),
+            lambda m: m.ranges.finger_angle_outside_share, 100, needs=("finger_angles", "hands")),
     Measure(_HANDS, "Left fingers still", "%", "Frames in which no joint of the hand turns.",
-            lambda m: m.rotations.fingers_still_share.left, 100),
+            lambda m: m.rotations.fingers_still_share.left, 100, needs=("hands",)),
     Measure(_HANDS, "Right fingers still", "%", "Frames in which no joint of the hand turns.",
-            lambda m: m.rotations.fingers_still_share.right, 100),
+            lambda m: m.rotations.fingers_still_share.right, 100, needs=("hands",)),
     Measure(_ERROR, "Pelvis", "cm", "Mean distance of the two pelvises.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
     Measure(_ERROR, "Joints about the pelvis", "cm",
@@ -118,10 +127,11 @@ MEASURES = (
     Measure(_BEATS, "BeatAlign", "0 to 1",
             "How near each onset of the speech is to the next beat of the motion; says nothing "
             "without its chance level.",
-            lambda m: m.beats and m.beats.beat_align, is_first=True),
-    Measure(_BEATS, "BeatAlign by chance", "0 to 1",
+            lambda m: m.beats and m.beats.beat_align, is_first=True, partner=_CHANCE_KEY),
+    Measure(_BEATS, _CHANCE, "0 to 1",
             "The same for onsets shifted in time: what any rhythm gets on this motion.",
-            lambda m: m.beats and m.beats.beat_align_chance, 1, False),
+            lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_first=True,
+            partner=_BEATS_KEY),
     Measure(_BEATS, "Beats of each joint", "1/s",
             "Moments in a second at which a joint is slowest.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
@@ -143,28 +153,64 @@ Numbers = Mapping[Version, Mapping[str, float]]
 """Of one motion by filter and the key of a measure, as ``run.json`` has them."""
 
 
-def numbers_of(measures: Measures) -> dict[str, float]:
-    """By the keys of `MEASURES`, in their units; without those that were not measured."""
-    read = {each: each.read(measures) for each in MEASURES}
-    return {
-        each.key: each.scale * float(value)
-        for each, value in read.items()
-        if value is not None and isfinite(value)
+def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
+    """Return by motion the parts that it lacks and another one has.
+
+    Args:
+        lacks: parts (`model.formats.read.Part`) that each motion of a comparison lacks.
+    """
+    everywhere = frozenset.intersection(*map(frozenset, lacks.values())) if lacks else frozenset()
+    return {name: frozenset(own) - everywhere for name, own in lacks.items()}
+
+
+def numbers_of(
+    measures: Measures, lacks: Collection[str] = (), apart: Collection[str] = ()
+) -> dict[str, float]:
+    """Return numbers by the keys of `MEASURES`, in their units, without those that were not
+    measured, say nothing or cannot be compared.
+
+    Args:
+        lacks: parts without which a measure that needs them is left out.
+        apart: parts that this motion lacks and others have (`parts_apart`).
+    """
+    read = {
+        each.key: (each.read(measures), each.scale)
+        for each in MEASURES
+        if not set(each.needs) & {*lacks, *apart} and not set(each.compared_with) & set(apart)
     }
+    return with_partners(
+        {
+            key: scale * float(value)
+            for key, (value, scale) in read.items()
+            if value is not None and isfinite(value)
+        }
+    )
+
+
+PARTNERS = {row.key: row.partner for row in MEASURES if row.partner}
+T = TypeVar("T")
+
+
+def with_partners(by_key: Mapping[str, T]) -> dict[str, T]:
+    """Leave out what says nothing without another measure that is missing, such as BeatAlign
+    without its chance level."""
+    return {key: of for key, of in by_key.items() if PARTNERS.get(key, key) in by_key}
 
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
-    """The names whose value is nearest to ``target``; several where some are equally near.
+    """Return the names whose value is nearest to ``target``; several where some are equally near or
+    are written alike.
 
     None where there is no target, or where no value is nearer than another.
     """
     known = {name: value for name, value in values.items() if value is not None}
-    if target is None:
+    if target is None or len({written(value) for value in known.values()}) < 2:
         return ()
     distances = {name: abs(value - target) for name, value in known.items()}
-    if len(set(distances.values())) < 2:
-        return ()
-    return tuple(name for name in distances if distances[name] == min(distances.values()))
+    best = {name for name in distances if distances[name] == min(distances.values())}
+    shown = {written(known[name]) for name in best}
+    near = tuple(name for name, value in known.items() if written(value) in shown or name in best)
+    return near if len(near) < len(known) else ()
 
 
 def written(value: float | None) -> str:
@@ -175,6 +221,12 @@ def written(value: float | None) -> str:
         digits = f"{value:.3g}"
         return f"{float(digits):,.0f}" if "e" in digits else digits
     return f"{value:.1e}"
+
+
+def ranged(mean: float, low: float, high: float, write: Callable[[float], str] = written) -> str:
+    """Format a mean with its interval; the mean alone where resamples cannot differ, as of one
+    clip."""
+    return write(mean) if low == high else f"{write(mean)} [{write(low)}, {write(high)}]"
 
 
 def signed(value: float | None) -> str:

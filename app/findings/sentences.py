@@ -10,23 +10,19 @@ from typing import TYPE_CHECKING
 from app.findings.comparison import (
     Table,
     by_measure,
-    mean,
     plain,
     point_title,
     samples_by_system,
     told_of,
 )
-from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of
+from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of, parts_apart
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, listed, short_names
 
 if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics, Versions
 
 SMOOTHED = "After Savitzky-Golay smoothing"
 """Of `model.motion.altered`, as the official code does it."""
-SEAM_STANDS_OUT = 1.5
-"""From so many times the reference's ratio on, or 1 where that is less, joins are told to stand
-out. A clip has few joins, so chance decides much: a recorded one, which has none, gave 0.7."""
 SMALL_SHARE = 0.05
 
 
@@ -37,16 +33,25 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     """
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
-    diagnostics = replace(diagnostics, systems=systems)
+    findings = {labels.get(name, name): each for name, each in diagnostics.findings.items()}
+    diagnostics = replace(diagnostics, systems=systems, findings=findings)
     of_all = diagnostics.of_all
-    tables: dict[Version, Table] = {
-        kind: by_measure([{name: numbers_of(each.of(kind)) for name, each in of_all.items()}])
-        for kind in VERSIONS
-    }
+    apart = {labels.get(name, name): of for name, of in parts_apart(diagnostics.lacks).items()}
+
+    def table(kind: Version) -> Table:
+        numbers = {
+            name: numbers_of(each.of(kind), apart=apart.get(name, ()))
+            for name, each in of_all.items()
+        }
+        return by_measure([numbers])
+
+    tables: dict[Version, Table] = {kind: table(kind) for kind in VERSIONS}
+    unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}
+    comparable = {name: each for name, each in of_all.items() if name not in unlike}
     point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None
     return {
         "trajectory": _both(tables, JERK, f"{point} jerk in m/s³"),
-        "depth": _depth(diagnostics),
+        "depth": _depth(comparable),
         "spectrum": _both(tables, FAST_POWER, f"{point} power above 5 Hz in %"),
         "attribution": _attribution(diagnostics),
         "seams": _seams(diagnostics, tables["raw"]) if is_cut else _periods(diagnostics),
@@ -66,9 +71,9 @@ def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
     )
 
 
-def _depth(diagnostics: Diagnostics) -> str:
-    """How jerk grows along the chain."""
-    told, of_all = [], diagnostics.of_all
+def _depth(of_all: Mapping[str, Versions]) -> str:
+    """Say how jerk grows along the chain."""
+    told = []
     for system, samples in samples_by_system(of_all).items():
         found = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
@@ -104,46 +109,57 @@ def _attribution(diagnostics: Diagnostics) -> str:
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
-    """How far the joins of windows stand out."""
+    """Say how far the joins of windows stand out, and where a finding says that they do."""
     values = raw.get(SEAMS, {})
-    systems = values.keys() - {REFERENCE_NAME}
-    if not systems or diagnostics.windows is None:
+    if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
-    limit = SEAM_STANDS_OUT * max(1.0, mean(values.get(REFERENCE_NAME, {1: 1.0})))
-    out = [name for name, each in values.items() if name in systems and mean(each) > limit]
+    found = _with_finding(diagnostics, "seams")
+    beyond = f"in {listed(found)}" if found else "in none"
     return (
         f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, as a multiple"
-        f" of that elsewhere: {told_of(values)}. {f'Joins of {listed(out)}' if out else 'No joins'}"
-        " stand out."
+        f" of that elsewhere: {told_of(values)}. Jerk that recurs with the windows beyond chance:"
+        f" {beyond}."
     )
 
 
+def _with_finding(diagnostics: Diagnostics, kind: str) -> list[str]:
+    """Return the motions that have a finding of a kind."""
+    return [
+        name
+        for name, findings in diagnostics.findings.items()
+        if name != REFERENCE_NAME and any(finding.kind == kind for finding in findings)
+    ]
+
+
 def _periods(diagnostics: Diagnostics) -> str:
-    """What was found where nobody says how motions were cut."""
+    """Say what was found where nobody says how motions were cut."""
+    found = _with_finding(diagnostics, "period")
     told = [
         f"in {name} every {period.frames} frames, most in the {period.part}"
-        for name, versions in diagnostics.systems.items()
-        if (period := versions.raw.seams.period) is not None
+        for name in found
+        if (period := diagnostics.systems[name].raw.seams.period) is not None
     ]
-    if not told:
-        return "No jerk repeats every 2 to 240 frames, so nothing tells of joined windows."
-    return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
+    if told:
+        return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
+    if any("detail" in lacks for lacks in diagnostics.lacks.values()):
+        return ""
+    return "No jerk repeats every 2 to 240 frames, so nothing tells of joined windows."
 
 
 def _beats(diagnostics: Diagnostics) -> str:
-    """In which motions beats follow the speech more than chance has it; empty where in none."""
+    """Say in which motions beats follow the speech more than chance has it; empty where in none."""
     found = {name: versions.raw.beats for name, versions in diagnostics.of_all.items()}
     beats = {
-        name: each
-        for name, each in found.items()
-        if each is not None and isfinite(each.beat_align - each.beat_align_chance)
+        name: (of.beat_align, of.beat_align_chance, of.beat_align_chance_highest)
+        for name, of in found.items()
+        if of is not None and isfinite(of.beat_align - of.beat_align_chance)
     }
     told = [
-        f"{name} {each.beat_align:.2f} (chance {each.beat_align_chance:.2f})"
-        for name, each in beats.items()
-        if each.beat_align > each.beat_align_chance_highest
+        f"{name} {score:.2f} (chance {chance:.2f} on average, {highest:.2f} at most)"
+        for name, (score, chance, highest) in beats.items()
+        if round(score, 2) > round(highest, 2)
     ]
-    rest = "; the others are at chance" if len(told) < len(beats) else ""
+    rest = "; the others are not" if len(told) < len(beats) else ""
     return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
 
 

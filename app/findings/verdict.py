@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from app.findings.comparison import (
     ALIKE,
     Ratio,
+    Samples,
     Table,
     by_measure,
     mean,
@@ -19,7 +20,7 @@ from app.findings.comparison import (
     told_of,
 )
 from app.findings.measure_rows import JERK, MEASURES, SPEED, Numbers
-from conventions.names import REFERENCE_NAME, listed, short_names
+from conventions.names import REFERENCE_NAME, SampleName, counted, listed, short_names
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ ENOUGH_CLIPS = 10
 CALM = 0.8
 """Under this share of the reference's jerk a motion is told to be calmer, and under this share of
 its speed, by which jerk falls too, to move less."""
+AS_FAST = 0.95
+"""From this share of the reference's speed on a calm motion is told not to be damped."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,8 @@ def verdict_of(
         clips: what was measured of each, by motion, as ``run.json`` has it.
         is_made: by systems, whose claims and trainings are told of.
     """
-    table = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)
+    measured = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)
+    table = _of_the_same(measured, len(clips) > 1)
     jerk = table.get(JERK, {})
     systems = [name for name in jerk if name != REFERENCE_NAME]
     count = max((len(jerk[name]) for name in systems), default=0)
@@ -70,19 +74,57 @@ def verdict_of(
     names = short_names(systems)
     drawn = f"{count} samples" if len(clips) == 1 else f"{count} clips"
     over = f", mean over {drawn}" if count > 1 else ""
-    numbers = f"{point_title(point)} jerk in m/s³{over}: {told_of(jerk)}."
-    calmer = _calmer(table, names)
+    recorded = len(jerk.get(REFERENCE_NAME, {}))
+    of_some = (
+        f" (of {counted(recorded, 'clip')})" if 0 < recorded < count and len(clips) > 1 else ""
+    )
+    numbers = f"{point_title(point)} jerk in m/s³{over}: {told_of(jerk)}{of_some}."
+    others = [*_calmer(table, names), *_without_jerk(clips, jerk)]
     if len(names) < 2:
-        return Verdict(numbers, " ".join(calmer))
+        return Verdict(numbers, " ".join(others))
     here = "On this clip" if len(clips) == 1 else f"Over {count} clips"
     claims = [family.claim for family in families() if family.claim is not None]
     sentences = [sentence for claim in claims for sentence in _ladder(claim, table, names, here)]
     if not sentences:
         order = sorted(names, key=lambda name: mean(jerk[name]))
-        change = _change(ratio_of(jerk[order[0]], jerk[order[-1]]))
-        sentences = [f"From {names[order[-1]]}, which jerks most, to {names[order[0]]} {change}."]
+        ratio = ratio_of(jerk[order[0]], jerk[order[-1]])
+        least, most = names[order[0]], names[order[-1]]
+        sentences = [
+            f"From {most}, which jerks most, to {least} {_change(ratio)}."
+            if _is_calmer(ratio)
+            else f"The largest difference in jerk, from {most} to {least}: {_change(ratio)}."
+        ]
     worth = _needed(count, len(clips), is_made)
-    return Verdict(numbers, " ".join([*sentences, *calmer, worth]))
+    return Verdict(numbers, " ".join([*sentences, *others, worth]))
+
+
+def _of_the_same(table: Table, has_clips: bool) -> Table:
+    """Keep those clips, or samples, alone whose jerk every system has, so that means and ratios are
+    of the same ones."""
+    own = [set(each) for name, each in table.get(JERK, {}).items() if name != REFERENCE_NAME]
+    shared = set.intersection(*own) if own else set()
+    if not shared and not has_clips:
+        return table
+    return {
+        key: {
+            name: found
+            for name, each in values.items()
+            if (found := each if name == REFERENCE_NAME and not has_clips else
+                {number: value for number, value in each.items() if number in shared})
+        }
+        for key, values in table.items()
+    }  # fmt: skip
+
+
+def _without_jerk(clips: Sequence[Mapping[str, Numbers]], jerk: Mapping[str, Samples]) -> list[str]:
+    """Say which motions have no jerk beside others', such as those filled in from few frames."""
+    known = {SampleName.parse(name).system for name in jerk} | set(jerk)
+    left_out = [
+        name
+        for name in dict.fromkeys(name for clip in clips for name in clip)
+        if name not in known and SampleName.parse(name).system not in known
+    ]
+    return [f"No jerk to compare: {listed(left_out)}."] if left_out else []
 
 
 def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> list[str]:
@@ -124,25 +166,34 @@ def _worse(table: Table, system: str, other: str) -> list[str]:
             continue
         ratio = ratio_of(values[system], values[other])
         if ratio is not None and ratio.low is not None and ratio.low > 1.0 and not ratio.is_alike:
-            numbers = " against ".join(plain(mean(values[name])) for name in (system, other))
-            found.append(f"{row.title.lower()} ({numbers} {row.unit})".replace(" °", "°"))
+            more, less = (plain(mean(values[name])) for name in (system, other))
+            if more != less:
+                numbers = f"{more} against {less} {row.unit}".replace(" °", "°")
+                found.append(f"{row.title.lower()} ({numbers})")
     return found
 
 
 def _calmer(table: Table, names: Mapping[str, str]) -> list[str]:
     """Which systems jerk much less than the reference, and whether they only move less."""
 
-    def share(name: str, key: str) -> float:
+    def share(name: str, key: str) -> Ratio | None:
         own, recorded = (table.get(key, {}).get(each, {}) for each in (name, REFERENCE_NAME))
-        return mean(own) / mean(recorded) if own and recorded and mean(recorded) > 0 else 1.0
+        return ratio_of(own, recorded) if own and recorded else None
 
     told = []
     for name, label in names.items():
-        if (jerk := share(name, JERK)) < CALM:
-            speed = share(name, SPEED)
-            how = "moves less, may be damped" if speed < CALM else "smooth, not damped"
-            shares = f"{plain(jerk)} times its jerk at {plain(speed)} times its speed"
-            told.append(f"{label} ({shares}: {how})")
+        jerk, speed = share(name, JERK), share(name, SPEED)
+        # By the numbers as they are printed.
+        if jerk is None or jerk.is_open or float(plain(jerk.value)) >= CALM:
+            continue
+        if speed is None:
+            told.append(f"{label} ({plain(jerk.value)} times its jerk)")
+            continue
+        moves = float(plain(speed.value))
+        how = "smooth, not damped" if moves >= AS_FAST else "moves a little less"
+        how = "moves less, may be damped" if moves < CALM else how
+        shares = f"{plain(jerk.value)} times its jerk at {plain(speed.value)} times its speed"
+        told.append(f"{label} ({shares}: {how})")
     return [f"Calmer than the reference: {listed(told)}."] if told else []
 
 
@@ -155,15 +206,16 @@ def _change(ratio: Ratio | None) -> str:
     if ratio.is_alike:
         return "alike within 5 %"
     share = f"{_percent(ratio.value)} % {'less' if ratio.value < 1.0 else 'more'}"
-    if ratio.low is None or ratio.high is None:
+    if ratio.low is None or ratio.high is None or ratio.low == ratio.high:
         return share
     low, high = sorted((ratio.low, ratio.high), key=lambda end: abs(end - 1.0))
     return f"{share} ({_percent(low)} to {_percent(high)} %)"
 
 
 def _percent(ratio: float) -> str:
-    """Of the difference, in two digits, so that 5.2 is not taken for what is alike."""
-    return f"{100 * abs(ratio - 1.0):.2g}"
+    """Format a difference with two digits, so that 5.2 is not taken for what is alike."""
+    told = plain(100.0 * abs(ratio - 1.0))
+    return "over 99" if ratio < 1.0 and told == "100" else told
 
 
 def _is_calmer(ratio: Ratio | None) -> bool:

@@ -17,7 +17,6 @@ import numpy as np
 from pandas import DataFrame
 
 from app.errors import RunError
-from app.findings.comparison import ALIKE
 from app.run.ask import DEAF, TIP, Ask, Ear
 from app.run.bodies import choose_tip_source
 from app.run.display import Display
@@ -55,7 +54,10 @@ HEARD_S = 60.0
 """Of each speech; the rest is not heard."""
 COMPARED = "Compared {count} system{s}."
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
-_COLUMNS = ("same_speech", "same_noise", "neither", "by_speech", "by_noise")
+_COLUMNS = (
+    *("same_speech", "same_noise", "neither", "by_speech", "by_noise", "lead"),
+    *("lead_low", "lead_high"),
+)
 
 
 @dataclass(frozen=True)
@@ -191,13 +193,19 @@ def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -
 def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     """What the numbers say of the arms, for a person."""
     arms = numbers["parts"]["arms"]
-    is_more = arms["by_speech"] > arms["by_noise"]
-    how, share = ("hear", "more") if is_more else ("hear little", "less")
-    verdict = f"The arms {how}: speech decides {share} than chance."
+    lead, low, high = (round(100 * arms[key]) for key in ("lead", "lead_low", "lead_high"))
+    if low > 0:
+        verdict = "Speech decides more than chance."
+    elif high < 0:
+        verdict = "Speech decides less than chance."
+    else:
+        verdict = "It is open which of them decides more; more speeches and seeds would tell."
     told = (
         f"{system}: speech decides {_percent(arms['by_speech'])} of the arms' speed and"
-        f" chance {_percent(arms['by_noise'])}; with the same noise and other speech their"
-        f" rotations correlate {numbers['arm_rotations_same_noise']:.2f}."
+        f" chance {_percent(arms['by_noise'])}, a difference of {_points(lead)} points (95 %"
+        f" interval over pairs of motions {_points(low)} to {_points(high)}); with the same noise"
+        " and other speech their rotations correlate"
+        f" {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
         return f"{told} {verdict}"
@@ -232,7 +240,11 @@ def _draw_hearing(
 
 
 def _percent(share: float) -> str:
-    return f"{100 * min(max(share, 0.0), 1.0):.0f} %"
+    return f"{_points(round(100 * share))} %"
+
+
+def _points(number: int) -> str:
+    return str(number).replace("-", "\N{MINUS SIGN}")
 
 
 NAMES: tuple[str, str] = ("local noise", "global noise")
@@ -330,6 +342,8 @@ def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
 MAX_S = 10.0
 """Of the speech: time a frame does not depend on its length."""
 MEASURED = "Measured {count} motions."
+AS_CALM = 1.05
+"""So many times the jerk is told as the same."""
 
 
 @dataclass(frozen=True)
@@ -406,7 +420,7 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
     for system, label in short_names(dict.fromkeys(point.system for point in points)).items():
         of_it = [each for each in points if each.system == system]
         most = of_it[-1]
-        calm = ALIKE * most.tip_jerk_m_s3
+        calm = AS_CALM * most.tip_jerk_m_s3
         least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
             f"{label}: with fewer than {most.steps} steps the fingertip jerks over 5 % more."

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import Cancelled, sentence_of
-from app.findings.measure_rows import numbers_of
+from app.findings.measure_rows import numbers_of, parts_apart
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.ask import DEAF, Ear, Grown
@@ -315,8 +315,11 @@ class RunWriter(Ear):
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
         of_all = sorted(diagnostics.of_all.items(), key=lambda of: of[0] != REFERENCE_NAME)
+        apart = parts_apart(diagnostics.lacks)
         record.numbers = {
-            name: {kind: numbers_of(versions.of(kind)) for kind in VERSIONS}
+            name: {
+                kind: numbers_of(versions.of(kind), apart=apart.get(name, ())) for kind in VERSIONS
+            }
             for name, versions in of_all[:MAX_ROWS]
         }
         record.findings = findings_told(diagnostics.findings)

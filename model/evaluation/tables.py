@@ -23,6 +23,8 @@ class Estimate:
     high: float
 
     def __str__(self) -> str:
+        if self.low == self.high:  # one clip, or all alike: resamples cannot differ
+            return f"{self.mean:.3g}"
         return f"{self.mean:.3g} [{self.low:.3g}, {self.high:.3g}]"
 
 
@@ -69,9 +71,9 @@ COLUMNS = {
     "fed": "FED",
     "fgd": "FGD",
     "beat_align_audio_to_motion": "BeatAlign a->m",
-    "beat_align_audio_to_motion_chance": "chance",
+    "beat_align_audio_to_motion_chance": "BeatAlign a->m by chance",
     "beat_align_motion_to_audio": "BeatAlign m->a",
-    "beat_align_motion_to_audio_chance": "chance",
+    "beat_align_motion_to_audio_chance": "BeatAlign m->a by chance",
     "l1_to_mean_m": "L1 to mean, m",
     "pairwise_l1_m": "pairwise L1, m",
     "spread_at_will_m": "of one speaker or speech, m",

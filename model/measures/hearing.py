@@ -14,6 +14,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy import stats
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
@@ -42,6 +43,14 @@ class Decided:
     same_noise: float
     """Other speech."""
     neither: float
+    lead_low: float
+    """95 % limits of `lead`: Welch's interval over the pairs."""
+    lead_high: float
+
+    @property
+    def lead(self) -> float:
+        """By how much the share that speech decides is above that of noise."""
+        return self.same_speech - self.same_noise
 
     @property
     def by_speech(self) -> float:
@@ -142,9 +151,24 @@ def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
     alike: dict[tuple[bool, bool], list[float]] = {}
     for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
         alike.setdefault((speech == speech_, seed == seed_), []).append(likeness(one, other))
-    return Decided(
-        *(float(np.mean(alike[k])) for k in ((True, False), (False, True), (False, False)))
+    same_speech, same_noise = alike[True, False], alike[False, True]
+    low, high = _difference_limits(same_speech, same_noise)
+    neither = float(np.mean(alike[False, False]))
+    return Decided(float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high)
+
+
+def _difference_limits(ones: Sequence[float], others: Sequence[float]) -> tuple[float, float]:
+    """Return Welch's 95 % limits of the difference of two means; the difference itself where
+    neither varies."""
+    difference = float(np.mean(ones) - np.mean(others))
+    errors = [float(np.var(each, ddof=1) / len(each)) for each in (ones, others)]
+    if sum(errors) < 1e-12:
+        return difference, difference
+    freedom = sum(errors) ** 2 / sum(
+        error**2 / (len(each) - 1) for error, each in zip(errors, (ones, others), strict=True)
     )
+    reach = float(stats.t.ppf(0.975, freedom)) * sum(errors) ** 0.5
+    return difference - reach, difference + reach
 
 
 def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -13,7 +13,16 @@ from urllib.parse import quote
 from app import text
 from app.errors import page_sentence, without_folders
 from app.findings.comparison import by_measure, kinds_told, plain, point_title
-from app.findings.measure_rows import JERK, MEASURES, Measure, Numbers, nearest, signed, written
+from app.findings.measure_rows import (
+    JERK,
+    MEASURES,
+    Measure,
+    Numbers,
+    nearest,
+    ranged,
+    signed,
+    written,
+)
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
 from app.run.many.table import DISTANCE, cells_of, interval, star_told
@@ -197,7 +206,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
     means = [interval(list(of.values())) for of in jerk.values()]
-    cells = [f"{plain(mean)} [{plain(low)}, {plain(high)}]" for mean, low, high in means]
+    cells = [ranged(*found, plain) for found in means]
     head = markup.heads({name: names[name] for name in jerk})
     title = f"{point_title(point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"

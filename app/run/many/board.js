@@ -22,7 +22,7 @@ for (const table of document.querySelectorAll("table")) {
       const sorted = rows().sort((a, b) => {
         if (!column) return a.cells[0].textContent.localeCompare(b.cells[0].textContent) * (isAgain ? -1 : 1);
         if (isAgain) return number(b, column, "value") - number(a, column, "value");
-        return number(a, column, "apart") - number(b, column, "apart");
+        return (number(a, column, "apart") - number(b, column, "apart")) || 0; // neither has one
       });
       body.append(...sorted);
     });

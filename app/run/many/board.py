@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from app.errors import RunError
 from app.findings.comparison import kinds_told
-from app.findings.measure_rows import MEASURES, written
+from app.findings.measure_rows import MEASURES, with_partners, written
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.checked import FieldError, read_checked
 from model.storage.files import bytes_within, write_atomically
@@ -196,7 +196,10 @@ def read_board(path: Path) -> list[Entry]:
 
 
 _DISTRIBUTION = "Distribution"
-"""How measures of whole sets begin, whose aim is 0."""
+"""How measures of whole sets begin."""
+_TO_RECORDED = _DISTRIBUTION, "Error against the reference"
+"""How measures begin that are distances to the recorded motion."""
+_WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
 _FIRST = {row.key for row in MEASURES if row.is_first or row.title == "Power above 5 Hz"}
 
 
@@ -226,13 +229,17 @@ def board_page(entries: Sequence[Entry]) -> str:
 
 
 def _table(entries: list[Entry]) -> dict[str, Any]:
-    """Of one test, for the template."""
+    """Return one test for the template; an entry's BeatAlign only with its chance level."""
+    entries = [replace(entry, measures=with_partners(entry.measures)) for entry in entries]
     titles = dict.fromkeys(title for entry in entries for title in entry.measures)
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
-    def apart(title: str, value: Value) -> float:
-        aim = recorded.get(title, value).mean
-        return abs(value.mean - (0.0 if title.startswith(_DISTRIBUTION) else aim))
+    def apart(title: str, value: Value) -> float | None:
+        """Distance to the recorded motion; None where nearness says nothing."""
+        if title.startswith(_TO_RECORDED):
+            return abs(value.mean)
+        aim = None if title in _WITHOUT_AIM else recorded.get(title)
+        return None if aim is None else abs(value.mean - aim.mean)
 
     return {
         "test": entries[0].test,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES, numbers_of
+from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
 from app.run.ask import DEAF, Ask, Ear, absolute
 from app.run.diagnostics import onsets_of
 from app.run.many.distances import check_weights, codes_path, distance_rows, keep_codes
@@ -47,11 +47,9 @@ from model.training.loop import revision
 from processes.job import Job
 from processes.pool import JobPool
 
-FORMAT = 6
+FORMAT = 7
 """Of a clip's record; another one is measured anew."""
 _SPEECH = "the speech"
-_NEEDS = {row.key: row.needs for row in MEASURES}
-"""By measure the part of a body that it is of."""
 
 
 MAX_BYTES, MAX_FILES = 10**9, 1500
@@ -269,8 +267,13 @@ class _Clip:
         unread: list[str] = []
         readings = {name: self._readings(name, unread) for name in self.files}
         heard = self._heard()
-        of_all = [each.motion for found in readings.values() for each in found.values()]
-        shortest = min(motion.num_frames for motion in of_all)
+        of_all = {
+            f"{name} {sample}": each
+            for name, found in readings.items()
+            for sample, each in found.items()
+        }
+        shortest = min(each.motion.num_frames for each in of_all.values())
+        apart = parts_apart({which: each.lacks for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
@@ -281,9 +284,10 @@ class _Clip:
                 motions.setdefault(name, []).append(motion)
                 evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
                 faults = without(find_faults(evidence), reading.lacks)
-                numbers = numbers_of(evidence.raw).items()
                 told.append({
-                    "numbers": {k: v for k, v in numbers if _NEEDS[k] not in reading.lacks},
+                    "numbers": numbers_of(
+                        evidence.raw, reading.lacks, apart[f"{name} {sample}"]
+                    ),
                     "findings": [fault.kind for fault in faults],
                     "sha256": file_sha256(self.files[name][sample]),
                 })  # fmt: skip
@@ -383,13 +387,20 @@ def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> lis
 
 
 def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
+    """Yield what sets lack, and which measures are left out for that."""
+    lacks = {
+        name: {part for file in of_set for part in file["lacks"]} for name, of_set in files.items()
+    }
+    apart = parts_apart(lacks)
     for part, (what, _) in LACKS.items():
         if part == "face":  # is counted
             continue
-        titles = [row.title for row in MEASURES if row.needs == part]
-        out = f": {', '.join(titles)} say nothing of it and are left out" if titles else ""
         for name, of_set in files.items():
             count = sum(part in file["lacks"] for file in of_set)
+            rows = [row for row in MEASURES if part in row.needs]
+            rows += [row for row in MEASURES if part in row.compared_with and part in apart[name]]
+            titles = ", ".join(row.title for row in rows)
+            out = f": {titles} say nothing of it and are left out" if rows else ""
             some = "" if count == len(of_set) else f" in {count} of {len(of_set)} files"
             if count:
                 yield f"{name} {what}{some}{out}."

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from app.findings.comparison import kinds_told
-from app.findings.measure_rows import JERK, MEASURES, Measure, written
+from app.findings.measure_rows import JERK, MEASURES, Measure, ranged, written
 from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
@@ -249,8 +249,7 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
         return "n/a"
     is_sure = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
     star = is_sure and by_other[last]["clips"] >= ENOUGH_CLIPS
-    told, low, high = (written(mean[key]) for key in ("mean", "low", "high"))
-    return f"{told} [{low}, {high}]{'*' if star else ''}"
+    return f"{ranged(mean['mean'], mean['low'], mean['high'])}{'*' if star else ''}"
 
 
 def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[str]:

@@ -1,12 +1,15 @@
 """Sentences and verdict: the numbers choose the words, and swapped numbers turn them round."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.findings.comparison import (
     Ratio,
@@ -16,7 +19,7 @@ from app.findings.comparison import (
     ratio_of,
     samples_by_system,
 )
-from app.findings.measure_rows import JERK, SPEED
+from app.findings.measure_rows import JERK, MEASURES, SPEED, numbers_of, parts_apart
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.ask import Ask
@@ -24,10 +27,12 @@ from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import read_run
 from app.run.pipeline import do
 from app.run.run_writer import findings_told
-from conventions.names import short_names
+from conventions.names import SampleName, short_names
 from model.diagnostics import Versions
+from model.faults.evidence import Finding
 from model.measures.point import JerkAttribution
 from model.measures.results import BeatMeasures
+from model.measures.seams import Period
 from tests.app.measured import both, diagnostics_of
 
 
@@ -80,15 +85,64 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
             assert told("attribution", a=a, b=b) == words
 
 
-def test_joins_stand_out_by_so_much_as_no_reference_without_joins_does() -> None:
-    for recorded, words in (
-        (None, "a 2.1, b 1.0. Joins of a stand out."),
-        (1.3, "a 2.1, b 1.0; reference 1.3. Joins of a stand out."),
-        (1.7, "a 2.1, b 1.0; reference 1.7. No joins stand out."),
+def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
+    """So "Nothing stands out in planned" never stands beside joins of it that do."""
+    systems = {"x/planned": both(seam_jerk_ratio=2.1), "b": both(seam_jerk_ratio=1.02)}
+    seams = Finding("The body jumps every 52 frames.", {}, kind="seams")
+    for found, words in (([], "beyond chance: in none."), ([seams], "beyond chance: in planned.")):
+        findings = {"x/planned": found, "b": []}
+        measured = replace(diagnostics_of(**systems), findings=findings)
+        said = sentences_of(measured)["seams"]
+        assert "planned 2.1, b 1.0. Jerk that recurs with the windows" in said
+        assert said.endswith(words)
+        out = findings_told(findings)[-1].sentence
+        assert ("planned" in out) == (not found)
+
+
+def test_a_period_is_told_where_a_finding_tells_it() -> None:
+    period = Period(52, "pulses", "left arm", 3, 8, 4.0, 6.0, 1e-6, (3, 55))
+    measured = replace(diagnostics_of(a=both(period=period)), windows=None)
+    assert sentences_of(measured)["seams"].startswith("No jerk repeats")
+    lacking = replace(measured, lacks={"a": ["detail"]})
+    assert sentences_of(lacking)["seams"] == ""  # it could not be looked for
+    found = replace(measured, findings={"a": [Finding("It repeats.", {}, kind="period")]})
+    assert "in a every 52 frames, most in the left arm" in sentences_of(found)["seams"]
+
+
+def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict() -> None:
+    """Of a file of 15 frames a second, filled in, beside two of 30."""
+    numbers = {
+        name: both(tip_jerk_m_s3=jerk) for name, jerk in (("a", 90.0), ("b", 14.0), ("c", 60.0))
+    }
+    for lacks, is_left_out in (
+        ({"a": [], "b": ["detail"], "c": []}, True),
+        ({"a": [], "b": ["place"], "c": []}, True),
+        ({"a": ["detail"], "b": ["detail"], "c": ["detail"]}, False),
     ):
-        reference = recorded and {"seam_jerk_ratio": recorded}
-        systems = {"a": {"seam_jerk_ratio": 2.1}, "b": {"seam_jerk_ratio": 1.02}}
-        assert told("seams", reference, **systems).endswith(words)
+        measured = replace(diagnostics_of(**numbers), lacks=lacks)
+        assert ("b 14" in sentences_of(measured)["trajectory"]) == (not is_left_out)
+        apart = parts_apart(measured.lacks)
+        clip: Any = {
+            name: {"raw": numbers_of(each.raw, apart=apart[name])}
+            for name, each in measured.systems.items()
+        }
+        verdict = verdict_of("right_middle", [clip], is_made=False)
+        assert verdict is not None
+        assert ("b 14" in verdict.numbers) == (not is_left_out)
+        told = "From a, which jerks most, to c 33 % less. No jerk to compare: b."
+        assert (told in verdict.judgement) == is_left_out
+
+
+def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
+    whole = numbers_of(beating(0.71, 0.7).raw)
+    assert {key.split(": ")[1] for key in whole if "BeatAlign" in key} == {
+        "BeatAlign",
+        "BeatAlign by chance",
+    }
+    alone = replace(beating(0.71, 0.7).raw.beats, beat_align_chance=math.nan)
+    assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "Align" in key]
+    rows = {row.title: row for row in MEASURES}
+    assert rows["BeatAlign"].is_first == rows["BeatAlign by chance"].is_first
 
 
 def test_missing_numbers_take_no_words() -> None:
@@ -141,10 +195,11 @@ def test_only_beats_above_chance_are_told() -> None:
     low, high = beating(0.71, 0.72), beating(0.71, 0.7)
     for systems, words in (
         ({"a": low}, ""),
-        ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42)."),
+        ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most)."),
         (
             {"a": high, "b": low},
-            "BeatAlign above chance: a 0.71 (chance 0.42); the others are at chance.",
+            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); the "
+            "others are not.",
         ),
         ({"a": both()}, ""),
     ):
@@ -243,7 +298,8 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
     assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
     verdict = verdict_of("right_middle", clips)
     assert verdict is not None and verdict.numbers == (
-        "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50."
+        "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50 "
+        "(of 1 clip)."
     )
     words = "Over 3 clips the paper's claim, that global rotations jerk less than local ones, shows"
     assert f"{words}: from local to full, which has" in verdict.judgement
@@ -310,3 +366,72 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     more = record.model_copy(update={"findings": [*[first] * 5, last]})
     assert more.gravest == [*[first] * 3, last]
     assert findings_told({"A": []})[0].sentence == "Nothing stands out."
+
+
+JERKS = st.floats(1.0, 500.0)
+CHANGES = re.compile(
+    r"[Ff]rom ([\w/]+)(?:, which jerks most,)? to ([\w/]+)(?:, which has [\w ]+ too,)?:? "
+    r"(.*?)(?=\. |; |$)"
+)
+"""Both systems of a comparison, and how much less or more the second one has."""
+SHARES = re.compile(r"\(([\d.]+) times its jerk(?: at (\S+) times its speed: ([\w ,]+))?\)")
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), num_clips=st.integers(1, 4), samples=st.integers(1, 3))
+def test_no_words_of_a_verdict_contradict_its_numbers(
+    data: st.DataObject, num_clips: int, samples: int
+) -> None:
+    """Over random jerks, some of them missing."""
+    systems = ("globaldiff/local", "globaldiff/global", "globaldiff/full", "gan/20", "reference")
+    present = data.draw(st.sets(st.sampled_from(systems), min_size=1))
+    clips: list[Any] = []
+    for _ in range(num_clips):
+        clip: dict[str, Any] = {}
+        for name in sorted(present):
+            for number in range(1, 1 + (samples if name != "reference" else 1)):
+                known = data.draw(st.integers(0, 9)) > 0
+                jerk, speed = data.draw(JERKS), data.draw(st.none() | st.floats(0.05, 2.0))
+                of = {JERK: jerk} if known else {}
+                of |= {} if speed is None else {SPEED: speed}
+                clip[str(SampleName(name, number))] = {"raw": of}
+        clips.append(clip)
+    verdict = verdict_of("right_middle", clips)
+    if verdict is None:
+        return
+    said = verdict.judgement
+    means = {
+        name: float(value)
+        for name, value in re.findall(
+            r"([\w/]+) ([\d.]+)(?=[,; ]|\.)", verdict.numbers.split(":")[1]
+        )
+    }
+    for one, other, change in CHANGES.findall(said):
+        if change.startswith("alike"):
+            assert 0.9 < means[other] / means[one] < 1.1, verdict.text
+        elif "less" in change:
+            assert means[other] <= means[one], verdict.text
+        elif "more" in change:
+            assert means[other] >= means[one], verdict.text
+    if ", which jerks most," in said:
+        most = re.search(
+            r"From ([\w/]+), which jerks most, to [\w/]+ (?:over )?[\d.]+ % less", said
+        )
+        assert most and means[most[1]] == max(v for n, v in means.items() if n != "reference")
+    if "shows:" in said:
+        assert re.search(r"shows: from [^.;]*? (over )?[\d.]+ % less", said), verdict.text
+    calmer = re.search(r"Calmer than the reference: (.*?\))\.", said)
+    for share, speed, how in re.findall(
+        r"\(([\d.]+) times its jerk(?: at (\S+) times its speed: ([\w ,]+))?\)",
+        calmer[1] if calmer else "",
+    ):
+        assert float(share) < 0.8
+        if how:
+            assert ("moves less" in how) == (float(speed) < 0.8), how
+            assert ("not damped" in how) == (float(speed) >= 0.95), how
+    added = re.search(r"one by one: (.*?); (.*?) (?:is|are) calmer here", said)
+    if added:
+        less = re.findall(r"([\w/]+) (?:over )?[\d.]+ % less", added[1])
+        assert sorted(less) == sorted(re.findall(r"[\w/]+", added[2].replace(" and ", " "))) or (
+            added[2] == "none" and not less
+        ), verdict.text

@@ -1,12 +1,15 @@
 """What speech decides, equal noise on two forms of rotations, and quality against time."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from app.commands.cli import main
@@ -18,6 +21,7 @@ from app.run.experiments import (
     HearingAsk,
     MechanismAsk,
     StepsAsk,
+    _heard_sentence,
     measure_hearing,
     measure_step_curve,
     show_mechanism,
@@ -116,6 +120,31 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     with pytest.raises(SystemExit):
         main(["hearing", "a.wav", "b.wav", "--out", str(tmp_path / "no"), "--speakers", "bob"])
     assert "two names, CALM,LIVELY; got 'bob'" in capsys.readouterr().err
+
+
+@given(
+    shares=st.tuples(*[st.floats(-0.3, 1.0)] * 2),
+    reach=st.floats(0.0, 1.0),
+)
+def test_speech_decides_more_only_where_the_printed_interval_says_so(
+    shares: tuple[float, float], reach: float
+) -> None:
+    by_speech, by_noise = shares
+    lead = by_speech - by_noise
+    arms = {"by_speech": by_speech, "by_noise": by_noise, "lead": lead}
+    arms |= {"lead_low": lead - reach, "lead_high": lead + reach}
+    said = _heard_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
+    speech, chance, _, low, high = (
+        int(each.replace("\N{MINUS SIGN}", "-"))
+        for each in re.findall(r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| points| to|\);)", said)[:5]
+    )
+    assert ("more than chance" in said) == (low > 0)
+    assert ("less than chance" in said) == (high < 0)
+    assert ("It is open" in said) == (low <= 0 <= high)
+    if "more than chance" in said:
+        assert speech > chance
+    if "less than chance" in said:
+        assert speech < chance
 
 
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:

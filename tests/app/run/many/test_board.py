@@ -146,3 +146,26 @@ def test_values_say_how_far_they_are_from_recorded() -> None:
     html = board_page([entry(measures={**entry().measures, **fgd}), recorded])
     apart = [float(cell.split('"')[0]) for cell in html.split('data-apart="')[1:]]
     assert np.allclose(apart, [2.0, 7.0, 0.0])
+
+
+def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> None:
+    beats, chance = "Beat alignment: BeatAlign", "Beat alignment: BeatAlign by chance"
+    value = Value(0.4, 0.4, 0.4, "0 to 1", 1)
+    recorded = entry(system="reference", measures={beats: value, chance: value})
+    alone = board_page([entry(measures={beats: value}), recorded])
+    assert alone.count("0.4") - alone.count('"0.4"') == 2  # the recorded motion's two
+    both = board_page([entry(measures={beats: value, chance: value}), recorded])
+    heads = [head for head in both.split("<th") if "BeatAlign" in head]
+    assert len(heads) == 2 and not any('class="rare"' in head for head in heads)
+    assert both.count("data-apart") == 2  # to be near in the level of chance says nothing
+    assert "[0.4, 0.4]" not in both  # one clip has no interval
+
+
+def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
+    title = "Error against the reference: Pelvis"
+    small, large = (
+        entry(system=name, measures={title: Value(of, of, of, "cm", 1)})
+        for name, of in (("a", 2.0), ("b", 5.0))
+    )
+    html = board_page([small, large])
+    assert [cell.split('"')[0] for cell in html.split('data-apart="')[1:]] == ["2", "5"]
