@@ -31,14 +31,14 @@ class AnalysisRequest:
 
 
 def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
-    """Write ``report.html``, ``results.csv``, ``table.tex``, ``preference.pdf`` and, of choices,
-    ``battles.csv``, the report first of those returned.
+    """Write ``report.html``, ``results.csv``, ``participants.csv``, ``table.tex``,
+    ``preference.pdf`` and, of choices, ``battles.csv``, the report first of those returned.
 
     Raises:
         RunError: if the key cannot be used, or nobody is left to analyse.
     """
     from app.study.report.figures import preference_bars, write_pdf
-    from app.study.report.report import csv_of, latex_table, page_of
+    from app.study.report.report import csv_of, latex_table, page_of, participants_csv
     from app.study.statistics.answers import Collected, collect
     from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
     from app.study.statistics.screening import Screened, screen
@@ -50,9 +50,9 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         collected = collect(request.answers, key)
         screened = screen(collected.participants, key)
     elif [path.suffix for path in request.answers] == [".csv"]:
-        key, people = read_battles(request.answers[0])
+        key, raters = read_battles(request.answers[0])
         told = f"{key.title} is a table of battles: checks, times and files are not in it."
-        collected, screened = Collected(tuple(people), (told,)), Screened(tuple(people))
+        collected, screened = Collected(tuple(raters), (told,)), Screened(tuple(raters))
     else:
         raise RunError(NO_KEY)
     jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None
@@ -74,5 +74,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
             folder.path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")
         write_pdf(preference_bars(results, key), folder.path("preference.pdf"))
         folder.path("results.csv").write_text(csv_of(results), "utf-8", newline="")
+        people = participants_csv(key, screened)
+        folder.path("participants.csv").write_text(people, "utf-8", "replace", newline="")
         folder.path("table.tex").write_text(latex_table(results, key), "utf-8")
         return folder.publish()

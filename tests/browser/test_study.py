@@ -31,6 +31,7 @@ WORDS = wording()
 BUTTONS = WORDS["buttons"]
 RETURN_TO = "https://example.org/done?cc=C0DE"
 CONTACT = "ask@lab.example"
+PANEL = 'panel_ids = ["PROLIFIC_PID", "STUDY_ID"]'
 DOTS_MS, TONES_MS = 1500, 3900
 """How long a dot of the practice moves, and three tones sound: time that the page's clock can
 skip, as it cannot for videos."""
@@ -70,7 +71,7 @@ class Host:
         self.address = f"http://127.0.0.1:{self.server.server_port}"
         post = f'post_to = "{self.address}/answers"\nreturn_to = "{RETURN_TO}"'
         for protocol, settings in {
-            "pairwise": f'attention_checks = 1\ncontact = "{CONTACT}"\nethics = "Board 7"',
+            "pairwise": f'contact = "{CONTACT}"\nethics = "Board 7"\n{PANEL}',
             "matched": "attention_checks = 0\n" + post,
             "ranking": "attention_checks = 0",
             "rating": "attention_checks = 0",
@@ -295,6 +296,40 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     chosen = [answer for answer in written["answers"] if answer["reasons"]]
     assert [answer["value"] for answer in chosen] == [answer["shown"][1] for answer in chosen]
     assert [answer["reasons"] for answer in chosen] == [["smoothness"]]
+
+
+def test_a_video_that_fails_is_tried_again_then_skipped_and_named_ids_alone_are_kept(
+    take_part: Callable[..., Page], host: Host, tmp_path: Path
+) -> None:
+    address = "?p=0&PROLIFIC_PID=5f1a2b&STUDY_ID=%7B%7B%25STUDY_ID%25%7D%7D&email=a@b.example"
+    page = take_part("pairwise", address)
+    page.route("**/media/*.mp4", lambda route: route.abort())
+    told = WORDS["consent"]["panel"].format(names="PROLIFIC_PID")
+    expect(page.locator("#main")).to_contain_text(told)
+    agree(page)
+    practise(page)
+    first = page.locator(".card").nth(0)
+    expect(first.get_by_role("alert")).to_have_text(WORDS["problems"]["video"])
+    skip = first.get_by_role("button", name=BUTTONS["skip"])
+    expect(skip).to_have_count(0)
+    first.get_by_role("button", name=BUTTONS["retry"]).click()
+    expect(skip).to_be_visible()
+    expect(page.locator("#next")).to_be_disabled()
+    page.unroute("**/media/*.mp4")
+    # Tried again it plays, and what is left of the failure is gone.
+    second = page.locator(".card").nth(1)
+    second.get_by_role("button", name=BUTTONS["retry"]).click()
+    expect(second.get_by_role("alert")).to_have_count(0)
+    before = place(page)
+    skip.click()
+    expect(page.locator("#place")).not_to_have_text(before)
+    answer_pairs(page)
+    written = json.loads(saved_answers(page, tmp_path).read_text())
+    assert written["panel"] == {"PROLIFIC_PID": "5f1a2b"}
+    assert written["answers"][0]["value"] is None
+    assert written["answers"][0]["skipped"] in written["answers"][0]["shown"]
+    found = host.collected("pairwise", tmp_path)
+    assert found.left_out == () and is_whole(host, "pairwise", found.participants[0])
 
 
 def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_returns(

@@ -59,9 +59,10 @@ def make_key(plan: Plan, design: Design) -> Key:
             number: tuple(trials[page.trial] for page in pages)
             for number, pages in enumerate(design.lists)
         },
-        attention_rule=AttentionRule(plan.max_failed),
+        attention_rule=AttentionRule(design.max_failed(plan)),
         participants=plan.participants,
         video_s=plan.length_s,
+        panel_ids=plan.panel_ids,
     )
 
 

@@ -35,6 +35,10 @@ MAX_PARTICIPANTS = 10_000
 MAX_LINKS = 10_000
 _SIGNATURE_HEX = 32
 
+PanelName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]{0,39}$")]
+"""Name of an id in the address, such as PROLIFIC_PID."""
+PanelValue = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.~\-]{1,64}$")]
+MAX_PANEL_IDS = 8
 Ids = Annotated[tuple[Text, ...], Field(max_length=32)]
 Systems = Annotated[tuple[Text, ...], Field(min_length=1, max_length=MAX_SYSTEMS)]
 List = Annotated[tuple[Text, ...], Field(max_length=MAX_TRIALS_OF_LIST)]
@@ -119,6 +123,9 @@ class Key:
     """How many are planned."""
     video_s: Annotated[float, Field(gt=0, le=3600)] | None = None
     """How long each video lasts; None where they differ."""
+    panel_ids: Annotated[tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS)] = ()
+    """Names of the ids that the page takes from its address into the answers; the first is the
+    participant's own."""
     link_secret: Text | None = None
     """Signs participants' links; None where answers need none."""
     made_of: Text | None = None
@@ -228,8 +235,8 @@ def write_key(key: Key, path: Path) -> None:
     for trial in written["trials"].values():
         if trial["expected"] is None:
             del trial["expected"]
-    for name in ("link_secret", "made_of"):
-        if written[name] is None:
+    for name in ("link_secret", "made_of", "panel_ids"):
+        if not written[name]:
             del written[name]
     with written_atomically(path) as part:
         part.touch(mode=0o600)

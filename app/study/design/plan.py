@@ -17,7 +17,7 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, model_va
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.study.design.key import MAX_SYSTEMS, Protocol, Question
+from app.study.design.key import MAX_PANEL_IDS, MAX_SYSTEMS, PanelName, Protocol, Question
 from conventions.names import PostFilter
 from conventions.views import VIEWS, View
 from model.storage.checked import FieldError, Text, checked
@@ -25,6 +25,8 @@ from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0
 _NO_OTHERS = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
+OWN_PARAMETERS = ("p", "t", "preview")
+"""Of the page's address."""
 _SEPARATORS = set(",=")
 """Of what `study simulate --strengths` is given."""
 _PLAIN_URL = re.compile(r"https?://[A-Za-z0-9.\-]+(:\d+)?(/[A-Za-z0-9._~/%\-?=&]*)?")
@@ -83,6 +85,16 @@ def _style(value: Any, info: Any) -> Any:
 
 def _in_order(views: tuple[View, ...]) -> tuple[View, ...]:
     return tuple(view for view in VIEWS if view in views) or ("front",)
+
+
+def _no_own_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
+        if name in OWN_PARAMETERS or names.count(name) > 1:
+            raise ValueError(
+                f"`panel_ids` names parameters of a panel's own, each once; {name!r} is "
+                f"{'one of the page' if name in OWN_PARAMETERS else 'there twice'}"
+            )
+    return names
 
 
 Name = Annotated[Text, AfterValidator(_is_name)]
@@ -174,8 +186,10 @@ class Plan:
     face: Literal["still", "moving"] = "still"
     trials_per_participant: Annotated[int, Field(ge=1, le=5000)] | None = None
     """None gives every participant every trial."""
-    attention_checks: Annotated[int, Field(ge=0, le=20)] = 2
-    max_failed: Annotated[int, Field(ge=0, le=20)] = 1
+    attention_checks: Annotated[int, Field(ge=0, le=20)] | None = None
+    """In each list, at most one in ten pages; None is two, or one where two are too many."""
+    max_failed: Annotated[int, Field(ge=0, le=20)] | None = None
+    """Attention checks that a participant may fail and still count; None is half of them."""
     reasons: bool = True
     consent: Text | None = None
     """In place of the text in `questions.toml`."""
@@ -185,6 +199,11 @@ class Plan:
     """Whom to ask, and to send the file of answers to."""
     ethics: Text | None = None
     """Who approved the study, and under which number."""
+    panel_ids: Annotated[
+        tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS), AfterValidator(_no_own_names)
+    ] = ()
+    """Names of parameters of the page's address that go into the answers, the participant's own id
+    first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others do."""
     post_to: Address | None = None
     return_to: Address | None = None
     """Where participants go at the end: the completion link of Prolific, SONA or the like."""

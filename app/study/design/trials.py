@@ -19,6 +19,10 @@ from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, Stimulus,
 from app.study.design.plan import CHOICES, Choice, Plan
 from conventions.names import counted
 
+PAGES_PER_CHECK = 10
+"""At most one page in so many is an attention check."""
+USUAL_CHECKS = 2
+
 
 @dataclass(frozen=True)
 class PlannedTrial:
@@ -49,24 +53,34 @@ class Design:
     lists: tuple[tuple[Page, ...], ...]
     """Of participant p."""
 
+    @property
+    def num_checks(self) -> int:
+        """Attention checks in each list."""
+        return sum(trial.kind == "attention" for trial in self.trials)
+
+    def max_failed(self, plan: Plan) -> int:
+        """Attention checks that a participant may fail and still count."""
+        return self.num_checks // 2 if plan.max_failed is None else plan.max_failed
+
 
 def make_design(plan: Plan) -> Design:
     """The whole study.
 
     Raises:
-        RunError: if there are more trials in a list than can be handled.
+        RunError: if there are more trials in a list than can be handled, or too many checks.
     """
     rng = np.random.default_rng(plan.seed)
     trials = {"pairwise": _pairs, "matched": _matches}.get(plan.protocol, _groups)(plan)
     count = min(plan.trials_per_participant or len(trials), len(trials))
-    if count + plan.attention_checks > MAX_TRIALS_OF_LIST:
+    num_checks = _num_checks(plan, count)
+    if count + num_checks > MAX_TRIALS_OF_LIST:
         raise RunError(
             f"Each participant would see {count} trials; at most {MAX_TRIALS_OF_LIST} can be "
             "handled, so set `trials_per_participant`."
         )
     checks = [
         PlannedTrial("attention", "attention", press=CHOICES[index % 2])
-        for index in range(plan.attention_checks)
+        for index in range(num_checks)
     ]
     lists = []
     sharing = -(-len(trials) // count)  # so many participants see all trials between them
@@ -79,6 +93,26 @@ def make_design(plan: Plan) -> Design:
     stimuli = {stimulus for trial in trials for stimulus in trial.stimuli}
     in_order = sorted(stimuli, key=lambda one: (one.clip, one.view, one.system, one.speech or ""))
     return Design(tuple(in_order), (*trials, *checks), tuple(lists))
+
+
+def _num_checks(plan: Plan, count: int) -> int:
+    """Return how many attention checks stand among ``count`` trials: more than one in ten pages
+    teach participants to look for them.
+
+    Raises:
+        RunError: if the plan asks for more.
+    """
+    most = max(1, count // (PAGES_PER_CHECK - 1))
+    asked = plan.attention_checks
+    if asked is None:
+        return min(USUAL_CHECKS, most)
+    if asked > most:
+        raise RunError(
+            f"At most one page in {PAGES_PER_CHECK} may be an attention check, or one in all: of "
+            f"{counted(count, 'trial')} a participant that is {most}; the plan asks for {asked}. "
+            "Leave `attention_checks` out, or show more trials."
+        )
+    return asked
 
 
 def _scenes(plan: Plan) -> list[tuple[str, str]]:
@@ -179,7 +213,10 @@ def _orders(
 
 def _check_places(count: int, num_checks: int, rng: np.random.Generator) -> list[int]:
     """Before which trial each attention check stands: evenly spread, give or take one, and no two
-    in a row as long as there are trials to keep them apart."""
+    in a row as long as there are trials to keep them apart. The only one of a short list stands at
+    its end, where it tells whether somebody still looks."""
+    if num_checks == 1 and count < PAGES_PER_CHECK - 1:
+        return [count]
     middles = [(i + 1) * count / (num_checks + 1) for i in range(num_checks)]
     shifted = [round(middle) + int(rng.integers(-1, 2)) for middle in middles]
     places = sorted(min(max(place, 0), count) for place in shifted)

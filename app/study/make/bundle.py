@@ -30,7 +30,10 @@ SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"
 FIXED = ("study.js", "study.css", "README.txt")
 """Files that are the same in every study."""
-FREE_TEXTS = ("title", "consent", "researchers", "contact", "ethics", "postTo", "returnTo")
+FREE_TEXTS = (
+    *("title", "consent", "researchers", "contact", "ethics", "postTo", "returnTo"),
+    "panelIds",
+)
 """What the researcher wrote, as the page's script reads it."""
 DATA_START = "window.STUDY = "
 _SHARED_WORDS = (
@@ -88,6 +91,7 @@ def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
         "sound": plan.has_sound,
         "postTo": plan.post_to,
         "returnTo": plan.return_to,
+        "panelIds": plan.panel_ids,
         "minutes": size_of(plan, design)[0],
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
@@ -150,7 +154,9 @@ def write_records(
         "size": size_of(plan, design)[1],
         "questions": questions_of(plan.protocol),
         "num_trials": sum(trial.kind != "attention" for trial in design.trials),
-        "per_person": len(design.lists[0]) - plan.attention_checks,
+        "per_person": len(design.lists[0]) - design.num_checks,
+        "num_checks": design.num_checks,
+        "max_failed": design.max_failed(plan),
     }
     for name, template in (("README.md", "researcher"), ("preregistration.md", "preregistration")):
         text = templates().get_template(f"{template}.md.j2").render(about)

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from app.study.design.key import Key
 from app.study.report import figures
-from app.study.statistics.answers import Collected
+from app.study.statistics.answers import Collected, skipped_by
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
@@ -31,6 +31,7 @@ MAX_SENTENCES = 200
 """Most files that are told of one by one; the rest are counted."""
 BALANCED_WITHIN = 0.05
 """Sides this near to one half are called balanced."""
+_COLUMNS_OF_PARTICIPANTS = ("started", "finished", "counts", "why", "answers", "skipped")
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
@@ -43,6 +44,7 @@ def page_of(
     results_with_all: Sequence[QuestionResult],
 ) -> str:
     """The whole page; ``results_with_all`` are those with who was set aside, if anyone was."""
+    skipped = [pages for one in screened.kept if (pages := skipped_by(one))]
     return templates().get_template("report.html.j2").render(**locals())
 
 
@@ -188,6 +190,23 @@ def csv_of(results: Sequence[QuestionResult]) -> str:
                 cells |= dict.fromkeys(_COUNTS)
             shown = (_digits(v) if isinstance(v, float) else v for v in cells.values())
             rows.append((result.question.id, *shown))
+    return harmless.csv_text(rows)
+
+
+def participants_csv(key: Key, screened: Screened) -> str:
+    """Format one row for each participant: whether they count, pages skipped, and the ids of the
+    panel that they came from."""
+    rows: list[Sequence[object]] = [
+        ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
+    ]
+    states = [(one, "yes", "") for one in screened.kept]
+    states += [(each.participant, "no", each.why) for each in screened.dropped]
+    states += [(each.participant, "set aside", each.why) for each in screened.set_aside]
+    for one, counts, why in states:
+        ids = (one.panel.get(name, "") for name in key.panel_ids)
+        times = (one.started.isoformat(), one.finished.isoformat() if one.finished else "")
+        about = (one.source, one.id, *ids, one.list_number, *times, counts, why)
+        rows.append((*about, len(one.answers), len(skipped_by(one))))
     return harmless.csv_text(rows)
 
 

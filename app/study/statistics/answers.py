@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +15,15 @@ from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
 from app.run.many.pairing import is_hidden
-from app.study.design.key import Ids, Key, ListNumber, Question
+from app.study.design.key import (
+    MAX_PANEL_IDS,
+    Ids,
+    Key,
+    ListNumber,
+    PanelName,
+    PanelValue,
+    Question,
+)
 from model.storage.checked import STRICT, FieldError, Text, checked, read_checked
 
 TIE = "tie"
@@ -47,6 +55,9 @@ class Answer:
     """Full watches of the least-watched video."""
     is_strong: bool = False
     """Whether it was said to be clear, where that was asked."""
+    skipped: Text | None = None
+    """Blind id of a video that the participant's browser could not play, for which the page was
+    skipped; the value is then none."""
 
 
 def _listed(values: Any) -> tuple[Any, ...]:
@@ -69,6 +80,10 @@ class Participant:
     headphones: Any = None
     link: Text | None = None
     """Token of the link by which they came."""
+    panel: Annotated[Mapping[PanelName, PanelValue], Field(max_length=MAX_PANEL_IDS)] = field(
+        default_factory=dict
+    )
+    """Ids of a panel that stood in the address, of those that the plan names."""
     format: Literal[1] = 1
     source: str = ""
     """Name of the file."""
@@ -146,7 +161,8 @@ def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
             refused[fault] += 1
         else:
             accepted[asked] = answer
-    return replace(sent, answers=tuple(accepted.values())), refused
+    panel = {name: sent.panel[name] for name in key.panel_ids if name in sent.panel}
+    return replace(sent, answers=tuple(accepted.values()), panel=panel), refused
 
 
 def _fault(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
@@ -160,6 +176,8 @@ def _fault(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
         return None
     if sorted(answer.shown) != sorted(trial.videos):
         return "the videos shown are not those of its trial"
+    if answer.skipped is not None:
+        return None if answer.skipped in answer.shown else "it skips a video that was not shown"
     if answer.watched < 1:
         return "a video was not watched to its end"
     return _fault_of_value(answer, key.question_by_id[answer.question])
@@ -237,3 +255,8 @@ def _is_part(participant: Participant, better: Participant) -> bool:
 
 def _named(participant: Participant) -> list[tuple[str, str, str]]:
     return [(one.trial, one.question, str(one.value)) for one in participant.answers]
+
+
+def skipped_by(participant: Participant) -> set[str]:
+    """Return the trials that a participant skipped, as a video could not be played."""
+    return {answer.trial for answer in participant.answers if answer.skipped is not None}

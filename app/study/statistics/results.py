@@ -238,7 +238,7 @@ def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceRea
         trials = key.lists[participant.list_number]
         place_of = {trial: place for place, trial in enumerate(trials)}
         for answer in participant.answers:
-            if key.trials[answer.trial].expected is None:
+            if key.trials[answer.trial].expected is None and answer.skipped is None:
                 place = place_of[answer.trial] / max(1, len(trials) - 1)
                 systems = [key.videos[video].system for video in answer.shown]
                 rows += [(system, systems[0] == system, place) for system in set(systems)]

@@ -67,6 +67,7 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
         else:
             kept.append(one)
     doubted = _link_doubts(kept, key)
+    doubted |= _panel_doubts([one for one in kept if one.id not in doubted], key)
     doubted |= doubts([one for one in kept if one.id not in doubted], key)
     return Screened(
         kept=tuple(one for one in kept if one.id not in doubted),
@@ -111,6 +112,20 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
     return found
 
 
+def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+    """Return by participant why they took part before: of several with the same id of a panel, the
+    first that the plan names, the one counts that finished first."""
+    found: dict[str, str] = {}
+    first: dict[str, Participant] = {}
+    own = key.panel_ids[0] if key.panel_ids else ""
+    for one in sorted(participants, key=lambda one: one.finished or one.started):
+        if (value := one.panel.get(own)) is not None:
+            earlier = first.setdefault(value, one)
+            if earlier is not one:
+                found[one.id] = f"the same {own} as {earlier.source}, which was finished earlier"
+    return found
+
+
 def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     """By participant why their answers are not such as anyone gives; nothing for the others."""
     found = {}
@@ -130,7 +145,11 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     finished, started = participant.finished, participant.started
     if finished is not None and finished < started:
         return "finished before it was begun"
-    judged = [one for one in participant.answers if key.trials[one.trial].expected is None]
+    judged = [
+        one
+        for one in participant.answers
+        if key.trials[one.trial].expected is None and one.skipped is None
+    ]
     spent = {one.trial: one.ms / 1000 for one in judged}
     lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.shown) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)

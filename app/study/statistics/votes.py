@@ -74,7 +74,8 @@ def _judged(
     for rater, participant in enumerate(participants):
         for answer in participant.answers:
             trial = key.trials[answer.trial]
-            if answer.question == question and trial.expected is None:
+            is_judged = trial.expected is None and answer.skipped is None
+            if answer.question == question and is_judged:
                 yield rater, answer.trial, trial.clip, answer
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from app.errors import RunError
 from app.study.design import blinding
 from app.study.design.blinding import (
     make_key,
@@ -135,17 +136,29 @@ def test_lists_are_balanced_in_order_and_side(tmp_path):
         assert all(share == pytest.approx(fair) for share in balance.first_place_shares.values())
 
 
-def test_two_checks_never_follow_each_other_while_there_are_trials_to_part_them(tmp_path):
-    """Both could be moved to the same place, by chance one list in nine."""
-    for checks, trials in [(2, 2), (3, 3), (3, 2), (4, 12)]:
-        settings = f"attention_checks = {checks}\ntrials_per_participant = {trials}"
-        _, design = design_of(tmp_path, "pairwise", settings)
+def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_with_it(
+    tmp_path: Path,
+) -> None:
+    for trials, checks in [(2, 1), (4, 1), (8, 1), (9, 1), (17, 1), (18, 2), (36, 2)]:
+        settings = f'views = ["front", "side"]\ntrials_per_participant = {trials}'
+        plan, design = design_of(tmp_path, "pairwise", settings)
+        assert design.num_checks == checks and design.max_failed(plan) == checks // 2
         for pages in design.lists:
             kinds = [design.trials[page.trial].kind for page in pages]
-            assert kinds.count("attention") == checks
+            assert len(kinds) == trials + checks and kinds.count("attention") == checks
+            assert checks == 1 or 10 * checks <= len(kinds)
             assert ("attention", "attention") not in itertools.pairwise(kinds)
-            presses = {design.trials[page.trial].press for page in pages}
-            assert presses == {None, "left", "right"}
+            assert trials > 8 or kinds.index("attention") == trials
+    settings = 'views = ["front", "side"]\nattention_checks = 4'
+    _, design = design_of(tmp_path, "pairwise", settings)
+    for pages in design.lists:
+        kinds = [design.trials[page.trial].kind for page in pages]
+        assert kinds.count("attention") == 4
+        assert ("attention", "attention") not in itertools.pairwise(kinds)
+        assert {design.trials[page.trial].press for page in pages} == {None, "left", "right"}
+    with pytest.raises(RunError, match="of 12 trials a participant that is 1; the plan"):
+        design_of(tmp_path, "pairwise", "attention_checks = 2\ntrials_per_participant = 12")
+    assert design_of(tmp_path, "pairwise", "attention_checks = 0")[1].num_checks == 0
 
 
 def test_shorter_lists_share_the_trials_evenly(tmp_path):

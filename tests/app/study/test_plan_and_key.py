@@ -63,7 +63,7 @@ def read(folder: Path, text: str) -> Plan:
 def test_a_minimal_plan_has_sensible_defaults(tmp_path):
     plan = read(tmp_path, MINIMAL)
     assert (plan.views, plan.length_s, plan.size, plan.face) == (("front",), None, 512, "still")
-    assert (plan.attention_checks, plan.max_failed, plan.has_sound) == (2, 1, False)
+    assert (plan.attention_checks, plan.max_failed, plan.has_sound) == (None, None, False)
     assert plan.clips[0].speech == tmp_path / "one.wav"
     local = "globaldiff/local"
     assert plan.systems[0] == Condition(local, system=local, steps=10, sampler="euler")
@@ -101,6 +101,9 @@ BAD_PLANS = [
     ),
     ('"pairwise"', '"matched"', "at least 2 clips"),
     (PEOPLE, f"{PEOPLE}\nlength_s = nan", "`length_s` cannot be nan"),
+    (PEOPLE, f'{PEOPLE}\npanel_ids = ["t"]', "'t' is one of the page"),
+    (PEOPLE, f'{PEOPLE}\npanel_ids = ["a", "a"]', "'a' is there twice"),
+    (PEOPLE, f'{PEOPLE}\npanel_ids = ["a b"]', "`panel_ids.0` cannot be 'a b'"),
     (PEOPLE, f'{PEOPLE}\nreturn_to = "javascript:alert(1)"', "an address begins with http"),
     (PEOPLE, f'{PEOPLE}\npost_to = "https://x.org/;script-src *"', "an address begins with http"),
     ('name = "theirs"', 'name = "globaldiff/local"', "two systems have the name"),

@@ -45,7 +45,7 @@ def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None
     page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
     out = tmp_path / "report"
     assert {path.name for path in out.iterdir()} == {
-        *("preference.pdf", "report.html", "results.csv", "table.tex"),
+        *("participants.csv", "preference.pdf", "report.html", "results.csv", "table.tex"),
         *(("battles.csv",) if key.questions[0].kind == "choice" else ()),
     }
     return page, csv_rows(out / "results.csv"), (out / "table.tex").read_text()

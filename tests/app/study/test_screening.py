@@ -18,6 +18,7 @@ from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import AttentionRule, Expected, Key, read_key, write_key
 from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect
+from app.study.statistics.results import analyse_participants
 from app.study.statistics.screening import doubts, failed_checks, screen
 from tests.app.study.made import (
     LEFT_CHECK,
@@ -26,6 +27,7 @@ from tests.app.study.made import (
     made_participants,
     written_study,
 )
+from tests.helpers import csv_rows
 
 KEY = made_key()
 LONG = replace(made_key(num_clips=6), video_s=2.0)
@@ -291,6 +293,61 @@ def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would
     assert "20 finished participants are not in the results" in pages["with"]
     assert "Results without and with those set aside" in pages["with"]
     assert "Set aside" not in pages["clean"]
+
+
+def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_it(
+    tmp_path: Path,
+) -> None:
+    files = made_files(LONG, 6)
+    files[0] = files[0] | {"answers": [{**one} for one in files[0]["answers"]]}
+    judged = [one for one in files[0]["answers"] if LONG.trials[one["trial"]].expected is None]
+    for answer in judged[:4]:
+        answer |= {"value": None, "ms": 900, "watched": 0, "skipped": answer["shown"][0]}
+    judged[4] |= {"value": None, "skipped": "another"}
+    key_path, folder = written_study(tmp_path, LONG, files)
+    collected = collect([folder], LONG)
+    assert "it skips a video that was not shown (1)" in collected.left_out[0]
+    screened = screen(collected.participants, LONG)
+    assert len(screened.kept) == 6
+    (result,) = analyse_participants(screened.kept, LONG)
+    assert result.num_answers == 6 * len(judged) - 5
+    analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
+    page = (tmp_path / "report" / "report.html").read_text("utf-8")
+    assert "4 pages of 1 participant who count were skipped" in page
+    rows = csv_rows(tmp_path / "report" / "participants.csv")
+    assert sorted(row["skipped"] for row in rows) == ["0"] * 5 + ["4"]
+
+
+def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
+    tmp_path: Path,
+) -> None:
+    key = replace(LONG, panel_ids=("PROLIFIC_PID", "STUDY_ID"))
+    files = made_files(key, 4)
+    for number, file in enumerate(files[:3]):
+        file["panel"] = {"PROLIFIC_PID": f"abc{number % 2}", "email": "person"}
+    files[3]["panel"] = {"PROLIFIC_PID": "a b <script>"}
+    files[0]["finished"] = "2030-01-01T00:00:00Z"  # later than the other one of that id
+    key_path, folder = written_study(tmp_path, key, files)
+    assert read_key(key_path) == key
+    collected = collect([folder], key)
+    assert collected.left_out[0].startswith("simulated00003.json is left out: `panel.PROLIFIC_PID`")
+    assert [one.panel for one in collected.participants] == [
+        {"PROLIFIC_PID": "abc0"},
+        {"PROLIFIC_PID": "abc1"},
+        {"PROLIFIC_PID": "abc0"},
+    ]
+    (aside,) = screen(collected.participants, key).set_aside
+    assert aside.participant.source == "simulated00000.json"
+    assert "the same PROLIFIC_PID as simulated00002.json" in aside.why
+    analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
+    report = tmp_path / "report"
+    assert "abc0" not in (report / "report.html").read_text("utf-8")  # it may be passed on
+    rows = csv_rows(report / "participants.csv")
+    assert [(row["PROLIFIC_PID"], row["counts"]) for row in rows] == [
+        ("abc1", "yes"),
+        ("abc0", "yes"),
+        ("abc0", "set aside"),
+    ]
 
 
 def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:

@@ -12,6 +12,14 @@
   const asked = query.get("p");
   const token = /^\d{1,6}-[0-9a-f]{32}$/.test(query.get("t") || "") ? query.get("t") : null; // a signed link
 
+  const PANEL_VALUE = /^[A-Za-z0-9_.~-]{1,64}$/; // no placeholder that a panel left open, no text
+  const panel = Object.fromEntries( // ids that the plan names, and no others
+    (study.panelIds || [])
+      .map((name) => [name, query.get(name) || ""])
+      .filter(([, value]) => PANEL_VALUE.test(value))
+  );
+  const panelOwn = panel[(study.panelIds || [])[0]]; // the participant's own id there
+
   function fill(text, values) {
     return text.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? values[name] : whole));
   }
@@ -40,7 +48,7 @@
   // ---------------------------------------------------------------- what is kept in the browser
   // Each answered page lies under a name of its own, so that several tabs lose nothing of each other.
 
-  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}${token ? `/${token}` : ""}`;
+  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}${token ? `/${token}` : ""}${panelOwn ? `/${panelOwn}` : ""}`;
   let who = ""; // the participant
   let list = 0;
   let about = null; // how far they are, but for the answers
@@ -102,7 +110,7 @@
 
   function openDraft(trial) {
     draft = kept("draft");
-    if (draft?.trial !== trial) draft = { trial, watched: {}, values: {}, reasons: [], ms: 0 };
+    if (draft?.trial !== trial) draft = { trial, watched: {}, values: {}, reasons: [], failed: {}, ms: 0 };
     shownSince = performance.now() - draft.ms;
   }
 
@@ -130,6 +138,7 @@
       device: { width: window.innerWidth, height: window.innerHeight, touch: navigator.maxTouchPoints > 0 },
       headphones: about.headphones,
       ...(token ? { link: token } : {}),
+      ...(Object.keys(panel).length ? { panel } : {}),
       answers: answers(),
     };
   }
@@ -184,6 +193,7 @@
       words.consent.heading,
       paragraph(study.consent || words.consent.text),
       paragraph(said.map((name) => fill(words.consent[name], study)).join("\n")),
+      Object.keys(panel).length ? paragraph(fill(words.consent.panel, { names: Object.keys(panel).join(", ") })) : null,
       paragraph(`${fill(words.consent.length, { minutes: study.minutes, pages: study.lists[list].length })}\n${words.consent[study.postTo ? "sent" : "stored"]}`),
       make("label", { className: "agree", htmlFor: "agree" }, box, make("span", {}, words.consent.agree)),
       make("div", { className: "actions next" }, start)
@@ -267,7 +277,10 @@
     const trial = study.trials[id];
     openDraft(id);
     if (trial.kind === "attention") showAttention(id, trial);
-    else showVideos(study.instruction, trial.kind, shown, makeVideo, () => finishPage(id, shown, study.questions));
+    else {
+      const finish = (skipped) => finishPage(id, shown, study.questions, skipped);
+      showVideos(study.instruction, trial.kind, shown, makeVideo, () => finish(null), finish);
+    }
     preload(place() + 1);
   }
 
@@ -287,11 +300,11 @@
       () => true, () => finishPage(id, [], [question]), []);
   }
 
-  function showVideos(instruction, kind, shown, makeFilm, onNext) {
+  function showVideos(instruction, kind, shown, makeFilm, onNext, onSkip) {
     const isPair = kind === "pair" || kind === "match";
     const names = shown.map((_, i) => (isPair ? words.buttons[["left", "right"][i]] : String(i + 1)));
     const change = () => shownPage.update();
-    const stage = makeStage(shown, names, makeFilm, change);
+    const stage = makeStage(shown, names, makeFilm, change, onSkip);
     const parts = study.questions.map((question) => {
       if (question.kind === "choice") return choiceQuestion(question, [shown[0], "tie", shown[1]], change);
       return (question.kind === "ranking" ? rankingQuestion : sliderQuestion)(question, shown, names, change);
@@ -342,16 +355,18 @@
     return true;
   }
 
-  function finishPage(id, shown, questions) {
+  /** Keep the answers and go on; `skipped` is a video that could not be played, for which there are none. */
+  function finishPage(id, shown, questions, skipped = null) {
     keepDraft();
     pages[id] = questions.map((question) => ({
       trial: id,
       question: question.id,
       shown,
-      value: draft.values[question.id],
-      reasons: question.kind === "choice" ? draft.reasons : [],
+      value: skipped ? null : draft.values[question.id],
+      reasons: question.kind === "choice" && !skipped ? draft.reasons : [],
       watched: shown.length ? Math.min(...shown.map((video) => draft.watched[video] || 0)) : 0,
       ms: draft.ms,
+      ...(skipped ? { skipped } : {}),
     }));
     keep(`page/${id}`, pages[id]);
     keep("draft", null);
@@ -366,8 +381,11 @@
 
   // ---------------------------------------------------------------- videos
 
-  /** The videos of a page. One plays at a time, from its start, without a way to skip ahead. */
-  function makeStage(shown, names, makeFilm, onChange) {
+  const HANG_MS = 20000; // without a new picture
+
+  /** The videos of a page. One plays at a time, from its start, without a way to skip ahead. One that cannot be played
+   * is tried again; from the second failure on the page can be skipped. */
+  function makeStage(shown, names, makeFilm, onChange, onSkip) {
     const cards = shown.map((id, index) => makeCard(id, names[index]));
     const element = make("div", { className: "videos", "data-count": shown.length > 3 ? "many" : String(shown.length) },
       ...cards.map((card) => card.element));
@@ -397,13 +415,41 @@
         ratechange: spoil,
         ended: () => {
           if (card.isWhole) draft.watched[id] = (draft.watched[id] || 0) + 1;
+          clearFailure();
           refresh();
           onChange();
         },
       };
       for (const [event, listener] of Object.entries(listeners)) video.addEventListener(event, listener);
-      video.addEventListener("error", () => main.append(problem(words.problems.video)), { once: true });
+      let note = null;
+      const clearFailure = () => note && note.remove();
+
+      function fail() {
+        draft.failed[id] = (draft.failed[id] || 0) + 1;
+        video.pause();
+        clearFailure();
+        const retry = button(words.buttons.retry, () => {
+          clearFailure();
+          video.load();
+        });
+        const skip = draft.failed[id] > 1 ? button(words.buttons.skip, () => onSkip(id)) : null;
+        note = make("div", {}, problem(words.problems.video), actions(retry, skip));
+        card.element.append(note);
+        onChange();
+      }
+
+      video.addEventListener("error", fail);
+      card.fail = fail;
       return card;
+    }
+
+    /** Call it a failure where no picture follows for long. */
+    function watch(card) {
+      const { currentTime } = card.video;
+      clearTimeout(card.timer);
+      card.timer = setTimeout(() => {
+        if (!card.video.paused) (card.video.currentTime === currentTime ? card.fail : watch)(card);
+      }, HANG_MS);
     }
 
     function toggle(card) {
@@ -413,7 +459,9 @@
         video.currentTime = 0;
       });
       card.isWhole = true;
-      if (!wasPlaying) card.video.play().catch(() => card.refresh());
+      if (wasPlaying) return;
+      card.video.play().catch(() => card.refresh());
+      watch(card);
     }
 
     cards.forEach((card) => card.refresh());
