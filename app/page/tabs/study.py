@@ -155,6 +155,13 @@ def _build_settings() -> dict[str, Any]:
         info="Participants go there at the end, for example Prolific's or SONA's link with its "
         "code.",
     )
+    of["panel_ids"] = gr.Textbox(
+        "",
+        label="Ids kept from the address (optional)",
+        placeholder="PROLIFIC_PID, STUDY_ID, SESSION_ID",
+        info="Names of a panel's parameters, the participant's own first; they go into the "
+        "answers, and the consent page says so.",
+    )
     with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
         with gr.Row(elem_classes="pair"):
             of["researchers"] = gr.Textbox("", label="Researchers", min_width=140)
@@ -266,6 +273,8 @@ def plan_text(told: Mapping[str, Any]) -> str:
     for name in ("post_to", "return_to", "researchers", "contact", "ethics", "consent"):
         if told[name]:
             lines.append(f"{name} = {_text(told[name])}")
+    if panel_ids := (told.get("panel_ids") or "").replace(",", " ").split():
+        lines.append(f"panel_ids = [{', '.join(map(_text, panel_ids))}]")
     for clip in clips:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
     for system in told["systems"]:

@@ -294,8 +294,10 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
     }
     link = "https://app.prolific.com/submissions/complete?cc=C0DE"
     told = {"return_to": f" {link} ", "contact": "a@lab.example", "consent": "Yes?\nNo?"}
+    told["panel_ids"] = "PROLIFIC_PID, STUDY_ID"
     plan = planned(study_form, tmp_path, **told)
     assert (plan.return_to, plan.contact, plan.consent) == (link, "a@lab.example", "Yes?\nNo?")
+    assert plan.panel_ids == ("PROLIFIC_PID", "STUDY_ID")
     bare = planned(study_form, tmp_path, title=" ", seed=None)
     assert (bare.seed, bare.post_to, bare.return_to) == (0, None, None)
     evil = planned(study_form, tmp_path, title='x"\nface = "moving"\ny = "')
