@@ -353,7 +353,7 @@ class StepPoint:
     system: str
     steps: int
     ms_per_frame: float
-    """By the clock, one motion at a time, with the features of the speech."""
+    """By the clock, one motion at a time; the features of the speech are computed before."""
     tip_jerk_m_s3: float
     distance_cm: float
     """Mean distance of all joints to where the same system, with the same noise, has them with the

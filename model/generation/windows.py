@@ -97,7 +97,7 @@ def generate_motion(
 
 
 def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
-    """Milliseconds for each frame of each sample, speech features included."""
+    """Milliseconds for each frame of each sample; speech features are computed once before."""
     options = GenerateOptions(next(iter(system.speakers)), steps=steps, samples=samples)
     started = time.perf_counter()
     generate_motion(system, speech, options)

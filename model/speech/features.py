@@ -9,7 +9,9 @@ blocks of 100 ms (3 motion frames, 10 hops), as soon as 27 ms after a block are 
 window in which a pitch is found.
 """
 
-from collections import deque
+import hashlib
+import threading
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -81,12 +83,36 @@ class MelEncoder:
         self, voice: Voice | None, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
         """`encode`, with levels and pitch relative to a voice; None is that of the clip."""
-        hops = analysed(waveform, 0, max(1, -(-len(waveform) // HOP)))
-        columns = columns_of(hops, voice or _voice_of(hops))
+        columns = _clip_columns(waveform) if voice is None else _columns(waveform, voice)
         silence = np.zeros(self.dim)
         silence[:NUM_MELS] = (FLOOR_DB + 40.0) / 20.0
         silence[NUM_MELS] = (FLOOR_DB + 20.0) / 20.0
         return average_over_frames(columns, num_frames, silence).astype(np.float32)
+
+
+_KEPT_HOPS = 60_000
+"""Ten minutes, 33 MB."""
+_kept: OrderedDict[bytes, Float64[np.ndarray, "hops 68"]] = OrderedDict()
+_keeping = threading.Lock()
+
+
+def _clip_columns(waveform: Float32[np.ndarray, " N"]) -> Float64[np.ndarray, "hops 68"]:
+    """Features of each hop relative to the clip's own voice. All systems of a run ask for those of
+    the same speech: the last ones are kept, by what the waveform holds."""
+    key = hashlib.sha256(waveform.tobytes()).digest()
+    with _keeping:
+        columns = _kept.pop(key, None)
+        _kept[key] = columns = _columns(waveform) if columns is None else columns
+        while sum(map(len, _kept.values())) > _KEPT_HOPS:
+            _kept.popitem(last=False)
+    return columns
+
+
+def _columns(
+    waveform: Float32[np.ndarray, " N"], voice: Voice | None = None
+) -> Float64[np.ndarray, "hops 68"]:
+    hops = analysed(waveform, 0, max(1, -(-len(waveform) // HOP)))
+    return columns_of(hops, voice or _voice_of(hops))
 
 
 def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops:

@@ -83,7 +83,7 @@ STEP_PANELS = {
 REAL_TIME_MS = 1000.0 / FPS
 STEPS = (
     "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
-    " the clock of this machine, one motion at a time, features of the speech included."
+    " the clock of this machine, one motion at a time, without the features of the speech."
     " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
     " with every number of steps. One clip and one noise seed."
 )

@@ -25,7 +25,7 @@ from app.page.tabs.motion import FormParts, ask_from_form, kept_values
 from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
 from app.page.visitors.files import Job
-from app.page.visitors.visitors import cookie_of, is_same
+from app.page.visitors.visitors import cookie_of, is_same, visitor_of
 from app.run.ask import Ask, Event, Grown, Progress, Stage
 from app.run.many.opened import do_in_folder
 from app.run.output.run_folder import end_run
@@ -76,6 +76,8 @@ class RunRunner(TabRunner):
         self._form = form
         self._parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
+        self._waiting: set[str] = set()
+        """Visitors who have clicked, and whose run has not begun."""
 
     def wire(
         self,
@@ -88,8 +90,10 @@ class RunRunner(TabRunner):
         form = self._form
         reveal_on_click(form.start, self._status)
         # Listeners of a click are served in turn: this before the run.
-        form.start.click(self.waits, outputs=[self._status, form.cancel], **AT_ONCE)
-        begun = [self.after(form.start.click, fields, **how)]
+        waits = [self._status, form.start, form.cancel]
+        form.start.click(self.waits, outputs=waits, **AT_ONCE)
+        # The button is free while figures are drawn; what it begins then comes after them.
+        begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
         begun += [self.after(event, [*form.fields.values()]) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
@@ -105,6 +109,7 @@ class RunRunner(TabRunner):
         """Raises `RunError` when the form asks for what cannot be."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        self._waiting.discard(job.visitor)
         ask = self.asked(job, values)
         self.videos.give_up(job.visitor)
         fields = self._form.fields
@@ -131,6 +136,8 @@ class RunRunner(TabRunner):
                 updates |= told_so_far(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
                 updates[parts.clips] = shown(clips_html(records))
+                if [*records] == [""] and records[""].numbers:  # no figure needs the form
+                    updates[self._form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
             so_far.update(new)
             return new
@@ -152,7 +159,7 @@ class RunRunner(TabRunner):
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
-            **self._buttons(is_running=False),
+            **self._buttons(is_running=job.visitor in self._waiting),
         }
 
     def blank(self) -> Updates:
@@ -177,10 +184,15 @@ class RunRunner(TabRunner):
         hidden = {parts.player: NOTHING, parts.clip: gr.update(visible=False)}
         return {**hidden, **{part: shown("") for part in (*told, parts.downloads)}}
 
-    def waits(self) -> Updates:
+    def waits(self, request: gr.Request) -> Updates:
         """From the click until its turn has come."""
+        self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting for its turn.")
-        return {self._status: line, self._form.cancel: gr.update(visible=True)}
+        return {self._status: line, **self._buttons(is_running=True)}
+
+    def cancel(self, request: gr.Request) -> Updates:
+        self._waiting.discard(visitor_of(request))
+        return super().cancel(request)
 
     def idle(self) -> Updates:
         ready = markup.idle_status(text.READY)

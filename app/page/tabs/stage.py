@@ -3,8 +3,9 @@ the stage shows, and the standard ones, drawn last."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -191,6 +192,32 @@ def line_of(line: str, share: float | None = None, more: str = "") -> str:
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
 
 
+@dataclass
+class Remaining:
+    """Estimates the remaining time of work from the rate since its first progress: what comes
+    before, such as the start of a process, tells nothing of the rate."""
+
+    first: tuple[float, float] | None = None
+    """Share and time (s) of the first progress."""
+
+    def sentence(self, share: float, now: float) -> str:
+        """Return the estimate as part of a sentence; empty until a tenth is done.
+
+        Args:
+            share: of the work done, 0 to 1.
+            now: time (s).
+        """
+        if self.first is None and share > 0.0:
+            self.first = share, now
+        done, began = self.first or (share, now)
+        if share - done < 0.1 or now <= began:
+            return ""
+        seconds = (now - began) * (1.0 - share) / (share - done)
+        if seconds >= 100.0:
+            return f", ready in about {seconds / 60.0:.0f} min"
+        return f", ready in about {5 * max(1, round(seconds / 5.0))} s"
+
+
 class VideosBehind:
     """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, by a
     process that works only while nobody else wants to."""
@@ -246,13 +273,17 @@ class VideosBehind:
             yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")
 
     def _drawn(self, job: Job, run: KeptRun, ask: Ask) -> Iterator[Updates]:
+        remaining = Remaining()
+
         def told(events: list[Event]) -> Updates:
             updates: Updates = {}
             if any(isinstance(event, Grown) for event in events):
                 updates[self._parts.player] = run.showing.value()
             share = last_share(events)
             if share is not None:
-                updates |= self._line(run, f"Videos are being drawn behind it: {share:.0%}.")
+                when = remaining.sentence(share, time.monotonic())
+                drawn = f"Videos are being drawn behind it: {share:.0%}{when}."
+                updates |= self._line(run, drawn)
             return updates
 
         request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")

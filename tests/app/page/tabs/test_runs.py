@@ -26,7 +26,7 @@ from app.page.tabs.live import LiveRunner, offered
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
-from app.page.tabs.stage import VideosBehind
+from app.page.tabs.stage import Remaining, VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
 from app.run.ask import Ask, Ear, Progress
@@ -99,6 +99,40 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     services = made_services(tmp_path / "early", {"do_in_folder": early})
     runner = GenerateRunner(services, form, parts)
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
+
+
+def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp_path, speech):
+    figures = threading.Event()
+    services = made_services(tmp_path, {"do_in_folder": make_generate(before_figures=figures)})
+    with gr.Blocks():
+        form, parts = build_form(services), ResultParts()
+    runner = GenerateRunner(services, form, parts)
+    values = [str(speech), ["globaldiff/local"], None, 0, 1, "", "", False, None, "right_middle", 0]
+
+    def start(update: Updates) -> bool | None:
+        return update[form.start]["interactive"] if form.start in update else None
+
+    assert start(runner.waits(VISITOR)) is False
+    free = []
+    for update in runner.run(VISITOR, *values, None):
+        if parts.numbers in update:
+            assert not update[parts.numbers]["visible"] or start(update) or free
+        free.append(start(update)) if start(update) is not None else None
+        if free == [False, True] and not figures.is_set():
+            assert start(runner.waits(VISITOR)) is False, "a second click"
+            figures.set()
+    assert free == [False, True, False], "of the click that waits"
+    runner.cancel(VISITOR)
+    assert [start(each) for each in runner.run(VISITOR, *values, None)][-1] is True
+
+
+def test_videos_tell_when_they_are_ready_from_the_rate_so_far():
+    remaining = Remaining()
+    assert remaining.sentence(0.0, 10.0) == remaining.sentence(0.02, 18.0) == ""
+    assert remaining.sentence(0.1, 20.0) == "", "too early"
+    assert remaining.sentence(0.22, 28.0) == ", ready in about 40 s"  # 2 % a second
+    assert remaining.sentence(0.99, 60.0) == ", ready in about 5 s"
+    assert Remaining((0.0, 0.0)).sentence(0.1, 30.0) == ", ready in about 4 min"
 
 
 class Measured:
