@@ -49,8 +49,14 @@ imports:
 javascript:
 	@.ci/javascript
 
-test: check
-	$(BIN)/python -m pytest $(WORKERS)
+# The checks go on beside the tests, and say what they have to say in one piece when they have ended.
+test: .venv/.test-ready
+	@said=$$(mktemp); \
+	{ $(MAKE) --no-print-directory check >$$said 2>&1; ended=$$?; echo; cat $$said; rm $$said; exit $$ended; } & \
+	check=$$!; \
+	$(BIN)/python -m pytest $(WORKERS); tests=$$?; \
+	wait $$check || { echo "make check has failed: what it said is above"; exit 1; }; \
+	exit $$tests
 
 fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz

@@ -60,8 +60,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> Iterator[Page]:
-    """A run that moves by the plan, done by the real pipeline, without videos."""
+def generated(
+    browser: Browser, real_address: str, files: dict[str, Path]
+) -> Iterator[tuple[Page, str]]:
+    """A run that moves by the plan, done by the real pipeline, without videos; and its link."""
     context = browser.new_context(
         viewport={"width": 1280, "height": 900},
         reduced_motion="reduce",
@@ -76,16 +78,17 @@ def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> It
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press(page, text.GENERATE)
     staged(page, 1).locator("#downloads .bundle").wait_for()
-    yield page
+    yield page, page.url
     context.close()
 
 
 @pytest.fixture
-def page(generated: Page) -> Page:
+def page(generated: tuple[Page, str]) -> Page:
     """The page of all journeys here, with its first tab open."""
-    turn_to(generated, (1280, 900, "light"))
-    generated.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
-    return generated
+    page, _ = generated
+    turn_to(page, (1280, 900, "light"))
+    page.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
+    return page
 
 
 IN_ONE_VIEW = """() => {
@@ -429,14 +432,15 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     researcher.evaluate("button => button.form.submit()")
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
     page.go_back()
+    ready(page)
 
 
 def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_swept(
-    page: Page, page_files: Path
+    page: Page, generated: tuple[Page, str], page_files: Path
 ) -> None:
     held: list[Route] = []
     page.route("**/run/predict?run=*", lambda route: held.append(route))  # noqa: PLW0108
-    page.reload()
+    page.goto(generated[1])
     form = page.locator("#motion-form")  # which the run of the link would fill in anew
     expect(form).to_have_attribute("inert", "")
     for route in held:
