@@ -3,7 +3,7 @@
 # make check   the quick part of it: style, types, import rules, the page's JavaScript
 # make slow    all tests, those too that take minutes each or decide little (before a release)
 # make bench   what a visitor waits for, what each step costs, and a naive loop beside it
-# make fuzz    an hour of damaged files and wild requests (make test gives it seconds)
+# make fuzz    an hour of damaged files and wild requests (make slow gives it half a minute)
 # make soak    half an hour of four visitors at once: memory and files
 # make lock    pin every package anew, with hashes, after a change of requirements
 # make audit   known faults of what is locked, where the database can be asked
@@ -65,7 +65,7 @@ soak: .venv/.test-ready
 	SOAK_SECONDS=1800 $(BIN)/python -m pytest tests/soak
 
 slow: .venv/.test-ready
-	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" $(WORKERS) \
+	CHECK_SHAPES=everywhere FUZZ_SECONDS=30 $(BIN)/python -m pytest -m "slow or not slow" $(WORKERS) \
 		--timeout 1800
 
 bench: .venv/.run-ready

@@ -85,9 +85,22 @@ def test_one_name_with_every_file_stands_beside_the_packages_of_others(site):
     assert [name for name in there if not (root / name).exists()] == []
 
 
-def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(site, tmp_path):
+def test_it_is_imported_by_its_one_name_in_no_ones_way_until_it_is_used(site, tmp_path):
+    code = (
+        "import sys, co_speech_motion; assert not {'app', 'model', 'torch'} & set(sys.modules); "
+        "from co_speech_motion import systems; print(*systems())"
+    )
+    assert "globaldiff/local" in answer(installed(site, code, cwd=tmp_path)).split()
+    (tmp_path / "app.py").write_text("")
+    child = installed(site, "from co_speech_motion import systems", cwd=tmp_path)
+    _, error = child.communicate(timeout=100)
+    assert child.returncode == 1 and "Another package called 'app'" in error
+
+
+@pytest.mark.slow
+def test_the_command_works_from_any_folder(site, tmp_path):
     """On one core, with as much memory as a machine of 4 GB has left, and for a wheel also where
-    nothing but its output can be written; in no one's way until it is used."""
+    nothing but its output can be written."""
     places = {}
     if site.with_name("wheels").is_dir():
         home = tmp_path / "home"
@@ -95,19 +108,9 @@ def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(si
         places = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), str(home))
     flags = ["generate", str(site / SPEECH), "--systems", "globaldiff/global", "--steps", "1"]
     flags += ["--out", "results", "--no-video", "--no-figures"]
-    code = (
-        "import sys, co_speech_motion; assert not {'app', 'model', 'torch'} & set(sys.modules); "
-        f"from co_speech_motion import systems; print(*systems()); sys.argv[1:] = {flags}; {CODE}"
-    )
-    child = installed(site, code, cwd=tmp_path, one_core=True, **places)
+    child = installed(site, CODE, *flags, cwd=tmp_path, one_core=True, **places)
     resource.prlimit(child.pid, resource.RLIMIT_DATA, (3 * GIGABYTE, 3 * GIGABYTE))
-    told = answer(child)
-    assert "globaldiff/local" in told.splitlines()[0].split()
-    assert "results/globaldiff-global.npz" in told.splitlines()
-    (tmp_path / "app.py").write_text("")
-    child = installed(site, "from co_speech_motion import systems", cwd=tmp_path)
-    _, error = child.communicate(timeout=100)
-    assert child.returncode == 1 and "Another package called 'app'" in error
+    assert "results/globaldiff-global.npz" in answer(child).splitlines()
 
 
 @pytest.mark.slow

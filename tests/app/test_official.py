@@ -34,6 +34,7 @@ def checkpoints(made_once) -> Path:
     return made_once("official", make_official)
 
 
+@pytest.mark.slow  # each is held against its own network in model/systems/official
 def test_generate_runs_them_beside_ours(checkpoints, weights, tmp_path):
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     write_wav(speech, made_waveform(24_000))

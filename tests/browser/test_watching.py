@@ -326,6 +326,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect_fit(page)
 
 
+@pytest.mark.slow  # its parts are held one by one in test_stage.py
 def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     visitor: Callable, fake: Fake, address: str, speech: Path, tmp_path: Path
 ) -> None:

@@ -49,9 +49,8 @@ def state(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(
-    ("program", "count"), [(SMALL, 2), pytest.param(WHOLE, 20, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("program", "count"), [(SMALL, 2), (WHOLE, 20)])
 @pytest.mark.timeout(600)  # twenty processes at once, on two cores
 def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is_killed(
     tmp_path, program, count

@@ -91,8 +91,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     assert do_clips(asks_of(replace(asked, seed=1)), HERE).kept == 0
 
 
+@pytest.mark.parametrize("pool", [HERE, pytest.param(JobPool(2), marks=pytest.mark.slow)])
 def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
-    speeches: Path, weights: Path, tmp_path: Path
+    speeches: Path, weights: Path, tmp_path: Path, pool: JobPool
 ) -> None:
     def poses(folder: Path) -> np.ndarray:
         with np.load(folder / "globaldiff-local.npz") as motion:
@@ -108,7 +109,7 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     assert do_clips(asks_of(asked(speeches, "among")), HERE).failed == {}
     listed = tmp_path / "list.txt"
     listed.write_text("speech/c.wav\nspeech/b.wav\n")
-    assert do_clips(asks_of(asked(listed, "processes")), JobPool(2)).failed == {}
+    assert do_clips(asks_of(asked(listed, "processes")), pool).failed == {}
     for out in ("among", "processes"):
         np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
     assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
