@@ -135,17 +135,17 @@ def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[t
 
 def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
     """Those with most kinds of findings; of equal ones, the jerkiest first: of each the mean jerk
-    of the followed point in m/s^3."""
+    of the followed point in m/s^3, None where it says nothing."""
 
     def badness(each: dict[str, Any]) -> tuple[int, float]:
-        return len(each["kinds"]), each["jerk"]
+        return len(each["kinds"]), each["jerk"] or 0.0
 
     found: list[dict[str, Any]] = []
     for name, clips in of_systems.items():
         if name == REFERENCE_NAME:
             continue
         faulty = [
-            {"system": name, "clip": clip, "kinds": kinds, "jerk": told["numbers"].get(JERK, 0.0)}
+            {"system": name, "clip": clip, "kinds": kinds, "jerk": told["numbers"].get(JERK)}
             for clip, told in clips
             if (kinds := list(dict.fromkeys(told["findings"])))
         ]

@@ -10,9 +10,11 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
+from app.findings.measure_rows import written
 from app.run.ask import Ask
 from app.run.many.board import Entry, Value, board_page, entries_of, merged, read_board, write_board
 from app.run.many.motions import diagnose_folders
+from app.run.many.table import worst_clips
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
 
@@ -169,3 +171,9 @@ def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
     )
     html = board_page([small, large])
     assert [cell.split('"')[0] for cell in html.split('data-apart="')[1:]] == ["2", "5"]
+
+
+def test_a_clip_without_jerk_to_compare_is_told_without_it() -> None:
+    """Not as 0 m/s³, which nobody measured."""
+    (clip,) = worst_clips({"a": [("one", {"numbers": {}, "findings": ["pops"]})]})
+    assert clip["jerk"] is None and written(clip["jerk"]) == "n/a"
