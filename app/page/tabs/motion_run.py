@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -26,8 +27,8 @@ from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import cookie_of, is_same, visitor_of
-from app.run.ask import Ask, Event, Grown, Progress, Stage
-from app.run.many.opened import do_in_folder
+from app.run.ask import Ask, Ear, Event, Grown, Progress, Stage
+from app.run.many.opened import OPENED, do_in_folder
 from app.run.output.run_folder import end_run
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
@@ -69,6 +70,8 @@ class StageLine:
 
 class RunRunner(TabRunner):
     """Does runs, of generated motion or of given, and shows them in the results of a tab."""
+
+    outlives = True
 
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services, parts.status)
@@ -144,7 +147,14 @@ class RunRunner(TabRunner):
 
         try:
             asked = replace(ask, has_video=False, is_kept=True)
-            yield from self.done(job, do_in_folder, asked, told)
+
+            def do(ear: Ear) -> None:
+                try:
+                    services.worker.do(do_in_folder, asked, ear)
+                finally:  # when its process has ended, which may be after the page has gone on
+                    shutil.rmtree(ask.out.with_name(OPENED), ignore_errors=True)
+
+            yield from self.followed(job, do, told)
         except Cancelled:
             raise
         except Exception as error:

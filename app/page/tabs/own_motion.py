@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,10 +25,10 @@ from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import SEEN, Services, set_here
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
-from app.run.ask import MAX_COMPARED, TIP, Ask
+from app.run.ask import MAX_COMPARED, TIP, Ask, Ear
 from app.run.examples import RECORDED, planted_files
 from app.run.many.opened import is_one_run
-from app.run.many.unpacked import is_packed, stem_of
+from app.run.many.unpacked import UNPACKED, is_packed, stem_of
 from app.run.tasks import MEASURE_SETS, Sets
 from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, counted, printable
@@ -293,7 +294,15 @@ class OwnMotionRunner(RunRunner):
         if not has_sets(ask.motions):
             yield from super().perform(job, ask, form)
             return
-        found = yield from self.done(job, MEASURE_SETS, ask, "Measuring clips: {share:.0%}")
+
+        def do(ear: Ear) -> Sets:
+            try:
+                return self._services.worker.do(MEASURE_SETS, ask, ear)
+            except BaseException:  # its clips can be opened only if all went well
+                shutil.rmtree(ask.out / UNPACKED, ignore_errors=True)
+                raise
+
+        found = yield from self.followed(job, do, "Measuring clips: {share:.0%}")
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)

@@ -26,7 +26,7 @@ from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.speeches import do_jobs, stamp_of
 from app.run.many.table import draw_spread, mean_of_samples, write_tables
-from app.run.many.unpacked import UnpackLimits, unpack_sets
+from app.run.many.unpacked import UNPACKED, UnpackLimits, unpack_sets
 from app.run.output.result_folder import ResultFolder
 from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
@@ -64,8 +64,8 @@ def measure_sets(ask: Ask, ear: Ear = DEAF) -> Sets:
         Cancelled: when ``ear`` said so.
         RunError: also where all together hold too much.
     """
-    limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES)
-    folders = unpack_sets(sets_of(ask), ask.out / "unpacked", limits)
+    limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
+    folders = unpack_sets(sets_of(ask), ask.out / UNPACKED, limits)
     return replace(diagnose_folders(in_folders(ask, folders), ear.share("numbers")), ask=ask)
 
 

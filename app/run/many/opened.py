@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.ask import (
+    MAX_CLIPS,
     MAX_COMPARED,
     Ask,
     Done,
@@ -20,8 +21,10 @@ from app.run.ask import (
 from app.run.many.speeches import asks_of, do_clips
 from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
+    MAX_RUN_BYTES,
     NO_RUN,
     RUN,
+    TABLES,
     file_of,
     files_of,
     is_run_zip,
@@ -33,10 +36,14 @@ from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
 
-LIMITS = UnpackLimits(files=2_000, total_bytes=10**9)
+LIMITS = UnpackLimits(files=2_000, total_bytes=10**9, reserve_bytes=10**9)
+"""Of a visitor's zip."""
 ENDINGS = (".json", ".npz", ".wav")
 SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """With all that is only looked at."""
+OPENED = "opened"
+"""Folder beside the results in which a visitor's zip is unpacked for as long as the run goes on."""
+RUN_ENDING = Path(RUN).suffix
 SPEECHES = "form"
 """Folder beside the results in which several clips lie."""
 
@@ -53,7 +60,7 @@ def do_in_folder(ask: Ask, ear: Ear) -> None:
 
     asks = {"": ask}
     if is_one_run(ask.motions):
-        asks = opened(ask, ask.out.parent / "opened")
+        asks = opened(ask, ask.out.with_name(OPENED))
     elif ask.speech == ask.out.with_name(SPEECHES):
         asks = asks_of(ask)
         check_clips([each.speech for each in asks.values() if each.speech], ask.max_speech_s)
@@ -122,13 +129,33 @@ def run_folder(
     folders = [path]
     if is_packed(path):
         into.mkdir(parents=True)
-        unpacked(path, into, endings, replace(limits))
+        _unpack_runs(path, into, endings, limits)
         folders = [into, *into.iterdir()]
     found = next(filter(None, map(runs_in, folders)), {})
     if not found:
         raise RunError(NO_RUN.format(name=printable(path.name), why=f"{RUN} is missing"))
     first = next(iter(found.values()))
     return first if len(found) == 1 else first.parent
+
+
+def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackLimits) -> None:
+    """Unpack each ``run.json`` of a zip, and then the files that they name."""
+    most = min(limits.total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
+    unpacked(path, into, (RUN_ENDING,), replace(limits, total_bytes=most), _is_run)
+    names: set[str] = set()
+    for run in into.rglob(RUN):
+        below, record = run.parent.relative_to(into), read_run(run.parent)
+        of_rows = [name for row in record.rows for name in row.files.values()]
+        own = filter(None, (*record.named, *of_rows, record.sound, record.timeline))
+        names.update((below / name).as_posix() for name in own if name != RUN)
+        names.update((below.parent / name).as_posix() for name in TABLES if below.parts)
+    unpacked(path, into, endings, replace(limits), names.__contains__)
+
+
+def _is_run(path: str) -> bool:
+    """Check whether a path in a zip is one at which a run may lie."""
+    parts = path.split("/")
+    return parts[-1] == RUN and len(parts) <= 3
 
 
 def copied_run(path: Path, into: Path) -> Path:

@@ -32,6 +32,8 @@ from model.storage.files import list_bytes, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
 TARS = PACKED[1:]
+UNPACKED = "unpacked"
+"""Folder of the results in which a visitor's sets lie."""
 _MAX_NESTED = 2
 """Archives in archives; deeper ones are refused."""
 _MAX_HEADER_BYTES = 1 << 20
@@ -53,6 +55,8 @@ class UnpackLimits:
     """Also of such as are left out."""
     total_bytes: int = 20 * 2**30
     file_bytes: int = MAX_FILE_BYTES
+    reserve_bytes: int = 0
+    """Of the disk, which are left free."""
 
 
 def unpack_sets(
@@ -93,7 +97,11 @@ def _ending_of(name: str) -> str | None:
 
 
 def unpacked(
-    archive: Path, folder: Path, endings: Sequence[str], limits: UnpackLimits | None = None
+    archive: Path,
+    folder: Path,
+    endings: Sequence[str],
+    limits: UnpackLimits | None = None,
+    is_named: Callable[[str], bool] | None = None,
 ) -> int:
     """Unpack the files with these endings from a stranger's zip or tar into an empty folder.
 
@@ -102,6 +110,8 @@ def unpacked(
 
     Args:
         limits: by default those of a set on the command line.
+        is_named: whether a path in the archive is unpacked; archives in it then are not. By default
+            all are.
 
     Returns:
         How many files there were.
@@ -111,8 +121,8 @@ def unpacked(
             twice, nothing that is wanted, or more than the limits; files that were unpacked before
             it was seen may be left.
     """
-    count = _Archive(archive, endings, limits or UnpackLimits()).unpack(folder)
-    if not count:
+    count = _Archive(archive, endings, limits or UnpackLimits(), is_named).unpack(folder)
+    if not count and is_named is None:
         raise RunError(
             f"{printable(archive.name)} holds none of the files that are looked for: "
             f"{', '.join(endings)}."
@@ -134,9 +144,15 @@ class _Archive:
     """One that is being unpacked."""
 
     def __init__(
-        self, path: Path, endings: Sequence[str], limits: UnpackLimits, depth: int = 0
+        self,
+        path: Path,
+        endings: Sequence[str],
+        limits: UnpackLimits,
+        is_named: Callable[[str], bool] | None = None,
+        depth: int = 0,
     ) -> None:
         self._path, self._endings, self._limits, self._depth = path, endings, limits, depth
+        self._is_named = is_named
         self._name = printable(path.name)
 
     def unpack(self, folder: Path) -> int:
@@ -145,7 +161,8 @@ class _Archive:
         try:
             with self._tar() if noun == "tar" else self._zip() as entries:
                 wanted = self._wanted(entries)
-                require_free_space(folder, sum(entry.size for entry in wanted))
+                needed_bytes = sum(entry.size for entry in wanted)
+                require_free_space(folder, needed_bytes + self._limits.reserve_bytes)
                 for entry in wanted:
                     source = entry.opened()
                     assert source is not None
@@ -182,7 +199,7 @@ class _Archive:
         if into.is_file():
             raise RunError(f"{self._name} holds two files of one name; it is not unpacked.")
         into.mkdir(exist_ok=True)
-        count = _Archive(path, self._endings, self._limits, depth).unpack(into)
+        count = _Archive(path, self._endings, self._limits, None, depth).unpack(into)
         path.unlink()
         return count
 
@@ -236,6 +253,8 @@ class _Archive:
         for entry in entries:
             path, is_archive = entry.path, _ending_of(entry.path.name) is not None
             is_wanted = path.suffix.lower() in self._endings or is_archive
+            if self._is_named is not None:
+                is_wanted = not is_archive and is_wanted and self._is_named(path.as_posix())
             if entry.is_folder or not is_wanted or is_hidden(path):
                 continue
             if path in wanted:

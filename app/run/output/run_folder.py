@@ -38,7 +38,7 @@ NO_RUN = (
     "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
     "this version has written, or its zip."
 )
-_MAX_BYTES = 20_000_000
+MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
 _OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_frames"}
@@ -271,7 +271,7 @@ def read_run(folder: Path) -> RunRecord:
     if not (folder / RUN).is_file():
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
     try:
-        return read_checked(folder / RUN, RunRecord, _MAX_BYTES)
+        return read_checked(folder / RUN, RunRecord, MAX_RUN_BYTES)
     except (FieldError, OverflowError, RecursionError) as error:
         why = f"{RUN} is damaged: {error}"
         raise RunError(NO_RUN.format(name=name, why=why)) from None

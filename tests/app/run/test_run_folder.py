@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -10,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import Cancelled, RunError
+from app.errors import Cancelled, DiskFullError, RunError
 from app.run.ask import Ask, Ear, Event, Grown
-from app.run.many.opened import copied_run, opened
+from app.run.many.opened import LIMITS, copied_run, opened, run_folder
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
@@ -273,6 +274,27 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
         copy = copied_run(own, tmp_path / str(number))
         assert read_run(copy) == read_run(results)
         assert (copy / "shown/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
+
+
+def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -> None:
+    (row,) = rows_of(["a"])
+    row.files = {"motion": "a.npz"}
+    RunRecord(kind="given", point="right_wrist", rows=[row], files=["a.npz"]).write(tmp_path / RUN)
+    for clips in (("",), ("x/", "y/")):
+        path = tmp_path / f"{len(clips)}.zip"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for clip in clips:
+                archive.write(tmp_path / RUN, clip + RUN)
+                archive.writestr(f"{clip}a.npz", b"motion")
+                archive.writestr(f"{clip}bomb.npz", bytes(10**6))
+                archive.writestr(f"{clip}other/deep/deeper/{RUN}", bytes(10**6))
+        into = tmp_path / f"into {len(clips)}"
+        run_folder(path, into)
+        there = {each.relative_to(into).as_posix() for each in into.rglob("*") if each.is_file()}
+        assert there == {clip + name for clip in clips for name in (RUN, "a.npz")}
+    assert LIMITS.reserve_bytes > 0
+    with pytest.raises(DiskFullError):
+        run_folder(path, tmp_path / "full", limits=replace(LIMITS, reserve_bytes=2**60))
 
 
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ from app.page.tabs.stage import Remaining, VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
 from app.run.ask import Ask, Ear, Progress
+from app.run.many.opened import OPENED
+from app.run.many.unpacked import UNPACKED
 from app.run.output.run_folder import RUN, zip_run
 from app.run.tasks import Sets
 from app.study.make.workspace import ExportRequest
@@ -133,6 +135,26 @@ def test_videos_tell_when_they_are_ready_from_the_rate_so_far():
     assert remaining.sentence(0.22, 28.0) == ", ready in about 40 s"  # 2 % a second
     assert remaining.sentence(0.99, 60.0) == ", ready in about 5 s"
     assert Remaining((0.0, 0.0)).sentence(0.1, 30.0) == ", ready in about 4 min"
+
+
+def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path):
+    left: list[Path] = []
+
+    def unpack(place: str) -> Any:
+        def do(ask: Ask, ear: Ear) -> None:
+            left.append(ask.out.parent / place / "a.npz")
+            left[-1].parent.mkdir(parents=True)
+            left[-1].touch()
+            raise RunError("It is too large.")
+
+        return do
+
+    own = Own(tmp_path, unpack(OPENED), unpack(f"results/{UNPACKED}"))
+    for name in ("a.npz", "a.zip"):
+        last = updates_of(own.runner, own.parts, [str(tmp_path / name)], *ONE)[-1]
+        assert last == {"error": "It is too large."}
+    wait_for(lambda: not any(path.parent.exists() for path in left))
+    assert len(left) == 2
 
 
 class Measured:
