@@ -165,7 +165,7 @@ class AppConfig:
     max_upload: str = "250mb"
     """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
     max_waiting: int = 32
-    """For their turn, videos behind a stage among them."""
+    """For their turn, videos behind a stage among them, checks of uploads not."""
     keep_results_s: float = 3600.0
     """Results and uploads are deleted this long after they were made."""
     max_run_s: float = 2 * 3600.0

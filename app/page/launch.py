@@ -108,6 +108,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.page.tabs.runner import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import Jobs, keep_swept
+    from app.page.visitors.turns import Turns, leaving_route
     from app.page.visitors.uploads import keep_uploads_tidy
     from app.page.visitors.visitors import visitor_route
     from app.page.worker import Limits, Worker
@@ -150,8 +151,15 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         opened=opened,
     )
     page = build_app(services)
-    waiting = page._queue  # `page.queue` would make all of the app once more
-    waiting.max_size, waiting.default_concurrency_limit = config.max_waiting, 1
+    page._queue = waiting = Turns(  # `page.queue` would make all of the app once more
+        jobs,
+        config.max_waiting,
+        live_updates=True,
+        concurrency_count=page.max_threads,
+        update_intervals=1,
+        blocks=page,
+        default_concurrency_limit=1,
+    )
     # Gradio would look a thousand times a second, which took a tenth of a core at rest.
     waiting.sleep_when_free, waiting.progress_update_sleep_when_free = LOOK_S, 1.0
     made = MadeFiles(config.temp, gate.do)
@@ -161,6 +169,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         *media_routes(media, made),
         researcher_route(services.private),
         visitor_route(),
+        leaving_route(jobs),
         *live_routes(services.live),
     ]
     page.launch(

@@ -17,7 +17,7 @@ from app.page.tabs.runner import Services
 from app.page.tabs.stage import SeenRunner, TakesRunner
 from app.page.tabs.study import build_analysis, build_study_tab
 from app.page.tabs.systems import HearingRunner, MechanismRunner, StepCurveRunner, build_systems_tab
-from app.page.visitors.visitors import VISITOR_ROUTE
+from app.page.visitors.visitors import VISITOR_ROUTE, visitor_of
 
 _FORM_ID = "motion-form"
 _FORM = f"document.getElementById('{_FORM_ID}')"
@@ -42,6 +42,13 @@ def build_app(services: Services) -> gr.Blocks:
             own_motion_tab.TAB,
             html_template="",
             js_on_load=mount("reopen.js", "mountReopen"),
+            apply_default_css=False,
+            elem_classes="told-elsewhere",
+        )
+        name_of_page = gr.HTML(
+            "",
+            html_template="",
+            js_on_load=mount("leaving.js", "mountLeaving"),
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )
@@ -70,6 +77,7 @@ def build_app(services: Services) -> gr.Blocks:
         GenerateRunner(services, form, results).wire(page, form.fields, api_name="generate")
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_BEGIN_LOADING)
+        page.load(visitor_of, outputs=name_of_page, **AT_ONCE)
         opening = Opening(services, tabs, places, form.fields)
         for parts in places.values():
             opening.chooses(parts)

@@ -33,7 +33,7 @@ from conventions.names import printable
 from model.storage.checked import why
 
 log = logging.getLogger(__name__)
-OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor")
+OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor", "/leave")
 """Gradio asks for a login before its own routes; these stand beside them."""
 UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
 """Gradio has them for parts that this page has not; they take files that nobody counts."""

@@ -28,6 +28,7 @@ from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRuns
 from app.page.routes.media import Media
 from app.page.visitors.files import Job, Jobs
+from app.page.visitors.turns import CHECKS, RUNS
 from app.page.visitors.visitors import Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
 from app.run.ask import Ear, Event, Grown, Progress
@@ -94,7 +95,8 @@ class Services:
             field,
             refusal,
             **PRIVATE,
-            concurrency_limit=4,
+            concurrency_id=CHECKS,
+            concurrency_limit=1,
         )
 
     def _refusal(self, kind: UploadKind, value: str | list[str] | None) -> str:
@@ -175,6 +177,9 @@ class TabRunner(ABC):
     tab: ClassVar[str]
     is_told: ClassVar[bool] = True
     """Whether the tab itself says why a run has failed."""
+    outlives: ClassVar[bool] = False
+    """Whether a run stands in the visitor's runs, and so goes on if its page loses the connection.
+    """
 
     def __init__(self, services: Services, status: gr.HTML) -> None:
         self._services = services
@@ -195,7 +200,7 @@ class TabRunner(ABC):
         # One after the other, whoever asks; its place in the queue is told on the status, and
         # another click of the same button is none.
         usual = {"show_progress": "minimal", "show_progress_on": self._status}
-        usual |= {"trigger_mode": "once", "concurrency_id": "run"}
+        usual |= {"trigger_mode": "once", "concurrency_id": RUNS}
         return event(run, fields, **{**usual, **how})
 
     def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> None:
@@ -207,7 +212,9 @@ class TabRunner(ABC):
         cookie, visitor = cookie_of(request), visitor_of(request)
         try:
             with (
-                self._services.jobs.opened(visitor, self.tab, cookie, values) as job,
+                self._services.jobs.opened(
+                    visitor, self.tab, cookie, values, outlives=self.outlives and bool(cookie)
+                ) as job,
                 closing(self.steps(job, values)) as steps,
             ):
                 blank = next(steps)

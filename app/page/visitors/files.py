@@ -130,6 +130,8 @@ class Job:
     folder: Path
     cookie: str = ""
     """Of the visitor's browser; empty for one that keeps none."""
+    outlives: bool = False
+    """Whether it goes on if its page loses the connection, as it can be opened again later."""
     beside: list[Path] = field(default_factory=list)
     """What is kept beside its folder: what the visitor has given it to work with."""
     _stopped: threading.Event = field(default_factory=threading.Event)
@@ -153,13 +155,20 @@ class Jobs:
 
     @contextmanager
     def opened(
-        self, visitor: str, tab: str, cookie: str = "", values: Sequence[Any] = ()
+        self,
+        visitor: str,
+        tab: str,
+        cookie: str = "",
+        values: Sequence[Any] = (),
+        *,
+        outlives: bool = False,
     ) -> Iterator[Job]:
         """A job in a folder that only this process's user can enter; it stays for the downloads.
         Its folder and the uploads among the values of a form are kept until the job ends, and then
         for as long as new ones."""
         uploads = uploads_of(values, self._root.with_name("gradio"))
-        job = Job(visitor, tab, self._root / secrets.token_hex(16), cookie, uploads)
+        folder = self._root / secrets.token_hex(16)
+        job = Job(visitor, tab, folder, cookie, outlives, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
         touch(job.beside)
         with self._lock:
@@ -178,6 +187,19 @@ class Jobs:
             for job in self._jobs:
                 if not visitor or (job.visitor, job.tab) == (visitor, tab):
                     job.cancel()
+
+    def leave(self, visitor: str, cookie: str) -> None:
+        """Stop all runs of a page that is closed, as its own browser says."""
+        with self._lock:
+            for job in self._jobs:
+                if job.visitor == visitor and job.cookie in ("", cookie):
+                    job.cancel()
+
+    def outlives(self, visitor: str) -> bool:
+        """Whether a run of a page goes on without it, as nobody has stopped it."""
+        with self._lock:
+            own = [job for job in self._jobs if job.visitor == visitor]
+            return any(job.outlives and not job.is_cancelled() for job in own)
 
     def in_use(self) -> list[Path]:
         """Folders and uploads of runs that have not ended."""

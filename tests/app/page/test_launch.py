@@ -246,7 +246,7 @@ def test_a_page_reads_files_and_computes_nothing_and_leaves_nothing_however_it_i
 
 def test_the_queue_is_bounded_and_a_page_at_rest_seldom_looks_who_waits(served):
     waiting = served.app.get_blocks()._queue
-    assert (waiting.max_size, waiting.default_concurrency_limit) == (AppConfig().max_waiting, 1)
+    assert (waiting.max_waiting, waiting.default_concurrency_limit) == (AppConfig().max_waiting, 1)
     assert waiting.sleep_when_free >= 0.01
 
 

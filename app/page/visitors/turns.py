@@ -1,0 +1,199 @@
+"""Gradio's queue with turns for those only who still listen, and few for any one address.
+
+An event is begun when its browser or program listens for what comes of it; one that nobody has
+listened for within a few seconds is dropped. A run that has begun and whose page loses its
+connection, as on a phone that locks, goes on until somebody else waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import time
+from typing import Any
+
+import fastapi
+from fastapi.routing import APIRoute
+from gradio import queueing, route_utils
+from gradio.queueing import Event, EventQueue
+from gradio.utils import LRUCache
+
+from app.page.visitors.files import Jobs
+from app.page.visitors.visitors import address_of, cookie_of
+
+LEAVING_ROUTE = "/leave"
+RUNS, CHECKS = "run", "check"
+"""Names of the queues (Gradio's `concurrency_id`) of runs and of checks of uploads."""
+MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
+HEARD_WITHIN_S = 10.0
+"""Time within which somebody must listen for an event that waits."""
+MAX_SESSIONS = 2000
+"""Most pages whose messages are held."""
+FULL = "{count} others wait already; try again in a while."
+FULL_OF_ADDRESS = "{count} wait already from your address, the most that may; wait for one of them."
+
+
+class Messages(asyncio.Queue):
+    """Messages to one page, with how many listen for them."""
+
+    num_listening = 0
+
+    async def get(self) -> Any:
+        self.num_listening += 1
+        try:
+            return await super().get()
+        finally:
+            self.num_listening -= 1
+
+
+class _AllMessages(LRUCache):
+    """Messages by page, each new queue of which is a `Messages`."""
+
+    def __setitem__(self, session: str, queue: asyncio.Queue) -> None:
+        super().__setitem__(session, queue if isinstance(queue, Messages) else Messages())
+
+
+class Turns(queueing.Queue):
+    """Queue of one page; used from Gradio's loop alone, as its base class is."""
+
+    def __init__(self, jobs: Jobs, max_waiting: int, **options: Any) -> None:
+        """
+        Args:
+            max_waiting: most events that wait, without checks of uploads.
+            options: those of Gradio's queue.
+        """
+        super().__init__(max_size=None, **options)
+        self.max_waiting = max_waiting
+        self.pending_messages_per_session = _AllMessages(MAX_SESSIONS)
+        self._jobs = jobs
+        self._abandoned: set[str] = set()
+        """Ids of events that go on without a page."""
+        self._checked = ""
+        """Address whose upload was checked last."""
+
+    async def push(
+        self, body: Any, request: fastapi.Request, username: str | None
+    ) -> tuple[Any, Any, Any]:
+        """Take in an event unless too many wait already, in all or from its address."""
+        if body.fn_index is not None:
+            kind = route_utils.get_fn(self.blocks, None, body).concurrency_id
+            self._drop_unheard()
+            waiting = [event for event in self._waiting() if event.concurrency_id != CHECKS]
+            if kind != CHECKS and len(waiting) >= self.max_waiting:
+                return False, FULL.format(count=len(waiting)), "queue_full"
+            limit = MAX_CHECKS_OF_ADDRESS if kind == CHECKS else MAX_OF_ADDRESS
+            own = [event for event in self._waiting(kind) if _is_from(event, address_of(request))]
+            if len(own) >= limit:
+                return False, FULL_OF_ADDRESS.format(count=limit), "error"
+        held, messages = self.pending_event_ids_session, self.pending_messages_per_session
+        if len(held) > 2 * MAX_SESSIONS:  # Gradio forgets the messages of pages, not their events
+            for session in [each for each in held if each not in messages]:
+                del held[session]
+        return await super().push(body, request, username)
+
+    def get_events(self) -> tuple[list[Event], bool, str] | None:
+        """Return the event that is begun now, if there is any."""
+        self._drop_unheard()
+        queues = list(self.event_queue_per_concurrency_id.values())
+        random.shuffle(queues)
+        for queue in queues:
+            event = self._next_of(queue)
+            if event is None:
+                continue
+            limit = queue.concurrency_limit
+            if limit is not None and queue.current_concurrency >= limit:
+                self._end_abandoned(queue.concurrency_id)
+                continue
+            if queue.concurrency_id == CHECKS:
+                self._checked = address_of(event.request)
+            queue.queue.remove(event)
+            return [event], False, queue.concurrency_id
+        return None
+
+    def _next_of(self, queue: EventQueue) -> Event | None:
+        """Return the first event that somebody listens for; of checks, one of another address than
+        that of the last, if there is any."""
+        heard = [event for event in queue.queue if self._is_heard(event)]
+        others = [event for event in heard if not _is_from(event, self._checked)]
+        return next(iter((others if queue.concurrency_id == CHECKS else []) or heard), None)
+
+    def send_message(self, event: Event, event_message: Any) -> None:
+        """Send a message to the event's page, if that is there."""
+        if event._id not in self._abandoned:
+            super().send_message(event, event_message)
+
+    async def clean_events(
+        self, *, session_hash: str | None = None, event_id: str | None = None
+    ) -> None:
+        """Let go of the events of a page that has lost its connection: those that wait are taken
+        out, those that have begun end, but for a run that outlives its page."""
+
+        def is_meant(event: Event) -> bool:
+            return event.session_hash == session_hash or event._id == event_id
+
+        others = [each for each in self._waiting(RUNS) if self._is_heard(each)]
+        for event in filter(is_meant, self._begun()):
+            if event.concurrency_id == RUNS and self._jobs.outlives(event.session_hash):
+                if not any(not is_meant(other) for other in others):
+                    self._abandoned.add(event._id)
+                    continue
+            event.alive = False
+        async with self.delete_lock:
+            for event in filter(is_meant, self._waiting()):
+                self._remove(event)
+        if session_hash is not None:
+            self.pending_messages_per_session.pop(session_hash, None)
+
+    def _end_abandoned(self, kind: str) -> None:
+        """End the events of one queue that go on without a page, as somebody waits for them."""
+        for event in self._begun():
+            if event.concurrency_id == kind and event._id in self._abandoned:
+                event.alive = False
+
+    async def process_events(self, events: list[Event], *how: Any) -> None:
+        try:
+            await super().process_events(events, *how)
+        finally:
+            self._abandoned.difference_update(event._id for event in events)
+
+    def _waiting(self, kind: str | None = None) -> list[Event]:
+        queues = self.event_queue_per_concurrency_id.items()
+        return [event for name, each in queues if kind in (None, name) for event in each.queue]
+
+    def _begun(self) -> list[Event]:
+        return [event for events in self.active_jobs for event in events or ()]
+
+    def _is_heard(self, event: Event) -> bool:
+        """Check whether somebody listens for what comes of an event."""
+        messages = self.pending_messages_per_session.get(event.session_hash)
+        return isinstance(messages, Messages) and messages.num_listening > 0
+
+    def _drop_unheard(self) -> None:
+        before = time.monotonic() - HEARD_WITHIN_S
+        for event in self._waiting():
+            if event.enqueue_time < before and not self._is_heard(event):
+                self._remove(event)
+
+    def _remove(self, event: Event) -> None:
+        """Take an event out that waits, and all that is held for its page if that was the last."""
+        self.event_queue_per_concurrency_id[event.concurrency_id].queue.remove(event)
+        self.event_ids_to_events.pop(event._id, None)
+        ids = self.pending_event_ids_session.get(event.session_hash, set())
+        ids.discard(event._id)
+        if not ids and not self._is_heard(event):
+            self.pending_event_ids_session.pop(event.session_hash, None)
+            self.pending_messages_per_session.pop(event.session_hash, None)
+
+
+def _is_from(event: Event, address: str) -> bool:
+    return address_of(event.request) == address
+
+
+def leaving_route(jobs: Jobs) -> APIRoute:
+    """Serve the last word of a page that is closed on purpose: its runs end at once."""
+
+    async def leave(request: fastapi.Request) -> fastapi.Response:
+        jobs.leave((await request.body()).decode("latin-1"), cookie_of(request))
+        return fastapi.Response(status_code=204)
+
+    return APIRoute(LEAVING_ROUTE, leave, methods=["POST"], include_in_schema=False)
