@@ -122,12 +122,17 @@ class Finding:
 
 def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
     """What no person does first, then what is furthest outside of what people do."""
-    return sorted(findings, key=lambda each: (each.gravity != WRONG, -each.severity))
+    return sorted(findings, key=_order)
+
+
+def _order(finding: Finding) -> tuple[bool, float]:
+    return finding.gravity != WRONG, -finding.severity
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """The findings of several motions with their names: of each its gravest, the worst motion
-    first, by all that is found in it together; then all others, motion by motion."""
+    """Return the findings of several motions with their names: of each its gravest, the worst
+    motion first, by all that is found in it together; then all others, by how far outside they are.
+    """
 
     def badness(found: Sequence[Finding]) -> tuple[int, float]:
         return sum(each.gravity == WRONG for each in found), sum(
@@ -136,12 +141,9 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
     told = [(name, by_gravity(findings[name])) for name in order]
-    return [
-        (name, finding)
-        for part in (slice(1), slice(1, None))
-        for name, found in told
-        for finding in found[part]
-    ]
+    first = [(name, finding) for name, found in told for finding in found[:1]]
+    others = [(name, finding) for name, found in told for finding in found[1:]]
+    return first + sorted(others, key=lambda other: _order(other[1]))
 
 
 def clock(frame: int) -> str:

@@ -30,6 +30,10 @@ NAMED = 3
 POP_DEG = 17.0
 """By which one frame stands off both its neighbours, beyond twice their own distance; clean: 6.6.
 """
+SNAP_DEG = 30.0
+"""By which one step turns a joint, beyond twice the steps before and after; recorded clips: at most
+7.1 and 15.3, hence `SNAP_SPAN`."""
+SNAP_SPAN = 2.2
 COPY_DEG_S = 0.3
 """Faster than this is the fastest joint of two frames that are no copies; clean: over 1."""
 COPIES = 2
@@ -100,6 +104,31 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
         excess=float(beyond.max() / POP_DEG),
         worst_frame=int(frame) + 1,
+        stretches=tuple((int(each), int(each)) for each in frames[:20]),
+    )
+
+
+def snaps(evidence: Evidence) -> Iterator[Finding]:
+    """Find joints that are elsewhere from one frame to the next, and stay there."""
+    if len(evidence.turning) < 3:
+        return
+    steps = evidence.turning_deg_s[:, list(BODY)] / FPS
+    beside = np.pad(steps, ((1, 1), (0, 0)))
+    beyond = steps - 2 * np.maximum(beside[:-2], beside[2:])
+    is_snap = (beyond > SNAP_DEG).any(axis=1)
+    if not is_snap.any():
+        return
+    at, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    frames = np.flatnonzero(is_snap) + 1
+    name = JOINT_NAMES[BODY[joint]]
+    count = f"{len(frames)} times joints snap" if len(frames) > 1 else "A joint snaps"
+    yield Finding(
+        f"{count} to another angle within one frame, most the {point_words(name)} by"
+        f" {steps[at, joint]:.0f}° at {clock(int(at) + 1)}.",
+        {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
+        excess=float(beyond.max() / SNAP_DEG),
+        span=SNAP_SPAN,
+        worst_frame=int(at) + 1,
         stretches=tuple((int(each), int(each)) for each in frames[:20]),
     )
 

@@ -19,7 +19,7 @@ from model.faults.evidence import (
 )
 from model.measures.face import unit_columns
 from model.measures.joints import FINGER_JOINT_NAMES
-from model.measures.posture import FEET, FLOATING_M, SINKING_M, WRISTS
+from model.measures.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.tracks import point_words
 
@@ -30,6 +30,9 @@ LIFT_M = 0.08
 FOOT_SLIDE_M_S = 0.15
 """Clean: at most 0.12, and 0.07 over a whole clip."""
 FLOATING_FRAMES = 8
+RISE_M = 0.10
+"""Of the lower foot over its own 5th percentile; recorded clips: at most 0.08 in a stretch of 10 s.
+"""
 SINKING_FRAMES = 2
 CONTACT_SHARE = 0.35
 """Clean: at least 0.52 in a stretch of 10 s, 0.97 over a whole clip."""
@@ -81,15 +84,19 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
 
 
 def feet_float(evidence: Evidence) -> Iterator[Finding]:
-    """Both feet in the air, over the height at which the lower one usually is."""
-    above = evidence.lower_foot_m - evidence.floor_m
+    """Find where both feet are in the air: over the height at which the lower one usually is, or,
+    of a body that bobs, over where it is lowest.
+    """
+    above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
     contact = evidence.raw.posture.foot_contact_share
-    runs = [r for r in stretches_of(above > FLOATING_M) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
+    is_up = (evidence.lower_foot_m - evidence.floor_m > FLOATING_M) | (above > RISE_M)
+    runs = [r for r in stretches_of(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
     worst = int(above.argmax())
     found = (
-        f"Both feet leave the floor by up to {100 * above[worst]:.0f} cm, at {clock(worst)}"
+        f"Both feet leave the floor together by up to {100 * above[worst]:.0f} cm, at"
+        f" {clock(worst)}{f' and {len(runs) - 1} times more' if len(runs) > 1 else ''}"
         if runs
         else "The feet hardly ever keep to one floor"
     )

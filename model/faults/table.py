@@ -37,6 +37,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("time_shift", WRONG, glitches.shifted_reference, "reference"),
     Fault("time_shift", WRONG, glitches.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
+    Fault("snap", SEEN, glitches.snaps),
     Fault("rotation_noise", MEASURED, glitches.rotation_noise, of=("detail",)),
     Fault("seams", SEEN, glitches.seams),
     Fault("period", MEASURED, glitches.period, of=("detail",)),

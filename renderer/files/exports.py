@@ -120,14 +120,26 @@ _FEWEST_BETAS = 10
 """Shape keys of the smallest model of the add-on, which complains about every further beta."""
 
 
+def blender_notes(motion: BodyMotion) -> tuple[str, ...]:
+    """Return what of a motion a file for the add-on leaves out, one sentence each."""
+    if motion.expression_basis == "flame100" or not motion.expressions.any():
+        return ()
+    return (
+        f"The face expressions are left out: the motion uses {motion.expression_basis}, and"
+        " Blender's SMPL-X body needs FLAME's; jaw and eyes still move.",
+    )
+
+
 def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()) -> None:
     """Write ``motion`` for the SMPL-X add-on's "Add Animation" (Load animation); radians.
 
     What the add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and
     later): ``trans``, ``gender``, ``mocap_frame_rate``, ``betas`` and ``poses``, all of them
     needed, without pickled objects. The other keys are those of AMASS for SMPL-X, for tools that
-    want the pose in parts. Choose in Blender: Format "SMPL-X" (y up; "AMASS" would lay the body
-    down), hand pose reference "Flat". The add-on leaves the face expression alone.
+    want the pose in parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's
+    version of the add-on needs; zeros where the motion has ARKit's weights.
+    Choose in Blender: Format "SMPL-X" (y up; "AMASS" would lay the body down), hand pose reference
+    "Flat".
 
     Args:
         markers: moments in seconds with names: the arrays ``marker_frames``, counted from 0, and
@@ -141,6 +153,7 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
         frames = [round(seconds * FPS) for seconds, _ in markers]
         told["marker_frames"] = np.array(frames, np.int32)
         told["marker_names"] = np.array([name for _, name in markers])
+    is_flame = motion.expression_basis == "flame100"
     with out.open("wb") as file:
         np.savez(
             file,
@@ -150,6 +163,7 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
             mocap_time_length=np.float32(motion.num_frames / FPS),
             trans=motion.trans,
             poses=motion.poses,
+            expressions=motion.expressions if is_flame else np.zeros_like(motion.expressions),
             betas=betas,
             num_betas=np.int32(num_betas),
             root_orient=motion.poses[:, :3],

@@ -22,7 +22,7 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
-from renderer.files.exports import write_blender, write_bvh, write_still
+from renderer.files.exports import blender_notes, write_blender, write_bvh, write_still
 from renderer.files.glb import glb_bytes
 from renderer.video.compose import contact_sheet
 from renderer.video.workers import draw_jobs
@@ -50,7 +50,9 @@ def render_motion(ask: RenderAsk, ear: Ear = DEAF) -> tuple[tuple[Path, ...], tu
     else:
         files = _export(ask, body, motion)
     apart = () if ask.speech is None else _apart(ask.speech, read)
-    return files, (*reading.notes, *apart, *body.notes(motion))
+    # Blender shows a body of its own
+    own = blender_notes(motion) if ask.ending == ".blender.npz" else body.notes(motion)
+    return files, (*reading.notes, *apart, *own)
 
 
 def write_plan(ask: RenderAsk, *_: object) -> None:

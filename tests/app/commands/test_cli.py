@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -231,7 +232,7 @@ def test_a_transparent_still_shows_the_body_of_the_look_and_nothing_else(motion,
     assert usual.read_bytes() != broad.read_bytes()
 
 
-def test_what_the_blender_add_on_needs_is_there_without_pickles(motion, tmp_path):
+def test_what_the_blender_add_on_needs_is_there_without_pickles(motion, tmp_path, capsys):
     out = tmp_path / "clip.blender.npz"
     assert render(motion, out) == [out]
     original = smooth_motion_example(FRAMES)
@@ -245,6 +246,15 @@ def test_what_the_blender_add_on_needs_is_there_without_pickles(motion, tmp_path
         parts = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
         joined = np.concatenate([data[part] for part in parts], axis=1)
         np.testing.assert_array_equal(joined, original.poses)
+        assert data["expressions"].shape == (FRAMES, 100) and not data["expressions"].any()
+    capsys.readouterr()
+    faces = np.random.default_rng(0).normal(size=(FRAMES, 100)).astype(np.float32)
+    flame = replace(original, expressions=faces, expression_basis="flame100")
+    save_motion(flame, tmp_path / "flame.npz")
+    render(tmp_path / "flame.npz", out)
+    with np.load(out, allow_pickle=False) as data:  # BEAT2's version reads the face, too
+        np.testing.assert_array_equal(data["expressions"], faces)
+    assert "expressions are left out" not in capsys.readouterr().err
 
 
 def test_render_says_what_it_cannot_do(motion, capsys):

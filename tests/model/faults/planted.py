@@ -70,6 +70,15 @@ def popping(joints: np.ndarray) -> None:
     joints[[200, 280, 350], JOINT_INDEX["right_elbow"], 0] += 1.0
 
 
+def snapping(joint: str) -> Fault:
+    """Elsewhere until the third frame, by 2.3 rad."""
+
+    def change(joints: np.ndarray) -> None:
+        joints[:3, JOINT_INDEX[joint], 1] += 2.3
+
+    return on_joints(change)
+
+
 def noisy(*names: str) -> Fault:
     def change(joints: np.ndarray) -> None:
         noise = np.random.default_rng(0).standard_normal((len(joints), len(names), 3))
@@ -198,11 +207,16 @@ PLANTED = (
     planted("amplitude x .4", "amplitude", smaller, says="Gestures are small"),
     planted("amplitude x .4", "speed", smaller, "copied_face amplitude jerk",
             beside="reference", numbers={"ratio": 0.4}, first="copied_face"),
-    planted("freeze of 2 s", "frozen", frames(frozen), says="0:10.0",
+    planted("freeze of 2 s", "frozen", frames(frozen), "snap", says="0:10.0",
             numbers={"times": 1, "longest_s": 2.0, "total_s": 2.0}),
     planted("one pose", "still", frames(np.zeros_like)),
     planted("one-frame pops of 1 rad", "pops", popping, "jerk",
             numbers={"frames_popping": 3, "joint": "right_elbow"}),
+    planted("a snap of one frame", "snap", snapping("head"), says="by 132° at 0:00.1",
+            numbers={"snaps": 1, "joint": "head", "snap_deg": 132.0}),
+    planted("bobbing by 11 cm", "floating",
+            moved_by(lambda frame: 0.055 * np.sin(2 * np.pi * frame / 105), 1),
+            says="Both feet leave the floor together by up to 11 cm", numbers={"height_m": 0.11}),
     planted("noise on a joint", "rotation_noise", noisy("right_wrist"), "jerk",
             says="The right wrist (1.1°) shakes", numbers={"attributed_joint": "right_wrist"}),
     planted("noise on a joint that is not followed", "rotation_noise", noisy("left_middle1"),
@@ -266,6 +280,6 @@ PLANTED = (
     planted("a frozen hand", "frozen_hand", frozen_hand(LEFT_HAND),
             says="the left hand are frozen in 100 %",
             numbers={"side": "left", "still_share": 1.0}),
-    planted("hand in the body", "hand_in_body", hand_in_body, "jerk",
-            says="The right hand goes into", numbers={"side": "right"}, first="jerk"),
+    planted("hand in the body", "hand_in_body", hand_in_body, "jerk snap",
+            says="The right hand goes into", numbers={"side": "right"}, first="snap"),
 )  # fmt: skip

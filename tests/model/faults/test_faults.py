@@ -133,7 +133,7 @@ EXPECTED = {
     "chgs_3_vq": {"foot_slide", "still_translation", "still_face", "jerk", "period"},
     "emage_female": {"frozen", "foot_slide", "through_floor", "floating", "jerk"},
     "talkshow_french": {"speed"},
-    "zeroeggs_067_Speech_2": {"hand_in_body", "skipped_frames", "pops", "jerk", "speed"},
+    "zeroeggs_067_Speech_2": {"hand_in_body", "skipped_frames", "pops", "snap", "jerk", "speed"},
 }
 
 
@@ -164,6 +164,8 @@ def test_of_each_motion_the_gravest_comes_first_the_worst_motion_before_all():
     angles, grave = replace(narrow, gravity=1), Finding("Z.", {}, gravity=3)
     assert [each.severity for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
     found = {"a": [narrow], "b": [twice, angles, twice], "c": [angles, grave], "d": []}
+    far = Finding("W.", {}, excess=9.0)
+    assert ranked({"a": [far, angles], "b": [grave, narrow]})[2:] == [("b", narrow), ("a", angles)]
     assert ranked(found) == [
         *(("c", grave), ("b", twice), ("a", narrow)),
         *(("c", angles), ("b", angles), ("b", twice)),
