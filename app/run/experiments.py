@@ -39,6 +39,7 @@ from model.motion.altered import noisy_motions
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, save_motion
 from model.motion.tracks import moving_chain, track_points
+from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import NOTHING_SAID
 from renderer.figures.curves import (
@@ -396,7 +397,8 @@ def _points_of(
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_share(done / len(counts))
-        options = GenerateOptions(speaker, seed=ask.seed, steps=count)
+        seed = clip_seed(ask.seed, speech.sha256)  # the motion that `generate` makes
+        options = GenerateOptions(speaker, seed=seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
         seconds = time.perf_counter() - started
