@@ -61,7 +61,8 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
     if speech is not None:
         words.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
-        notes += [*speech.notes, *lengths_apart(speech.duration_s, durations)]
+        rates = {name: each.rate for name, each in readings.items()}
+        notes += [*speech.notes, *lengths_apart(speech.duration_s, durations, rates)]
     run.progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
     plans = {} if ask.opened is None else row_files(ask.opened, "performed")

@@ -118,6 +118,12 @@ class Reading:
     lacks: frozenset[Part] = frozenset()
     """What the file does not tell, so that nothing is to be found of it."""
 
+    @property
+    def rate(self) -> float:
+        """Frames a second at which the file was read."""
+        found = self.of("rate")
+        return 30.0 if found is None else float(found.value)
+
     def of(self, kind: Kind) -> Assumption | None:
         """What was assumed of one thing; None where nothing had to be."""
         return next((each for each in self.assumptions if each.kind == kind), None)
@@ -149,9 +155,15 @@ LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
 
-def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str]:
-    """One note for all motions that are clearly no match of the speech in length, and the rate at
-    which they would be."""
+def lengths_apart(
+    speech_s: float, durations_s: Mapping[str, float], rates: Mapping[str, float] | None = None
+) -> list[str]:
+    """Return one note for all motions that are clearly no match of the speech in length, and the
+    usual rate at which they would be.
+
+    Args:
+        rates: frames a second at which each was read, where that is not 30.
+    """
     others = {
         name: duration_s
         for name, duration_s in durations_s.items()
@@ -162,13 +174,21 @@ def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str
     ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
     who = next(iter(others)) if len(others) == 1 else f"{len(others)} of the motions"
     named = f"{who} {' to '.join(ends)} s"
-    shares = [duration_s / speech_s for duration_s in others.values() if speech_s > 0]
-    fitting = [
-        rate
-        for rate in (15, 20, 24, 25, 50, 60, 120)
-        if all(abs(share * 30 / rate - 1) < 0.01 for share in shares)
+    fits = [
+        duration_s * (rates or {}).get(name, 30.0) / speech_s
+        for name, duration_s in others.items()
+        if speech_s > 0
     ]
-    hint = f" At {fitting[0]} frames a second it would fit (--assume rate=N)." if fitting else ""
+    fitting = [
+        rate for rate in USUAL_RATES if fits and all(abs(f / float(rate) - 1) < 0.01 for f in fits)
+    ]
+    hint = ""
+    if fitting:
+        it = "it" if len(others) == 1 else "each"
+        hint = (
+            f" At {fitting[0]} frames a second {it} would be as long as the speech (--assume"
+            f" rate={fitting[0]})."
+        )
     return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
 
 

@@ -15,7 +15,7 @@ from app.run.models import get_body
 from app.run.tasks import MARKERS_ENDING, MAX_STILLS, SHEET_POSES, RenderAsk
 from app.run.videos.videos import jobs_of
 from conventions.views import View
-from model.formats.read import lengths_apart, read_any_motion
+from model.formats.read import Reading, lengths_apart, read_any_motion
 from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
@@ -49,7 +49,7 @@ def render_motion(ask: RenderAsk, ear: Ear = DEAF) -> tuple[tuple[Path, ...], tu
         files = _draw(ask, read, body, ear.share("video"))
     else:
         files = _export(ask, body, motion)
-    apart = () if ask.speech is None else _apart(ask.speech, read)
+    apart = () if ask.speech is None else _apart(ask.speech, reading)
     # Blender shows a body of its own
     own = blender_notes(motion) if ask.ending == ".blender.npz" else body.notes(motion)
     return files, (*reading.notes, *apart, *own)
@@ -64,8 +64,9 @@ def write_plan(ask: RenderAsk, *_: object) -> None:
         write_plan_file(plan, ask.out)
 
 
-def _apart(speech: Path, motion: Motion) -> list[str]:
-    return lengths_apart(load_speech(speech).duration_s, {"the motion": motion.duration_s})
+def _apart(speech: Path, reading: Reading) -> list[str]:
+    length_s, name = load_speech(speech).duration_s, "the motion"
+    return lengths_apart(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
 
 
 def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:

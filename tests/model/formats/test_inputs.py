@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.formats.read import Reading, read_any_motion, read_told
+from model.diagnostics import raw_evidence
+from model.faults.table import find_faults
+from model.formats.read import Reading, lengths_apart, read_any_motion, read_told
+from model.motion.kinematics import open_body_skeleton
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, foreign_folder
 from tests.model.formats.made import drawn, joints_of
@@ -206,3 +209,28 @@ def test_hands_of_published_results_keep_within_human_range_once_the_mean_hand_i
         for poses in (each.motion.poses.reshape(-1, 55, 3) for each in (reading, flat))
     ]
     assert np.percentile(bends[0], 10) > -0.2 > np.percentile(bends[1], 10)
+
+
+def test_of_a_file_with_a_wrong_frame_time_the_right_rate_is_offered():
+    path = ROOT.parent / "shared" / "data" / "inputs5" / "full_frametime_24_should_be_30.bvh"
+    if not path.is_file():
+        pytest.skip("no files that outsiders met here (shared/data/inputs5)")
+    reading = read_any_motion(path)
+    (note,) = lengths_apart(14.06, {"a": reading.motion.duration_s}, {"a": reading.rate})
+    assert "At 30 frames a second it would" in note and "--assume rate=30" in note
+    assert read_any_motion(path, read_told("rate=30")).motion.duration_s == pytest.approx(14.0)
+
+
+def test_a_body_that_bobs_is_found_and_one_that_stands_is_not():
+    folder = ROOT.parent / "shared" / "data" / "inputs5"
+    if not folder.is_dir():
+        pytest.skip("no files that outsiders met here (shared/data/inputs5)")
+    found = {
+        name: find_faults(
+            raw_evidence(read_any_motion(folder / f"{name}.npz").motion, open_body_skeleton())
+        )
+        for name in ("base", "emage_floats")
+    }
+    assert found["base"] == []
+    (floating,) = found["emage_floats"]
+    assert floating.kind == "floating" and "together by up to 12 cm" in floating.sentence

@@ -46,9 +46,12 @@ def test_what_differs_between_compared_motions_is_told():
 def test_a_rate_at_which_the_speech_would_fit_is_told():
     assert lengths_apart(10.0, {"a": 10.9, "b": 9.1}) == []
     (note,) = lengths_apart(10.0, {"a": 5.0, "b": 20.0})
-    assert "2 of the motions 5.0 to 20.0 s" in note and "it would fit" not in note
+    assert "2 of the motions 5.0 to 20.0 s" in note and "as long as the speech" not in note
     (note,) = lengths_apart(10.0, {"a": 5.0})
-    assert "a 5.0 s" in note and "At 15 frames a second it would fit" in note
+    assert "a 5.0 s" in note and "At 15 frames a second it would be as long as the" in note
+    (note,) = lengths_apart(14.06, {"a": 17.5}, {"a": 24.0})  # a BVH whose Frame Time is wrong
+    assert "At 30 frames a second it would" in note and "(--assume rate=30)" in note
+    assert "At" not in lengths_apart(14.06, {"a": 17.5}, {"a": 30.0})[0]
 
 
 def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
