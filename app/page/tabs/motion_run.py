@@ -97,6 +97,7 @@ class RunRunner(TabRunner):
         form.start.click(self.waits, outputs=waits, **AT_ONCE)
         # The button is free while figures are drawn; what it begins then comes after them.
         begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
+        begun[0].failure(self.refused, outputs=waits[1:], **AT_ONCE)  # also where no place is free
         begun += [self.after(event, [*form.fields.values()]) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
@@ -199,6 +200,11 @@ class RunRunner(TabRunner):
         self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting for its turn.")
         return {self._status: line, **self._buttons(is_running=True)}
+
+    def refused(self, request: gr.Request) -> Updates:
+        """The run has failed, or found the queue full."""
+        self._waiting.discard(visitor_of(request))
+        return self._buttons(is_running=False)
 
     def cancel(self, request: gr.Request) -> Updates:
         self._waiting.discard(visitor_of(request))
