@@ -23,7 +23,7 @@ COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Made by `tools.bake`."""
 NUM_DRAWN = 2
 """Of the coarser meshes; the others would show in any picture."""
-FACES_PER_SQUARE_PX = 0.055
+FACES_PER_SQUARE_PX = 0.044
 """Faces that a body needs, by its height in pixels squared: fewer show at the outline."""
 _CACHE_FORMAT = 1
 

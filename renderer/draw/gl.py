@@ -42,6 +42,7 @@ class Canvas(pyrender.Renderer):
         self._body: BodyScene | None = None
         self._camera: Camera | None = None
         self._covered = self._changed = self._whole = Box(0, 0, width, height)
+        self._unresolved = Box(0, 0, 0, 0)
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
         self._samples = _Framebuffer(SUPERSAMPLE * width, SUPERSAMPLE * height)
@@ -67,7 +68,7 @@ class Canvas(pyrender.Renderer):
             is_hiding = camera.eye[1] > self._floor_m and not self._subject.is_transparent
             (GL.glEnable if is_hiding else GL.glDisable)(GL.GL_CLIP_DISTANCE0)
             self._pass(self._samples, body, scale=SUPERSAMPLE, is_body=True)
-            self._resolve(body)
+        self._unresolved = body
         GL.glDisable(GL.GL_SCISSOR_TEST)
         GL.glFlush()
 
@@ -75,6 +76,7 @@ class Canvas(pyrender.Renderer):
         """Return the picture that was begun last, upper row first; the next call overwrites it. A
         fourth channel is the share of each pixel that the body covers, with straight colours, as
         PNG has them."""
+        self._resolve()
         box = self._changed
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
@@ -126,13 +128,17 @@ class Canvas(pyrender.Renderer):
         self._body.show_only(is_body=is_body)
         self.render(self._body.scene, RenderFlags.OFFSCREEN)
 
-    def _resolve(self, box: "Box") -> None:
-        """Lay the supersampled body over the picture within one rectangle."""
+    def _resolve(self) -> None:
+        """Lay the supersampled body over the picture, once; the driver waits for the samples."""
+        box, self._unresolved = self._unresolved, Box(0, 0, 0, 0)
+        if not box.width or not box.height:
+            return
         program = self._program_cache.get_program("resolve.vert", "resolve.frag")
         if not program._in_context():
             program._add_to_context()
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
         GL.glViewport(0, 0, *self._picture.size)
+        GL.glEnable(GL.GL_SCISSOR_TEST)
         GL.glScissor(box.left, box.bottom, box.width, box.height)
         for state in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
             GL.glDisable(state)
@@ -145,6 +151,7 @@ class Canvas(pyrender.Renderer):
         GL.glBindVertexArray(0)
         program._unbind()
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
 
     # pyrender calls these around and within its forward pass.
 

@@ -5,6 +5,7 @@ World frame: y up, metres, the body faces +z. A camera looks along its own -z, a
 app/page/web/body/orbit.js has the same rules and limits; a test holds the two together.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,7 @@ class Camera:
         eye, target = np.add(self.eye, offset), np.add(self.target, offset)
         return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=self.yfov_rad)
 
+    @functools.lru_cache(maxsize=16)  # noqa: B019 - a few small values
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """Rows: the camera's right, up and backward directions in the world."""
         backward = np.subtract(self.eye, self.target).astype(np.float64)

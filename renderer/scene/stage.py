@@ -186,13 +186,12 @@ class Stage:
         return self.shots[0].camera
 
     def pixel_m(self, shot: Shot, height_px: int) -> float:
-        """Return the size of a pixel (m) of a picture of that height where bodies come nearest to
-        the camera of a shot; 0 where they may touch it."""
+        """Return the size of a pixel (m) in the middle of the ground, or where a shot follows, of a
+        picture of that height; 0 behind the camera."""
         x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
         up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + MIDDLE_M
-        reach_m = 0.0 if shot.is_following else self.extent_m / 2.0
         camera = shot.camera
-        away_m = float(camera.axes()[2] @ np.subtract(camera.eye, (x, up_m, z))) - reach_m
+        away_m = float(camera.axes()[2] @ np.subtract(camera.eye, (x, up_m, z)))
         return max(away_m, 0.0) * 2.0 * float(np.tan(camera.yfov_rad / 2.0)) / height_px
 
     def seen_from(self, orbit: Orbit) -> "Stage":
