@@ -153,7 +153,7 @@ class FramePreparer:
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
         self.normals = VertexNormals(faces, num_vertices)
         self.ground = ShadowGround(stage)
-        self._faces = faces if num_vertices < SHADOW_VERTICES else None
+        self._faces = faces.T.copy() if num_vertices < SHADOW_VERTICES else None
 
     def __call__(
         self,
@@ -170,7 +170,8 @@ class FramePreparer:
             return replace(behind, vertices=vertices, normals=normals, colors=colors)
         points = vertices
         if self._faces is not None:
-            points = np.concatenate([vertices, vertices[self._faces].mean(axis=1)])
+            a, b, c = (vertices[corner] for corner in self._faces)
+            points = np.concatenate([vertices, (a + b + c) / 3.0])
         shadow = self.ground.shadow(points)
         return PosedFrame(
             vertices=vertices,

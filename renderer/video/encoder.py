@@ -4,6 +4,7 @@ The ffmpeg binary comes inside the ``imageio-ffmpeg`` wheel. A file appears unde
 only when it is complete; until then it has a partial name in the same folder.
 """
 
+import fcntl
 import os
 import re
 import shutil
@@ -24,6 +25,8 @@ from processes.ended import Ended
 from processes.job import Cancelled
 
 DEFAULT_CRF = 20
+PIPE_BYTES = 1 << 20
+"""Into ffmpeg: a whole frame fits, so that writing one does not wait for ffmpeg to read it."""
 Own = TypeVar("Own", bound="Encoder")
 
 
@@ -188,6 +191,9 @@ class Encoder:
             stdout=subprocess.DEVNULL if is_fed else subprocess.PIPE,
             stderr=self._messages,
         )
+        if self._process.stdin is not None:
+            with suppress(OSError):  # where a pipe may not be so large
+                fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         return self
 
     def follow(
