@@ -59,11 +59,11 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def body_glb() -> bytes:
     """The file; made at the first call."""
-    from renderer.body.levels import open_body_faces
+    from renderer.body.levels import NUM_DRAWN, open_body_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
-    return glb_bytes(body, reaches(body), coarser=open_body_faces()[1:])
+    return glb_bytes(body, reaches(body), coarser=open_body_faces()[NUM_DRAWN - 1 :])
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import Body
 
-NUM_FACES = (24_000, 12_000, 5_500, 2_800, 900)
+NUM_FACES = (26_000, 17_000, 12_000, 5_500, 2_800, 900)
 """Of each mesh, from fine to coarse."""
 _HANDS, _HEAD, _FACE, _EYES = 6.0, 3.0, 12.0, 60.0
 """How much more a change weighs there than elsewhere; the face is all that its units move."""

@@ -21,11 +21,11 @@ from renderer.body.decimation import coarser, surface_of
 
 COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Made by `tools.bake`."""
-NUM_DRAWN = 2
+NUM_DRAWN = 3
 """Of the coarser meshes; the others would show in any picture."""
-FACES_PER_SQUARE_PX = 0.044
+FACES_PER_SQUARE_PX = 0.06
 """Faces that a body needs, by its height in pixels squared: fewer show at the outline."""
-_CACHE_FORMAT = 1
+_CACHE_FORMAT = 2
 
 
 @functools.cache

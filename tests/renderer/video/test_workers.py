@@ -81,7 +81,7 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
     first = RenderJob(motion, Path("0.mp4"), Path("s.wav"), settings(crf=8), still_frames=(3, 0))
     jobs = {
         0: replace(first, stage=stage),
-        1: replace(first, out=Path("1.mp4"), settings=settings(view="side")),
+        1: replace(first, out=Path("1.mp4"), settings=settings(view="side", crf=8)),
         2: replace(first, motion=far, out=None),
         3: replace(first, out=None),
     }
