@@ -14,10 +14,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import Suppress, UseAppendAction, arg
 
 from app.errors import RunError
-from app.flags import File, Minutes, written
+from app.flags import File, Minutes, text_type
 
 PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
@@ -154,26 +154,28 @@ class AppConfig:
     """A site that may show the page in a frame, as https://lab.example; may be given again. By
     default none but the page itself; for a hosted space its host's too."""
     accounts: Annotated[
-        tuple[tuple[str, str], ...], written(read_accounts, "FILE", "none"), arg(name="auth")
+        tuple[tuple[str, str], ...], text_type(read_accounts, "FILE", "none"), arg(name="auth")
     ] = ()
     """Lines of NAME:PASSWORD; visitors must log in."""
     opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
     """Results of `generate` or `diagnose`, or their zip: shown when the page opens."""
     max_speech_s: Minutes = 600.0
     """Longest speech accepted."""
-    min_speech_s: float = 0.5
-    max_upload: str = "250mb"
+    min_speech_s: Suppress[float] = 0.5
+    max_upload: Suppress[str] = "250mb"
     """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
-    max_waiting: int = 32
+    max_waiting: Suppress[int] = 32
     """For their turn, videos behind a stage among them, checks of uploads not."""
-    keep_results_s: float = 3600.0
+    keep_results_s: Suppress[float] = 3600.0
     """Results and uploads are deleted this long after they were made."""
-    max_run_s: float = 2 * 3600.0
-    max_run_bytes: int = 4 * 10**9
+    max_run_s: Suppress[float] = 2 * 3600.0
+    max_run_bytes: Suppress[int] = 4 * 10**9
     """Of memory that a run may take beyond the models."""
-    min_free_bytes: int = 10**9
+    min_free_bytes: Suppress[int] = 10**9
     """Of the disk, which is never filled further."""
-    temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
+    temp: Suppress[Path] = field(
+        default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}"
+    )
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:

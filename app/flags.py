@@ -10,42 +10,77 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr
-from dataclasses import MISSING, dataclass, field, fields, make_dataclass
+from dataclasses import dataclass, field, make_dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import tyro
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import core_schema
 from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
-from conventions.names import listed, printable
+from conventions.names import printable
 from model.systems.registry import families
 
 
-def written(
-    read: Callable[[str], Any],
+class TextType(PrimitiveConstructorSpec[Any]):
+    """A type that tyro and pydantic read from text in the same way."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any) -> Any:
+            if not isinstance(value, str):
+                return value
+            try:
+                return self.instance_from_str([value.strip()])
+            except RunError as error:
+                raise ValueError(str(error)) from error
+
+        return core_schema.no_info_before_validator_function(read, handler(source))
+
+
+def text_type(
+    parse: Callable[[str], Any],
     metavar: str,
-    usual: str = "",
+    default: str = "",
     show: Callable[[Any], str] = str,
-) -> PrimitiveConstructorSpec:
-    """Marks a type whose values are read from one word.
+) -> PrimitiveConstructorSpec[Any]:
+    """Mark a type whose values are read from one word, on the command line, in forms and in files.
 
     Args:
-        read: may raise `RunError` with the sentence that says why a word is none.
-        usual: what is said in place of a default that is None or empty.
+        parse: may raise `RunError` with a sentence that says why a word cannot be read.
+        default: shown in help in place of a default that is None or empty.
     """
-    return PrimitiveConstructorSpec(
+    return TextType(
         nargs=1,
         metavar=metavar,
-        instance_from_str=lambda words: read(words[0]),
+        instance_from_str=lambda words: parse(words[0]),
         is_instance=lambda value: True,
-        str_from_instance=lambda value: [usual if value in (None, ()) else show(value)],
+        str_from_instance=lambda value: [default if value in (None, ()) else show(value)],
     )
 
 
-def names_of(told: str) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class Switch:
+    """Mark a type of which a check box gives one of two values."""
+
+    on: str
+    off: str
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def read(value: Any) -> Any:
+            return (self.on if value else self.off) if isinstance(value, bool) else value
+
+        return core_schema.no_info_before_validator_function(read, handler(source))
+
+
+def parse_names(told: str) -> tuple[str, ...]:
     """``A,B``; the empty tuple of ``all``.
 
     Raises:
@@ -57,7 +92,7 @@ def names_of(told: str) -> tuple[str, ...]:
     return () if names == ("all",) else names
 
 
-def one_of(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
+def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
     """Marks a type of which a person may ask for these alone."""
 
     def read(told: str) -> Any:
@@ -66,10 +101,10 @@ def one_of(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
                 return choice
         raise RunError(f"{told!r} is none of {', '.join(map(str, choices))}")
 
-    return written(read, "|".join(map(str, choices)))
+    return text_type(read, "|".join(map(str, choices)))
 
 
-def some_of(
+def subset_type(
     choices: tuple[str, ...], refusal: str, metavar: str, none: str = ""
 ) -> PrimitiveConstructorSpec:
     """Marks a tuple of which a person may name these alone, each once.
@@ -80,96 +115,43 @@ def some_of(
     """
 
     def read(told: str) -> tuple[str, ...]:
-        names = () if told and told == none else names_of(told)
+        names = () if told and told == none else parse_names(told)
         for name in names:
             if name not in choices:
                 raise RunError(refusal.format(name=name, names=", ".join(choices)))
         return tuple(dict.fromkeys(names))
 
-    return written(read, metavar, none, ",".join)
+    return text_type(read, metavar, none, ",".join)
 
 
-def no(name: str, about: str) -> Any:
-    """Marks a switch that is on by default, whose flag ``--no-NAME`` leaves something out."""
+def negative_flag(name: str, about: str) -> Any:
+    """Mark a switch that is on by default, whose flag ``--no-NAME`` leaves something out."""
     return arg(name=name, help=about, help_behavior_hint="")
 
 
-def a_count(told: str) -> int:
+def parse_count(told: str) -> int:
     """Raises `RunError` if it is none."""
     if not told.isdecimal() or int(told) < 1:
         raise RunError(f"{told!r} is no number from 1 on")
     return int(told)
 
 
-File = Annotated[Path | None, written(Path, "FILE", "none")]
-Text = Annotated[str | None, written(str, "NAME", "the first that is known")]
-Names = Annotated[tuple[str, ...], written(names_of, "A,B,...", "all", ",".join)]
-Count = Annotated[int | None, written(a_count, "N", "none")]
+File = Annotated[Path | None, text_type(Path, "FILE", "none")]
+Text = Annotated[str | None, text_type(str, "NAME", "the first that is known")]
+Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".join)]
+Count = Annotated[int | None, text_type(parse_count, "N", "none")]
 Minutes = Annotated[
     float,
-    written(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
+    text_type(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
     arg(name="max-minutes"),
 ]
 """Seconds."""
 
 
-def part_of(asked: type, *names: str, **instead: Any) -> Any:
-    """Marks a dataclass of which a command has flags of some fields alone; it is given the whole.
-
-    Args:
-        instead: of some fields another type, or with it another default: ``(type,)`` or ``(type,
-            default)``.
-    """
-    hints = get_type_hints(asked, include_extras=True)
-    own: dict[str, Any] = {name: each[0] for name, each in instead.items()}
-    values: dict[str, Any] = {
-        name: field(default=each[1]) if each[1:] else field() for name, each in instead.items()
-    }
-    for of in fields(asked):
-        if of.name not in (*names, *instead):
-            own[of.name] = hints[of.name]
-            values[of.name] = field(
-                init=False, default=of.default, default_factory=of.default_factory
-            )
-
-    def whole(cls: type, **given: Any) -> Any:
-        return asked(**given)
-
-    own_kind = {"__annotations__": own, "__new__": whole, **values}
-    part = type(asked.__name__, (asked,), own_kind)
-    return arg(constructor=dataclass(frozen=True, kw_only=True)(part))
-
-
-def refuse_ignored(asked: Any, names: Sequence[str], why: str, **usual: Any) -> None:
-    """Refuse flags that a command would ignore, where they differ from their defaults.
-
-    Args:
-        asked: the dataclass that the command was given.
-        names: fields of it that the command does not use.
-        why: first clause of the refusal.
-        usual: defaults that differ from the dataclass's own.
-
-    Raises:
-        RunError: naming the flags.
-    """
-    hints = get_type_hints(type(asked), include_extras=True)
-    given = []
-    for of in fields(asked):
-        if of.name not in names:
-            continue
-        default = of.default if of.default_factory is MISSING else of.default_factory()
-        if getattr(asked, of.name) not in (default, usual.get(of.name, default)):
-            marks = getattr(hints[of.name], "__metadata__", ())
-            flag = next((mark.name for mark in marks if getattr(mark, "name", None)), of.name)
-            given.append(f"--{flag.replace('_', '-')}")
-    if given:
-        raise RunError(f"{why}; leave {listed(given)} out.")
-
-
 def family_files() -> Any:
     """Marks what has a flag for each file that a family needs."""
     files = [file for family in families() for file in family.files]
-    kind = Annotated[Path | None, written(Path, "FILE", "none")]
+    kind = Annotated[Path | None, text_type(Path, "FILE", "none")]
     named = [
         (_name_of(file.flag), Annotated[kind, arg(help=file.help)], field(default=None))
         for file in files
@@ -221,6 +203,9 @@ def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> C
     try:
         with redirect_stderr(told):
             return tyro.cli(held, prog=program, args=list(argv), config=_SHAPE)  # type: ignore[return-value]
+    except RunError as error:  # of a value that cannot stand with the others
+        sys.stderr.write(f"{printable(f'{program}: {error} See --help.')}\n")
+        raise SystemExit(2) from None
     except SystemExit as left:
         if left.code:
             sentence = f"{program}: {_sentence(told.getvalue(), program)} See --help."

@@ -7,7 +7,7 @@ that play in a notebook's cell. It may import the page's player; nothing of the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from itertools import combinations
@@ -21,16 +21,18 @@ from pandas import DataFrame
 from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
-from app.run.ask import TIP, Ask, Ear
 from app.run.bodies import TipSource
+from app.run.callbacks import Ear
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.made import make_plan
 from app.run.many.table import titled
 from app.run.output.run_folder import RunRecord, row_files
 from app.run.output.telling import Bars
-from app.run.pipeline import do
+from app.run.pipeline import generate as _generate
+from app.run.requests.convert import request_from
+from app.run.requests.parts import DEFAULT_TRACKED_POINT
+from app.run.requests.requests import GenerateRequest, PlanRequest, RenderRequest
 from app.run.run_writer import writing_run
-from app.run.tasks import RenderAsk
 from app.run.videos.export import render_motion
 from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics import Diagnostics
@@ -193,7 +195,7 @@ def show(
     speech: SpeechLike | None = None,
     *,
     reference: MotionLike | None = None,
-    joint: str = TIP,
+    joint: str = DEFAULT_TRACKED_POINT,
     height: int = HEIGHT_PX,
 ) -> Player:
     """Motions in lock-step under the sound, with the stage's displays and the time line.
@@ -221,7 +223,7 @@ def diagnose(
     *,
     reference: MotionLike | None = None,
     speech: SpeechLike | None = None,
-    joint: str = TIP,
+    joint: str = DEFAULT_TRACKED_POINT,
     progress: bool = True,
 ) -> Diagnostics:
     """Measure motions, raw and filtered, and name their faults.
@@ -363,27 +365,32 @@ def generate(
             one that plans.
         plan: what the systems that plan are to perform; None lets them plan.
         reference: recorded motion of the same speech, to be measured and shown beside.
-        asked: further fields of `app.run.ask.Ask`, such as ``seed``, ``speaker``,
+        asked: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such as
+            ``seed``, ``speaker``,
             ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
     """
     systems = usual_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
     held = TemporaryDirectory()
     folder = Path(held.name)
-    ask = Ask(
-        speech=in_file(folder, speech),
-        out=folder / RUN,
-        systems=named,
-        plan=in_file(folder, plan),
-        reference=in_file(folder, reference),
-        has_figures=False,
-        **_fields(Ask, asked),
+    request = request_from(
+        GenerateRequest,
+        {
+            "speech": in_file(folder, speech),
+            "out": folder / RUN,
+            "systems": named,
+            "plan": in_file(folder, plan),
+            "reference": in_file(folder, reference),
+            "has_video": False,
+            "has_figures": False,
+            **_paths(asked),
+        },
     )
     with Bars(is_shown=progress, stays=False) as bars:
-        result = do(ask, Ear(bars.take))
-    motions, plans = (row_files(ask.out, kind) for kind in ("motion", "performed"))
+        result = _generate(request, Ear(bars.take))
+    motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "performed"))
     return Performance(
-        speech=read_speech(ask.speech or ""),
+        speech=read_speech(request.speech.path),
         motions={name: load_motion(path) for name, path in motions.items()},
         plans={name: read_plan_file(path).plan for name, path in plans.items()},
         said=result.said,
@@ -401,23 +408,14 @@ def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
     """
     with TemporaryDirectory() as held:
         sound, out = in_file(Path(held), speech), Path(held, "drawn.json")
-        return make_plan(Ask(speech=sound, out=out, **_fields(Ask, asked))).plan
+        values = {"speech": sound, "out": out, **_paths(asked)}
+        return make_plan(request_from(PlanRequest, values)).plan
 
 
-def _fields(of: type[Ask], asked: Mapping[str, Any]) -> dict[str, Any]:
-    """With files named by text, too.
-
-    Raises:
-        RunError: if there is no such field.
-    """
-    known = {field.name for field in fields(of)}
-    for name in asked:
-        if name == "recognise_words":
-            raise RunError('recognise_words=True is words="recognise" now.')
-        if name not in known:
-            raise RunError(
-                f"There is no {name!r} to ask for; there are {', '.join(sorted(known))}."
-            )
+def _paths(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """With files named by text, too."""
+    if "recognise_words" in asked:
+        raise RunError('recognise_words=True is words="recognise" now.')
     files = ("weights", "transcript", "style", "body")
     return {
         name: Path(value) if name in files and isinstance(value, str) else value
@@ -437,7 +435,7 @@ def render(
 
     Args:
         speech: sound of the video.
-        asked: further fields of `app.run.videos.export.RenderAsk`, such as ``size``,
+        asked: further fields of `app.run.requests.requests.RenderRequest`, such as ``size``,
             ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.
 
     Returns:
@@ -446,7 +444,6 @@ def render(
     out = Path(out)
     with TemporaryDirectory() as held, Bars(is_shown=progress, stays=False) as bars:
         moved, sound = (in_file(Path(held), given) for given in (motion, speech))
-        motions = () if moved is None else (moved,)
-        ask = RenderAsk(motions=motions, out=out, speech=sound, **_fields(RenderAsk, asked))
-        files, _ = render_motion(ask, Ear(bars.take))
+        values = {"motion": moved, "out": out, "speech": sound, **_paths(asked)}
+        files, _ = render_motion(request_from(RenderRequest, values), Ear(bars.take))
     return files

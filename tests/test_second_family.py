@@ -14,8 +14,7 @@ from frame_regression.config import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
 from app.page.tabs.systems import ladder
-from app.run.ask import Ask
-from app.run.pipeline import do
+from app.run.pipeline import run
 from model import evaluate as measuring
 from model.evaluation.clips import Cast
 from model.generation.windows import GenerateOptions, generate_motion
@@ -23,6 +22,7 @@ from model.sampling.samplers import Sampling, UnknownNameError
 from model.systems import registry
 from model.systems.registry import families, list_systems, load_system, read_card, register
 from model.train import main
+from tests.app.requests import generate_request
 from tests.model.made import made_speech
 from tests.model.training.made import state_of
 
@@ -101,8 +101,10 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     catalogue = read_catalogue(weights)
     assert FAMILY.about[MEAN] in ladder(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
-    request = Ask(speech=speech, out=tmp_path / "out", weights=weights, has_poses=False)
-    do(request)
+    request = generate_request(
+        speech=speech, out=tmp_path / "out", weights=weights, has_poses=False
+    )
+    run(request)
     assert (tmp_path / "out" / "regression-mean.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())
     assert record["weights"][MEAN]["sha256"] == record["weights"][DRAWN]["sha256"]

@@ -17,10 +17,12 @@ import numpy as np
 import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
-from app.run.ask import Ask, Ear, Event, Grown
+from app.run.callbacks import Ear, Event, Grown
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
-from app.run.pipeline import do
+from app.run.pipeline import generate
+from app.run.requests.convert import request_from
+from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
@@ -146,15 +148,17 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
     ladder = tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
     started = time.monotonic()
-    ask = Ask(
-        speech=clip,
-        out=folder / "page",
-        has_video=True,
-        systems=ladder,
-        size=PAGE_SIZE_PX,
-        close_ups=CLOSE_UPS,
+    request = request_from(
+        GenerateRequest,
+        {
+            "speech": clip,
+            "out": folder / "page",
+            "systems": ladder,
+            "size": PAGE_SIZE_PX,
+            "close_ups": CLOSE_UPS,
+        },
     )
-    do(ask, Ear(watch))
+    generate(request, Ear(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"

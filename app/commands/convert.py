@@ -14,11 +14,12 @@ from tyro.conf import Positional, arg
 
 from app.config import default_body
 from app.errors import RunError, sentence_of
-from app.flags import File, refuse_ignored
-from app.run.ask import Assumed
+from app.flags import File
 from app.run.many.pairing import ends_in
 from app.run.models import get_body
 from app.run.output.telling import name_file, say
+from app.run.requests.convert import refuse_ignored
+from app.run.requests.parts import ImportOverrides
 from conventions.names import file_stem, printable
 from model.formats.parameters import motion_files
 from model.formats.read import Assumptions
@@ -39,7 +40,7 @@ class ConvertRequest:
     """A file (.npz, .bvh, .glb), or a folder for all."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
     """What a folder gets."""
-    told: Assumed = field(default_factory=Assumptions)
+    told: ImportOverrides = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
     """Licensed SMPLX_NEUTRAL*.npz: its mean hand is used, and its bones in .bvh and .glb."""
     is_json: Annotated[bool, arg(name="json")] = False

@@ -5,128 +5,42 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from app.config import default_body
 from app.errors import RunError
-from app.flags import (
-    Count,
-    File,
-    Names,
-    family_files,
-    no,
-    part_of,
-    refuse_ignored,
-    use_family_files,
-    written,
-)
-from app.run.ask import SAMPLING, Ask, Ear
-from app.run.display import Display
+from app.flags import Count, Names, family_files, text_type, use_family_files
+from app.run.callbacks import Ear
 from app.run.many.board import board_page, entries_of, merged, read_board, write_board
 from app.run.output.run_folder import read_run
 from app.run.output.telling import Bars, name_file, say
-from app.run.tasks import (
-    MEASURE_HEARING,
-    MEASURE_STEPS,
-    RUN,
-    SHOW_MECHANISM,
-    HearingAsk,
-    MechanismAsk,
-    RenderAsk,
-    StepsAsk,
-    Task,
+from app.run.requests.convert import refuse_ignored
+from app.run.requests.requests import (
+    DiagnoseRequest,
+    GenerateRequest,
+    PlanRequest,
+    RenderRequest,
+    RotationNoiseRequest,
+    SpeechEffectRequest,
+    StepSweepRequest,
 )
-from conventions.views import CLOSE_UPS
+from app.run.tasks import DIAGNOSE, GENERATE, MEASURE_HEARING, MEASURE_STEPS, SHOW_MECHANISM, Task
 from model.storage.files import write_atomically
-from model.systems.registry import usual_systems
 from processes.pool import JobPool
 
 _FIGURE = ("joint", "start_frame", "figure_forms", "figure_panels", "figure_frames", "figure_width")
-_WORDS = ("channel", "transcript", "words")
 _DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
-"""What decides a plan that is drawn of speech."""
+"""What decides a plan that is sampled from speech."""
+_FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
 _OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "shown", "has_video")
-"""What `diagnose` takes of single motions, and not of sets."""
-_SYSTEMS = ("weights", "speaker")
-
-
-def _speech(about: str) -> tuple[Any]:
-    return (Annotated[Positional[Path], arg(metavar="SPEECH", help=about)],)
-
-
-def _motion(about: str) -> tuple[Any]:
-    return (Annotated[Positional[tuple[Path, ...]], arg(metavar="MOTION", help=about)],)
-
-
+"""Options of `diagnose` for single motions, and not for sets."""
 Files = Annotated[Any, family_files()]
-_BODY = (File, default_body())
-_GENERATE = part_of(
-    Ask,
-    *("out", "systems", "weights", *SAMPLING),
-    *("post_filter", "plan", "style", "reference", "told", *_WORDS),
-    *("max_speech_s", *_FIGURE, "look", "views", "close_ups", "framing", "size", "display"),
-    "has_figures",
-    speech=_speech("Any sound file; or many: a folder of them, or a .txt with one path a line."),
-    body=_BODY,
-    has_video=(Annotated[bool, no("video", "No videos.")], True),
-)
-_DIAGNOSE = part_of(
-    Ask,
-    *("out", "speech", "reference", "told", *_WORDS, "mean_speeds", "window", "overlap"),
-    "emage_weights",
-    *(*_FIGURE, "shown", "has_poses"),
-    motions=_motion(
-        ".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
-        "folders or zips of them, paired by name, for numbers over many clips."
-    ),
-    body=_BODY,
-    has_video=(
-        Annotated[
-            bool,
-            arg(
-                name="videos",
-                help="A video of each motion that figures show, with close-ups and trail, in "
-                "register.",
-            ),
-        ],
-        False,
-    ),
-)
-_STEPS = part_of(
-    StepsAsk,
-    *("out", *_SYSTEMS, "seed", "counts", "figure_forms"),
-    systems=(Annotated[Names, arg(help="At most six.")],),
-    speech=_speech("Of which ten seconds are used."),
-)
-_HEARING = part_of(
-    HearingAsk,
-    *("out", *_SYSTEMS, "guidance", "seeds", "speakers", "figure_forms"),
-    speeches=(Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")],),
-    systems=(Names, usual_systems("hearing")),
-)
-_MECHANISM = part_of(
-    MechanismAsk,
-    *("out", "seed", "joint", "speech", "told", "size", "noise_rad", "figure_forms"),
-    motions=_motion("One."),
-    body=_BODY,
-)
-_PLAN = part_of(
-    Ask,
-    *("out", *_SYSTEMS, "seed", "guidance", *_WORDS, "style", "told"),
-    speech=_speech("Any sound file; or a motion, whose plan is found."),
-)
-_RENDER = part_of(
-    RenderAsk,
-    *("out", "speech", "told", "look", "views", "close_ups", "framing", "display", "joint"),
-    *("size", "plan", "num_stills", "sheet_every", "frame", "background"),
-    motions=_motion("One, in BEAT2's form, or any that is read."),
-    body=_BODY,
-)
+Flat = arg(name="")
+"""Groups of flags are named after the parts of a request alone."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +49,7 @@ class Pool:
 
     processes: Count = None
     """Of many clips: on this machine, one thread each."""
-    scheduler: Annotated[str | None, written(str, "ADDRESS", "none")] = None
+    scheduler: Annotated[str | None, text_type(str, "ADDRESS", "none")] = None
     """Of many clips: of Dask, such as tcp://head:8786, whose workers see the same files
     (docs/many-clips.md)."""
 
@@ -149,7 +63,7 @@ class Pool:
         return JobPool(self.processes, self.scheduler)
 
 
-def generate(ask: Annotated[Ask, _GENERATE], files: Files, pool: Pool) -> None:
+def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool) -> None:
     """Speech to motion, videos, numbers and Figure 6.
 
     Several systems move to one piece of speech, with the same noise, and are compared: npz, mp4,
@@ -159,34 +73,32 @@ def generate(ask: Annotated[Ask, _GENERATE], files: Files, pool: Pool) -> None:
     from app.run.many.speeches import is_many
 
     use_family_files(vars(files))
-    if ask.speech is not None and is_many(ask.speech):
-        _generate_many(ask, pool.jobs())
+    if is_many(request.speech.path):
+        _generate_many(request, pool.jobs())
     else:
-        _do(RUN, ask)
+        _run(GENERATE, request, request.output.out)
 
 
-def _do(task: Task, ask: Ask, files: Files = None) -> None:
-    """Do it, and say what its folder says: its numbers, and what stands out."""
-    if files is not None:
-        use_family_files(vars(files))
+def _run(task: Task, request: Any, out: Path) -> None:
+    """Run a task, and say what its folder says: its metrics, and what stands out."""
     with Bars() as shown:
-        task(ask, Ear(shown.take))
-    record = read_run(ask.out)
+        task(request, Ear(shown.take))
+    record = read_run(out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
     said = [record.says.get(key) for key in ("step", "beats")]
     findings = record.gravest if record.kind == "generated" else record.findings
     found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
-    paths = [ask.out / name for name in record.results]
+    paths = [out / name for name in record.results]
     _finish(paths, [*record.notes, *filter(None, [*verdict, *said]), *found])
 
 
-def _generate_many(ask: Ask, pool: JobPool) -> None:
+def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     """Each folder is named on standard output as it is there; what failed is said.
 
     Raises:
         RunError: at the end, if any failed.
     """
-    from app.run.many.speeches import asks_of, do_clips
+    from app.run.many.speeches import clip_requests, do_clips
 
     with Bars() as shown, _told_if_stopped():
 
@@ -194,8 +106,8 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
             shown.show("generate clips", share)
             name_file(folder)
 
-        done = do_clips(asks_of(ask), pool, on_done)
-    _finish([ask.out / path.name for path in done.files], done.notes)
+        done = do_clips(clip_requests(request), pool, on_done)
+    _finish([request.output.out / path.name for path in done.files], done.notes)
     for clip, sentence in done.failed.items():
         say(f"{clip}: {sentence}")
     if done.kept:
@@ -208,9 +120,9 @@ def _generate_many(ask: Ask, pool: JobPool) -> None:
 
 
 def diagnose(
-    ask: Annotated[Ask, _DIAGNOSE],
+    request: Annotated[DiagnoseRequest, Flat],
     pool: Pool,
-    check: Annotated[Literal["genea"] | None, written(str, "genea", "nothing")] = None,
+    check: Annotated[Literal["genea"] | None, text_type(str, "genea", "nothing")] = None,
 ) -> None:
     """Numbers, Figure 6 and jitter of anyone's motion files.
 
@@ -225,41 +137,42 @@ def diagnose(
 
     if check not in (None, "genea"):
         raise RunError("--check takes genea.")
-    ask = replace(ask, size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
-    if not ask.motions:
+    paths = request.motions.motions
+    if not paths:
         raise RunError("There is no motion to measure; name at least one file.")
     if check is not None:
-        _check_sets(ask)
+        _check_sets(request)
         return
-    if any(path.is_dir() or is_packed(path) for path in ask.motions):
-        _diagnose_folders(ask, pool.jobs())
+    if any(path.is_dir() or is_packed(path) for path in paths):
+        _diagnose_folders(request, pool.jobs())
         return
-    if ask.emage_weights is not None:
+    if request.metrics.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
-    _do(RUN, ask)
+    _run(DIAGNOSE, request, request.output.out)
 
 
-def _check_sets(ask: Ask) -> None:
+def _check_sets(request: DiagnoseRequest) -> None:
     from app.run.many.check import check_sets
 
-    ignored = (*_OF_ONE, "speech", "told", "channel", "mean_speeds", "emage_weights")
-    refuse_ignored(ask, ignored, "--check genea measures nothing")
-    found = check_sets(ask.motions, ask.reference, ask.out)
+    ignored = (*_OF_ONE, "speech", "import_overrides", "channel", "mean_speeds", "emage_weights")
+    refuse_ignored(request, ignored, "--check genea measures nothing")
+    out = request.output.out
+    found = check_sets(request.motions.motions, request.imports.reference, out)
     for checked in found.values():
         for sentence in checked.told:
             say(sentence)
-    name_file(ask.out / "check.md")
+    name_file(out / "check.md")
     wrong = [name for name, checked in found.items() if not checked.is_right]
     if wrong:
         raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
 
 
-def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
+def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.many.motions import diagnose_folders
 
-    refuse_ignored(ask, _OF_ONE, "Of folders only numbers over clips are made")
+    refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
     with Bars() as shown, _told_if_stopped():
-        result = diagnose_folders(ask, partial(shown.show, "measure clips"), pool)
+        result = diagnose_folders(request, partial(shown.show, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.told["left_out"], result.told["clips"]
     if left_out:
@@ -269,67 +182,66 @@ def _diagnose_folders(ask: Ask, pool: JobPool) -> None:
         )
 
 
-def steps(ask: Annotated[StepsAsk, _STEPS], files: Files) -> None:
+def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     """Quality against time: what steps of a sampler buy on this machine.
 
     Generate the same motion with few and with many steps, and plot jerk, and the distance to the
     result of most steps, over milliseconds a frame.
     """
-    _do(MEASURE_STEPS, ask, files)
+    use_family_files(vars(files))
+    _run(MEASURE_STEPS, request, request.out)
 
 
-def hearing(ask: Annotated[HearingAsk, _HEARING], files: Files) -> None:
+def hearing(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
     """Does it hear? What speech decides of the motion, and what chance.
 
     Generate each speech with each noise seed and compare: motions that share the speech, the noise,
     or neither. Or compare a folder of anyone's motion, whose files are called
     SYSTEM__SPEECH__SEED.npz.
     """
-    if ask.is_of_motions:
-        ignored = (*_SYSTEMS, "systems", "guidance", "seeds")
-        why = "The motions of a folder are compared as they are"
-        refuse_ignored(ask, ignored, why, systems=usual_systems("hearing"))
-    _do(MEASURE_HEARING, ask, files)
+    use_family_files(vars(files))
+    if request.is_of_motions:
+        ignored = ("weights", "speaker", "systems", "guidance", "seeds")
+        refuse_ignored(request, ignored, "The motions of a folder are compared as they are")
+    _run(MEASURE_HEARING, request, request.out)
 
 
-def mechanism(ask: Annotated[MechanismAsk, _MECHANISM]) -> None:
+def mechanism(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     """The paper's argument on a body: equal noise on local and on global rotations.
 
     Put the same random turns on the local and on the global rotations of a motion, draw both bodies
     beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
     network takes part.
     """
-    _do(SHOW_MECHANISM, replace(ask, has_video=True))
+    _run(SHOW_MECHANISM, request, request.out)
 
 
-def plan(ask: Annotated[Ask, _PLAN], is_empty: Annotated[bool, arg(name="empty")] = False) -> None:
+def plan(request: Annotated[PlanRequest, Flat]) -> None:
     """Speech to a plan of gestures, which `generate --plan` performs.
 
     Draw a plan from speech without moving anything: what each hand does when, where to and on which
     word; looks, nods, brows, blinks and steps. It is made to be changed, by hand or in Praat or
     ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. Of a motion (.npz, .npy, .bvh) the
     plan is found instead, as annotators do.
-
-    Args:
-        is_empty: draw nothing: leave the tiers to be annotated by hand.
     """
     from app.run.made import find_plan, is_motion, make_plan
 
-    source = ask.speech or Path()
+    source = request.speech.path
     if is_motion(source):
-        refuse_ignored(ask, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
-        if is_empty:
+        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
+        if request.is_empty:
             raise RunError("In a motion the plan is found; leave --empty out.")
-        _finish([ask.out], find_plan(source, ask.out, ask.told))
+        _finish([request.out], find_plan(source, request.out, request.import_overrides))
         return
-    refuse_ignored(ask, ("told",), "Assumptions are of motion files, and this is speech")
-    if is_empty:
-        ignored = (name for name in _DRAWS_PLANS if name != "style")
-        refuse_ignored(ask, tuple(ignored), "An empty plan is not drawn")
-    _finish([ask.out], make_plan(ask, is_empty=is_empty).notes)
+    what = "Assumptions are of motion files, and this is speech"
+    refuse_ignored(request, ("import_overrides",), what)
+    if request.is_empty:
+        ignored = tuple(name for name in _DRAWS_PLANS if name != "style")
+        refuse_ignored(request, ignored, "An empty plan is not drawn")
+    _finish([request.out], make_plan(request).notes)
 
 
-def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
+def render(request: Annotated[RenderRequest, Flat]) -> None:
     """A motion file to a video, pictures, or a file for 3D software.
 
     The ending of --out chooses what is made. A .png is a contact sheet of eight poses, or what
@@ -338,15 +250,15 @@ def render(ask: Annotated[RenderAsk, _RENDER]) -> None:
     """
     from app.run.videos.export import render_motion
 
-    if not ask.is_picture:
+    if not request.is_picture:
         ignored = ("speech", "views", "close_ups", "framing", "joint")
-        refuse_ignored(ask, ignored, f"A {ask.ending} file holds the body alone")
-    if ask.ending not in (".obj", ".ply"):
-        refuse_ignored(ask, ("frame",), f"A {ask.ending} file holds all frames")
-    if ask.is_picture or ask.ending in (".obj", ".ply"):
-        refuse_ignored(ask, ("plan",), f"A {ask.ending} file has no place for a plan")
+        refuse_ignored(request, ignored, f"A {request.suffix} file holds the body alone")
+    if request.suffix not in (".obj", ".ply"):
+        refuse_ignored(request, ("frame",), f"A {request.suffix} file holds all frames")
+    if request.is_picture or request.suffix in (".obj", ".ply"):
+        refuse_ignored(request, ("plan",), f"A {request.suffix} file has no place for a plan")
     with Bars() as shown:
-        files, notes = render_motion(ask, Ear(shown.take))
+        files, notes = render_motion(request, Ear(shown.take))
     _finish(files, notes)
 
 

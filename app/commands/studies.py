@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
-from app.flags import Count, File, written
+from app.flags import Count, File, text_type
 from app.run.output.telling import Bars, name_file, say
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
@@ -32,7 +32,7 @@ def export(
         out: folder of the study.
         body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
     """
-    from app.run.ask import Ear
+    from app.run.callbacks import Ear
     from app.study.design.plan import read_plan
     from app.study.export import export_study
 
@@ -141,7 +141,7 @@ def _strengths(told: str) -> dict[str, float]:
 def simulate(
     study: Study,
     raters: int,
-    strengths: Annotated[dict[str, float], written(_strengths, "NAME=V,...")],
+    strengths: Annotated[dict[str, float], text_type(_strengths, "NAME=V,...")],
     out: Path,
     seed: int = 0,
 ) -> None:

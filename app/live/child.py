@@ -19,8 +19,9 @@ import torch
 from app.errors import RunError, visitor_sentence
 from app.live.session import LiveSession, check_live, rehearse
 from app.live.sessions import NOT_THERE, read_sound
-from app.run.ask import Ask
 from app.run.models import get_system
+from app.run.requests.parts import SamplingOptions
+from app.run.requests.requests import GenerateRequest
 from model.generation.base import System
 from model.systems.registry import usual_systems
 from processes.child import parent_channel
@@ -43,7 +44,7 @@ FULL_EACH = (
 TAKEN_OVER = "The live session goes on in another tab of this browser."
 
 
-def live_ask(told: Any) -> Ask:
+def live_options(told: Any) -> SamplingOptions:
     """From the first message of a browser.
 
     Raises:
@@ -56,7 +57,7 @@ def live_ask(told: Any) -> Ask:
         raise RunError("Choose a system and a speaker style first.")
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
         raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
-    return Ask(out=Path(), systems=(system,), speaker=speaker, seed=seed)
+    return SamplingOptions(systems=(system,), speaker=speaker, seed=seed)
 
 
 class Performers:
@@ -96,7 +97,7 @@ class Performers:
 
     def _open(self, number: int, told: Any, cookie: str, address: str) -> None:
         """A place for one browser; an earlier one of the same browser ends."""
-        ask = live_ask(told)
+        options = live_options(told)
         mine = {each for each, of in self.open.items() if cookie and of.cookie == cookie}
         others = [of for each, of in self.open.items() if each not in mine]
         if len(others) >= MAX_SESSIONS:
@@ -106,13 +107,13 @@ class Performers:
             raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_EACH))
         for each in mine:
             self._end(each, TAKEN_OVER)
-        system = self.prepare(ask.systems[0], ask.speaker)
-        session = LiveSession(system, ask, partial(self._tell, number))
+        system = self.prepare(options.systems[0], options.speaker or "")
+        session = LiveSession(system, options, partial(self._tell, number))
         session.cookie, session.address = cookie, address
         self.open[number] = session
         self._tell(number, {"token": session.token, **session.ready()})
 
-    def _kept(self, token: str, cookie: str, folder: Path) -> Ask:
+    def _kept(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         for session in (*self.open.values(), *self.ended):
             is_it = secrets.compare_digest(session.token.encode(), token.encode())
             if is_it and session.cookie == cookie:

@@ -16,8 +16,9 @@ import numpy as np
 import torch
 
 from app.errors import RunError
-from app.run.ask import Ask, Take
 from app.run.pieces import frames_message
+from app.run.requests.parts import LiveRecording, OutputOptions, SamplingOptions, SpeechToMove
+from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import System
 from model.generation.live import LiveMotion, Pace
@@ -183,7 +184,7 @@ class LiveSession:
     def __init__(
         self,
         system: System,
-        ask: Ask,
+        sampling: SamplingOptions,
         tell: Tell,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -195,7 +196,7 @@ class LiveSession:
             RunError, UnknownNameError: if the system cannot be had live with that speaker.
         """
         check_live(system)
-        self.ask, self.pace, self.name = ask, Pace(), system.name
+        self.sampling, self.pace, self.name = sampling, Pace(), system.name
         self.minute = LastMinute()
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
@@ -203,7 +204,7 @@ class LiveSession:
         self.plans = system.condition_type is GesturePlan
         """Whether it plans, and its sliders can be moved."""
         steps = PLANNING_STEPS if self.plans else None
-        options = GenerateOptions(ask.speaker or "", seed=ask.seed, steps=steps)
+        options = GenerateOptions(sampling.speaker or "", seed=sampling.seed, steps=steps)
         self._live = LiveMotion(system, options, self.pace)
         self._manner: Manner | None = None
         """What the sliders say since the last window."""
@@ -293,7 +294,7 @@ class LiveSession:
         """What a window takes of one processor; NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def keep(self, folder: Path) -> Ask:
+    def keep(self, folder: Path) -> GenerateRequest:
         """Lay the last minute into a folder, to have a run made of it.
 
         Raises:
@@ -314,8 +315,13 @@ class LiveSession:
             "window_cpu_ms": round(self.window_ms, 1),
         }
         why = why_less(minute, self._samples / SAMPLE_RATE)
-        take = Take(npz, facts, why, plan if minute.plan else None)
-        return replace(self.ask, speech=wav, out=folder / "results", take=take)
+        take = LiveRecording(npz, facts, why, plan if minute.plan else None)
+        return GenerateRequest(
+            speech=SpeechToMove(path=wav),
+            sampling=self.sampling,
+            output=OutputOptions(out=folder / "results"),
+            live_recording=take,
+        )
 
     def _check_cost(self) -> None:
         if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError, without_folders
-from app.run.ask import Ask
+from app.run.requests.requests import GenerateRequest
 from conventions.rates import SAMPLE_RATE
 from processes.child import Child, Gone
 
@@ -153,7 +153,7 @@ class LiveSessions:
             self._microphones.pop(number, None)
             self._send(number, "close")
 
-    def keep(self, token: str, cookie: str, folder: Path) -> Ask:
+    def keep(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         """A run of the last minute of a session, open or ended lately, of this browser; what that
         needs is laid into a folder.
 
@@ -166,7 +166,7 @@ class LiveSessions:
         number = self._ask(answers.put, "keep", (token, cookie, folder))
         answer = answers.get()
         self.close(number)
-        if isinstance(answer, Ask):
+        if isinstance(answer, GenerateRequest):
             return answer
         raise RunError(str(answer))
 

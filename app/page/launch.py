@@ -19,6 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tyro.conf import arg
+
 from app import text
 from app.config import (
     EXAMPLES,
@@ -28,7 +30,7 @@ from app.config import (
     use_file_backend,
 )
 from app.errors import RunError, sentence_of
-from app.flags import family_files, part_of, read_flags, use_family_files
+from app.flags import family_files, read_flags, use_family_files
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
@@ -56,15 +58,8 @@ END_WITHIN_S = 15.0
 """Of a signal; what visitors have left is then removed at the next start."""
 
 
-_FLAGS = part_of(
-    AppConfig,
-    *("host", "port", "body", "weights", "host_names", "proxies", "root_path", "embedders"),
-    *("accounts", "opened", "max_speech_s"),
-)
-
-
 def configured(
-    flags: Annotated[AppConfig, _FLAGS], files: Annotated[Any, family_files()]
+    flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files()]
 ) -> AppConfig:
     use_family_files(vars(files))
     return flags

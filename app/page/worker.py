@@ -26,7 +26,7 @@ from app.errors import (
     is_disk_full,
     sentence_of,
 )
-from app.run.ask import DEAF, Ear
+from app.run.callbacks import DEAF, Ear
 from processes.child import Child, Gone, heard, parent_channel
 
 Asked = TypeVar("Asked")

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from app.errors import RunError
 from app.findings.comparison import point_title
-from app.run.ask import TIP
 from app.run.models import get_body
+from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from conventions.rates import FPS
 from model.measures.posture import FEET
@@ -106,7 +106,7 @@ class TipSource:
         RunError: if there is no such point, with the points there are.
     """
 
-    point: str = TIP
+    point: str = DEFAULT_TRACKED_POINT
     """A fingertip or a joint of SMPL-X."""
     body: Body | None = None
     """A licensed one, whose vertices and joints are followed; else those of the open skeleton."""
@@ -118,7 +118,8 @@ class TipSource:
         if self.point not in (*JOINT_INDEX, *TIP_VERTICES):
             raise RunError(
                 f"There is no point {self.point!r} to follow; choose a fingertip "
-                f"({', '.join(TIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist or {TIP}3."
+                f"({', '.join(TIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist "
+                f"or {DEFAULT_TRACKED_POINT}3."
             )
 
     @property
@@ -176,6 +177,6 @@ class TipSource:
                 yield self.body.joint_positions(body_motion(part))[:, JOINT_INDEX[self.point]]
 
 
-def choose_tip_source(body: Path | None, point: str = TIP) -> TipSource:
+def choose_tip_source(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TipSource:
     """With the open body, or with the one of a file."""
     return TipSource(point, None if body is None else get_body(body))

@@ -16,9 +16,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import Ask
 from app.run.bodies import TipSource
 from app.run.output.result_folder import ResultFolder
+from app.run.requests.requests import GenerateRequest, RunRequest
 from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.diagnostics import Diagnostics, Versions, diagnose
@@ -133,19 +133,21 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_figure(ask: Ask, num_frames: int, num_motions: int) -> None:
+def check_figure(request: RunRequest, num_frames: int, num_motions: int) -> None:
     """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, and a column
     taller than a page, before anything is made.
 
     Raises:
         RunError: naming the last frame, or what fits.
     """
-    last, frames, panels = num_frames - 1, ask.figure_frames, ask.figure_panels
-    if ask.has_figures and ask.figure_width == "85mm" and not fits_column(num_motions, panels):
+    figures, last = request.figures, num_frames - 1
+    frames, panels = figures.figure_frames, figures.figure_panels
+    is_column = request.output.has_figures and figures.figure_width == "85mm"
+    if is_column and not fits_column(num_motions, panels):
         told = f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller"
         raise RunError(f"{told} than a page at 85mm; ask for 174mm, or for fewer panels.")
-    if not 0 <= ask.start_frame <= last:
-        raise RunError(f"Figure 6 must start at frame 0 to {last}; got {ask.start_frame}.")
+    if not 0 <= figures.start_frame <= last:
+        raise RunError(f"Figure 6 must start at frame 0 to {last}; got {figures.start_frame}.")
     if frames and frames[-1] > last:
         raise RunError(f"Snapshots of Figure 6 are of frames 0 to {last}; got {frames[-1]}.")
 
@@ -154,7 +156,7 @@ def figure6_of(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
     tip: TipSource,
-    ask: Ask,
+    request: RunRequest,
     clip: str,
     on_piece: Callable[[], None],
 ) -> Figure6:
@@ -165,7 +167,8 @@ def figure6_of(
         clip: name of the speech.
         on_piece: called at least once for each motion; what it raises ends the work.
     """
-    end, labels, marks = ask.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
+    figures = request.figures
+    end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
         marks = replace(marks, pixels=pixels, values=values)
@@ -175,14 +178,16 @@ def figure6_of(
         snapshots.frames,
         marks=marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
-        start_frame=ask.start_frame,
+        start_frame=figures.start_frame,
         point=tip.title,
         tip_source=tip.name,
-        post_filter=ask.post_filter,
+        post_filter=request.sampling.post_filter
+        if isinstance(request, GenerateRequest)
+        else "none",
         clip=clip,
-        caveat="" if ask.motions else ONE_SEED_CAVEAT,
-        asked_panels=ask.figure_panels,
-        width_mm=float(ask.figure_width.removesuffix("mm")),
+        caveat=ONE_SEED_CAVEAT if isinstance(request, GenerateRequest) else "",
+        asked_panels=figures.figure_panels,
+        width_mm=float(figures.figure_width.removesuffix("mm")),
     )
 
 

@@ -17,7 +17,7 @@ from tyro.conf import Suppress, arg
 
 from app import text
 from app.errors import RunError
-from app.flags import one_of
+from app.flags import choice_type
 from conventions.names import printable
 from conventions.views import Build, Tone
 from model.storage.checked import FieldError, checked
@@ -35,7 +35,7 @@ FULL_SPEED_M_S = 1.5
 class Display:
     """How motion is shown, for all videos of a comparison alike."""
 
-    exaggeration: Annotated[float, one_of(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
+    exaggeration: Annotated[float, choice_type(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
     """Draw tremble, all above 5 Hz, so many times as large, and say so in the picture."""
     has_trail: Annotated[bool, arg(name="trail")] = False
     """The way of the followed point through the last second, coloured by its speed."""

@@ -17,14 +17,20 @@ import numpy as np
 from pandas import DataFrame
 
 from app.errors import RunError
-from app.run.ask import DEAF, TIP, Ask, Ear
 from app.run.bodies import choose_tip_source
-from app.run.display import Display
+from app.run.callbacks import DEAF, Ear
 from app.run.made import options_of
 from app.run.models import get_body, get_system
 from app.run.output.run_folder import RunRecord, check_file_stems
+from app.run.requests.parts import DEFAULT_TRACKED_POINT
+from app.run.requests.requests import (
+    ROTATION_NOISE_VIDEO,
+    RotationNoiseRequest,
+    SpeechEffectRequest,
+    StepSweepRequest,
+    systems_of,
+)
 from app.run.run_writer import RunWriter, writing_run
-from app.run.tasks import VIDEO, HearingAsk, MechanismAsk, StepsAsk, systems_of
 from app.run.videos.videos import jobs_of
 from conventions.names import file_stem, short_names
 from conventions.rates import SAMPLE_RATE
@@ -72,7 +78,7 @@ class _Made:
     """Of the first speech, by speaker and seed."""
 
 
-def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
+def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
     """Generate each speech with each seed, or read what is in the folder; leave numbers, the
     figure, what the numbers say as notes, and what was generated.
 
@@ -81,17 +87,23 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """
-    ask.check()
-    record = RunRecord(kind="given" if ask.is_of_motions else "generated", point=ask.joint)
-    with writing_run(ask.out, record, ear) as run:
-        if ask.is_of_motions:
-            of_system = {name: _Made(grid) for name, grid in _read_grids(ask.speeches[0]).items()}
+    request.check()
+    record = RunRecord(
+        kind="given" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
+    )
+    with writing_run(request.out, record, ear) as run:
+        if request.is_of_motions:
+            of_system = {
+                name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()
+            }
         else:
             speeches = {
-                file_stem(path.stem): _beginning(path, HEARD_S, ask) for path in ask.speeches
+                file_stem(path.stem): _beginning(path, HEARD_S, request.max_speech_s)
+                for path in request.speeches
             }
-            check_file_stems(f"{name}__{speech}" for name in systems_of(ask) for speech in speeches)
-            of_system = _generated(ask, speeches, run.share("numbers"))
+            names = systems_of(request)
+            check_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
+            of_system = _generated(request, speeches, run.share("numbers"))
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
@@ -99,7 +111,8 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
                     run.file(path)
         run.share("numbers")(1.0)
         told = {
-            system: _heard_numbers(system, made, ask.speakers) for system, made in of_system.items()
+            system: _heard_numbers(system, made, request.speakers)
+            for system, made in of_system.items()
         }
         labels = short_names(told)
         run.note(*(_heard_sentence(labels[system], numbers) for system, numbers in told.items()))
@@ -109,34 +122,34 @@ def measure_hearing(ask: HearingAsk, ear: Ear = DEAF) -> None:
             for part, shares in numbers["parts"].items()
         ]
         run.table("hearing", told, [("system", "part", *_COLUMNS), *table])
-        _draw_hearing(told, of_system, run, ask)
+        _draw_hearing(told, of_system, run, request)
         run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
 
 
-def _beginning(path: Path | None, longest_s: float, ask: Ask) -> Speech:
+def _beginning(path: Path, longest_s: float, max_s: float) -> Speech:
     """No more of a speech than is heard."""
-    whole = load_speech(path or "", SpeechLimits(max_s=ask.max_speech_s))
+    whole = load_speech(path, SpeechLimits(max_s=max_s))
     return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
 
 
 def _generated(
-    ask: HearingAsk, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
+    request: SpeechEffectRequest, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
 ) -> dict[str, _Made]:
-    systems = [get_system(name, ask.weights) for name in systems_of(ask)]
-    first, seeds, speakers = next(iter(speeches)), range(ask.seeds), ask.speakers or ()
+    systems = [get_system(name, request.weights) for name in systems_of(request)]
+    first, seeds, speakers = next(iter(speeches)), range(request.seeds), request.speakers or ()
     wanted = len(systems) * len(seeds) * (len(speeches) + len(speakers))
     done = itertools.count()
 
     def moved(system: System, speech: str, **asked: Any) -> Motion:
         on_share(next(done) / wanted)
-        options = options_of(ask, system, **asked)
+        options = options_of(request.sampling, system, **asked)
         (motion,) = generate_motion(system, speeches[speech], options)
         return motion
 
     return {
         system.name: _Made(
             {(name, seed): moved(system, name, seed=seed) for name in speeches for seed in seeds},
-            options_of(ask, system).guidance,
+            options_of(request.sampling, system).guidance,
             {
                 (speaker, seed): moved(system, first, speaker=speaker, seed=seed)
                 for speaker in speakers
@@ -224,7 +237,7 @@ def _draw_hearing(
     told: Mapping[str, Mapping[str, Any]],
     of_system: Mapping[str, _Made],
     run: RunWriter,
-    ask: HearingAsk,
+    request: SpeechEffectRequest,
 ) -> None:
     rows = [
         HearingRow(
@@ -237,7 +250,7 @@ def _draw_hearing(
         )
         for system, numbers in told.items()
     ]
-    run.figure("hearing", rows, HEARING, ask.figure_forms)
+    run.figure("hearing", rows, HEARING, request.figure_forms)
 
 
 def _percent(share: float) -> str:
@@ -255,7 +268,7 @@ _DRAWN = 0.85
 """Share of the work that is done when both bodies are drawn."""
 
 
-def show_mechanism(ask: MechanismAsk, ear: Ear = DEAF) -> None:
+def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
     """Move two bodies, leave both for a player with what the noise does, and draw them beside each
     other where a video is asked for.
 
@@ -263,28 +276,30 @@ def show_mechanism(ask: MechanismAsk, ear: Ear = DEAF) -> None:
         Cancelled: when ``ear`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    ask.check()
-    (motion,) = ask.motions
-    if not moving_chain(ask.joint):
-        raise RunError(f"No rotation moves the {ask.joint}; follow a joint further from it.")
-    ask.told.check([motion])
-    found = read_any_motion(motion, ask.told, ask.body)
+    request.check()
+    motion = request.motion
+    if not moving_chain(request.joint):
+        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+    request.import_overrides.check([motion])
+    found = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(
-        found.motion, open_body_skeleton(), ask.joint, ask.noise_rad, seed=ask.seed
+        found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )
-    noisy = dict(zip(NAMES, noisy_motions(found.motion, ask.noise_rad, ask.seed), strict=True))
-    record = RunRecord(kind="given", point=TIP)
-    with writing_run(ask.out, record, ear, is_kept=ask.is_kept) as run:
-        tip = choose_tip_source(ask.body, TIP)
-        run.note(*found.notes, *_growth_told(growth, ask.noise_rad))
+    noisy = dict(
+        zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
+    )
+    record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
+    with writing_run(request.out, record, ear, is_kept=request.is_kept) as run:
+        tip = choose_tip_source(request.body, DEFAULT_TRACKED_POINT)
+        run.note(*found.notes, *_growth_told(growth, request.noise_rad))
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
-        _draw_growth(ask, growth, run)
-        if ask.has_video:
-            _draw_bodies(ask, found.motion, noisy, run)
-        run.finish(DRAWN.format(noise=ask.noise_rad))
+        _draw_growth(request, growth, run)
+        if request.has_video:
+            _draw_bodies(request, found.motion, noisy, run)
+        run.finish(DRAWN.format(noise=request.noise_rad))
 
 
-def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None:
+def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWriter) -> None:
     """How far points along the chain are moved."""
     spreads = DataFrame(
         {
@@ -295,16 +310,15 @@ def _draw_growth(ask: MechanismAsk, growth: ErrorGrowth, run: RunWriter) -> None
             "predicted_global": growth.predicted_global_spread_m,
         }
     )
-    said = growth_sentence(growth, ask.noise_rad)
-    run.figure("error_growth", spreads, said, ask.figure_forms)
+    said = growth_sentence(growth, request.noise_rad)
+    run.figure("error_growth", spreads, said, request.figure_forms)
 
 
 def _draw_bodies(
-    ask: MechanismAsk, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
+    request: RotationNoiseRequest, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
 ) -> None:
-    body = get_body(ask.body)
-    tip = choose_tip_source(ask.body, ask.joint)
-    seen = replace(ask, display=Display(has_trail=True))
+    body = get_body(request.body)
+    tip = choose_tip_source(request.body, request.joint)
     drawn = run.folder.scratch("bodies")
     drawn.mkdir()
     paths = {name: drawn / f"{number}.mp4" for number, name in enumerate(noisy)}
@@ -313,14 +327,14 @@ def _draw_bodies(
         return paths[name]
 
     # The noise moves no camera.
-    jobs = jobs_of(noisy, seen, body, tip, out, staged=[clean])
+    jobs = jobs_of(noisy, request.video, body, tip, out, staged=[clean])
     draw_jobs(jobs, run.share("video", _DRAWN))
-    video = run.folder.path(VIDEO)
+    video = run.folder.path(ROTATION_NOISE_VIDEO)
     compose_videos(
         list(paths.values()),
-        [f"{ask.noise_rad:g} rad of noise on {name}" for name in noisy],
+        [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
         video,
-        ask.speech,
+        request.speech,
         on_progress=run.share("video", 1.0 - _DRAWN, _DRAWN),
     )
     run.file(video)
@@ -361,7 +375,7 @@ class StepPoint:
     most steps that were tried."""
 
 
-def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
+def measure_step_curve(request: StepSweepRequest, ear: Ear = DEAF) -> None:
     """Generate with each system and number of steps; leave the table, the plot, and what they say
     as notes.
 
@@ -369,35 +383,35 @@ def measure_step_curve(ask: StepsAsk, ear: Ear = DEAF) -> None:
         Cancelled: when ``ear`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
-    ask.check()
-    speech = _beginning(ask.speech, MAX_S, ask)
-    systems = [get_system(name, ask.weights) for name in systems_of(ask)]
-    record = RunRecord(kind="generated", point=TIP)
+    request.check()
+    speech = _beginning(request.speech, MAX_S, request.max_speech_s)
+    systems = [get_system(name, request.weights) for name in systems_of(request)]
+    record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
-    with writing_run(ask.out, record, ear) as run:
+    with writing_run(request.out, record, ear) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
-            points += _points_of(system, speech, ask, run.share("numbers", part, number * part))
+            points += _points_of(system, speech, request, run.share("numbers", part, number * part))
         run.share("numbers")(1.0)
         run.note(*_step_sentences(points))
         told = list(map(asdict, points))
         run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", DataFrame(points), STEPS, ask.figure_forms)
+        run.figure("steps", DataFrame(points), STEPS, request.figure_forms)
         run.finish(MEASURED.format(count=len(points)))
 
 
 def _points_of(
-    system: System, speech: Speech, ask: StepsAsk, on_share: Callable[[float], None]
+    system: System, speech: Speech, request: StepSweepRequest, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
     """From few steps to many."""
-    counts = sorted(set(ask.counts), reverse=True)  # the most first: others are compared to it
-    speaker = ask.speaker or next(iter(system.speakers))
+    counts = sorted(set(request.counts), reverse=True)  # the most first: others are compared to it
+    speaker = request.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
     found: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_share(done / len(counts))
-        seed = clip_seed(ask.seed, speech.sha256)  # the motion that `generate` makes
+        seed = clip_seed(request.seed, speech.sha256)  # the motion that `generate` makes
         options = GenerateOptions(speaker, seed=seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
@@ -410,7 +424,9 @@ def _points_of(
                 system=system.name,
                 steps=count,
                 ms_per_frame=1e3 * seconds / motion.num_frames,
-                tip_jerk_m_s3=float(mean_over_time(derivative_magnitudes(tracks.point(TIP), 3))),
+                tip_jerk_m_s3=float(
+                    mean_over_time(derivative_magnitudes(tracks.point(DEFAULT_TRACKED_POINT), 3))
+                ),
                 distance_cm=100 * float(apart.mean()),
             )
         )

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import MAX_COMPARED, Ask
 from app.run.bodies import SOLE_M, choose_tip_source, picture_motions
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body
 from app.run.output.provenance import names_of_motions
 from app.run.output.run_folder import SPEECH as HEARD
 from app.run.output.run_folder import ending_of, row_files
+from app.run.requests.parts import MAX_COMPARED
+from app.run.requests.requests import DiagnoseRequest
 from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
@@ -38,26 +39,26 @@ NO_SPEECH = (
 )
 
 
-def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
+def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> Rows:
     """Read the files, and have them on the stage.
 
     Raises:
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
     """
-    if ask.mean_speeds is not None and ask.speech is None:
+    if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
-    body = get_body(ask.body)
-    tip = choose_tip_source(ask.body, ask.joint)
-    files = _files_of(ask)
-    readings = _read_motions(ask, files, run)
+    body = get_body(request.video.body)
+    tip = choose_tip_source(request.video.body, request.joint)
+    files = _files_of(request)
+    readings = _read_motions(request, files, run)
     motions = {name: each.motion for name, each in readings.items()}
-    windows = _windows(ask, motions)
-    shown = _shown(ask, motions)
-    check_figure(ask, min(motion.num_frames for motion in motions.values()), len(shown))
-    limits = SpeechLimits(channel=ask.channel)
-    speech = None if ask.speech is None else load_speech(ask.speech, limits)
+    windows = _windows(request, motions)
+    shown = _shown(request, motions)
+    check_figure(request, min(motion.num_frames for motion in motions.values()), len(shown))
+    limits = SpeechLimits(channel=request.speech.channel)
+    speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
     notes = apart(readings) + [note for each in readings.values() for note in each.notes]
-    is_first_track = speech is None or (ask.channel is None and speech.track == 0)
+    is_first_track = speech is None or (request.speech.channel is None and speech.track == 0)
     if speech is not None:
         words.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
@@ -65,12 +66,16 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations, rates)]
     run.progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
-    plans = {} if ask.opened is None else row_files(ask.opened, "performed")
-    timeline = run.show(staged, speech, tip, ask.weights, plans)
+    plans = (
+        {}
+        if request.motions.source_run is None
+        else row_files(request.motions.source_run, "performed")
+    )
+    timeline = run.show(staged, speech, tip, request.metrics.weights, plans)
     run.note(*cut_notes)
     for row in run.record.rows:
         row.ending = ending_of(files[row.name])
-    if len(shown) < len(motions) and not ask.shown:
+    if len(shown) < len(motions) and not request.motions.shown:
         run.note(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
@@ -82,17 +87,19 @@ def given_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
         timeline=timeline,
         body=body,
         tip=tip,
-        sound=ask.speech if is_first_track else run.folder.at(HEARD),
+        sound=request.speech.path if is_first_track else run.folder.at(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
         heard=None if speech is None else heard_of(speech.waveform),
-        mean_speeds=None if ask.mean_speeds is None else read_mean_speeds(ask.mean_speeds),
+        mean_speeds=None
+        if request.metrics.mean_speeds is None
+        else read_mean_speeds(request.metrics.mean_speeds),
         windows=windows,
         notes=tuple(notes),
         readings=readings,
     )
 
 
-def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
+def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
     """As many motions as a figure holds, the reference among them.
 
     Raises:
@@ -100,7 +107,7 @@ def _shown(ask: Ask, motions: Mapping[str, Motion]) -> dict[str, Motion]:
     """
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
-    asked = dict.fromkeys(map(printable, ask.shown))
+    asked = dict.fromkeys(map(printable, request.motions.shown))
     names = [name for name in asked if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in others]
     if unknown:
@@ -122,36 +129,44 @@ def _on_the_floor(motion: Motion) -> Motion:
     return replace(motion, trans=trans)
 
 
-def _files_of(ask: Ask) -> dict[str, Path]:
+def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
     """By name, the reference last."""
-    names = names_of_motions(ask)
+    names = names_of_motions(request.motions)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
     if REFERENCE_NAME in names:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
-    files = dict(zip(names, ask.motions, strict=True))
-    return files | {REFERENCE_NAME: ask.reference} if ask.reference else files
+    files = dict(zip(names, request.motions.motions, strict=True))
+    return (
+        files | {REFERENCE_NAME: request.imports.reference} if request.imports.reference else files
+    )
 
 
-def _read_motions(ask: Ask, files: Mapping[str, Path], run: RunWriter) -> dict[str, Reading]:
-    ask.told.check(list(files.values()), *(name for name in files if name != REFERENCE_NAME))
+def _read_motions(
+    request: DiagnoseRequest, files: Mapping[str, Path], run: RunWriter
+) -> dict[str, Reading]:
+    request.imports.import_overrides.check(
+        list(files.values()), *(name for name in files if name != REFERENCE_NAME)
+    )
     readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(files.items()):
         run.stop_if_asked()
         run.progress("speech", done / len(files), name)
         kind = REFERENCE_NAME if name == REFERENCE_NAME else MOTIONS
-        readings[name] = read_any_motion(path, ask.told, ask.body, kind, name)
-        _check_frames(ask, (each.motion for each in readings.values()))
+        readings[name] = read_any_motion(
+            path, request.imports.import_overrides, request.video.body, kind, name
+        )
+        _check_frames(request, (each.motion for each in readings.values()))
     return readings
 
 
-def _check_frames(ask: Ask, motions: Iterable[Motion]) -> None:
-    count = sum(motion.num_frames for motion in motions)
-    if ask.max_frames is not None and count > ask.max_frames:
+def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
+    count, limit = sum(motion.num_frames for motion in motions), request.motions.max_frames
+    if limit is not None and count > limit:
         raise RunError(
-            f"The files have over {ask.max_frames} frames together "
-            f"({ask.max_frames / 1800:.0f} minutes), the most that is measured at once here."
+            f"The files have over {limit} frames together "
+            f"({limit / 1800:.0f} minutes), the most that is measured at once here."
         )
 
 
@@ -184,18 +199,18 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
             yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
 
 
-def _windows(ask: Ask, motions: Iterable[str]) -> dict[str, Windowing]:
+def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Windowing]:
     """What the user says of how the motions were cut.
 
     Raises:
         RunError: for windows that cannot be.
     """
-    if ask.window is None:
-        if ask.overlap:
+    if request.motions.window is None:
+        if request.motions.overlap:
             raise RunError("An overlap says nothing without a window; give both (--window).")
         return {}
     try:
-        windows = Windowing(ask.window, ask.overlap)
+        windows = Windowing(request.motions.window, request.motions.overlap)
     except ValueError as error:
         raise RunError(str(error)) from error
     return dict.fromkeys(motions, windows)

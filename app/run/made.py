@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.ask import MAX_COMPARED, Ask, steps_of
 from app.run.bodies import choose_tip_source
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body, get_system
 from app.run.output.provenance import origin_of, title_of
 from app.run.output.result_folder import require_free_space
 from app.run.output.run_folder import cut
+from app.run.requests.parts import MAX_COMPARED, SamplingOptions, steps_for
+from app.run.requests.requests import GenerateRequest, PlanRequest
 from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords, make_timeline
 from app.run.videos.videos import names_that_fit
@@ -48,87 +49,91 @@ LIVE_NOTE = (
 )
 
 
-def made_rows(ask: Ask, words: SpokenWords, run: RunWriter) -> Rows:
+def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> Rows:
     """Have the systems move to the speech, window by window.
 
     Raises:
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
         PlanError, WriteError: each with one sentence.
     """
-    if ask.speech is None:
-        raise RunError("There is neither speech to move to nor motion to measure; give one.")
-    speech = load_speech(ask.speech, SpeechLimits(max_s=ask.max_speech_s, channel=ask.channel))
+    limits = SpeechLimits(max_s=request.speech.max_speech_s, channel=request.speech.channel)
+    speech = load_speech(request.speech.path, limits)
     run.note(*speech.notes)
-    body = get_body(ask.body, ask.look)
-    systems = _load_systems(ask)
-    speaker = ask.speaker or _first_speaker(systems)
+    body = get_body(request.video.body, request.video.look)
+    systems = _load_systems(request)
+    speaker = request.sampling.speaker or _first_speaker(systems)
     for system in systems:
         system.speaker_index(speaker)  # raises for a name that it does not know
-    recorded = _read_reference(ask, speech, run)
-    backend = choose_backend() if ask.has_video else None
-    require_free_space(ask.out, _needed_bytes(ask, speech.num_frames, len(systems)))
+    recorded = _read_reference(request, speech, run)
+    backend = choose_backend() if request.output.has_video else None
+    require_free_space(request.output.out, _needed_bytes(request, speech.num_frames, len(systems)))
     sound = run.sound(speech.waveform)
-    seed = ask.seed if ask.take is not None else clip_seed(ask.seed, speech.sha256)
-    options = _options(replace(ask, speaker=speaker, seed=seed), systems, speech, run)
+    seed = request.sampling.seed
+    if request.live_recording is None:
+        seed = clip_seed(seed, speech.sha256)
+    sampling = replace(request.sampling, speaker=speaker, seed=seed)
+    options = _options(request, sampling, systems, speech, run)
     run.record.noise_seed = seed
-    wish = None if ask.style is None else read_wish(ask.style)
+    wish = None if request.planning.style is None else read_wish(request.planning.style)
     run.progress("speech", 1.0)
-    run.record.title = cut(title_of(ask, list(options)))
+    run.record.title = cut(title_of(request, list(options)))
     run.record.speech_sha256 = speech.sha256
-    run.rows(names := row_names(ask, list(options)))
-    shown = {name: filtered(raw, ask.post_filter) for name, raw in recorded.items()}
+    run.rows(names := row_names(request, list(options)))
+    post_filter = request.sampling.post_filter
+    shown = {name: filtered(raw, post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
-    tip = choose_tip_source(ask.body, ask.joint)
+    tip = choose_tip_source(request.video.body, request.joint)
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
-    check_figure(ask, shortest, min(MAX_COMPARED, len(names)))
-    if any(map(_performs, systems)) and (ask.plan is None or ask.style):
+    check_figure(request, shortest, min(MAX_COMPARED, len(names)))
+    if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
         words.begin(speech.waveform)  # plans are drawn from words: these come first
         words.found(run.stop_if_asked)
 
     def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
-        shown = filtered(raw, ask.post_filter)
+        shown = filtered(raw, post_filter)
         run.motion(name, shown, f"{file_stem(name)}.npz")
         return raw, shown
 
-    if ask.take is None:
+    recording = request.live_recording
+    if recording is None:
         making = {
             system.name: _pieces_of(system, speech, options[system.name], words, wish, run)
             for system in systems
         }
-        made = _made_in_turns(making, speech.num_frames, run, told, ask.post_filter == "none")
+        made = _made_in_turns(making, speech.num_frames, run, told, post_filter == "none")
     else:
         name = systems[0].name
-        if ask.take.plan is not None:  # before the motion, of which one would be found
-            run.performed(name, read_plan_file(ask.take.plan).plan)
+        if recording.plan is not None:  # before the motion, of which one would be found
+            run.performed(name, read_plan_file(recording.plan).plan)
         run.note(LIVE_NOTE)
         run.progress("motion", 1.0)
-        made = {name: told(name, load_motion(ask.take.motion))}
+        made = {name: told(name, load_motion(recording.motion))}
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
-    version: Version = "savgol" if ask.post_filter == "savgol" else "raw"
-    is_pictured = ask.has_video or ask.has_figures
+    version: Version = "savgol" if post_filter == "savgol" else "raw"
+    is_pictured = request.output.has_video or request.output.has_figures
     fitting, notes = names_that_fit(list(staged) if is_pictured else [])
     run.note(*notes)
     return Rows(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,
         drawn={name: staged[name] for name in fitting},
-        timeline=make_timeline(speech, staged | recorded, version, tip, ask.weights),
+        timeline=make_timeline(speech, staged | recorded, version, tip, request.sampling.weights),
         body=body,
         tip=tip,
         sound=sound,
         onsets_s=onsets_of(speech),
-        windows=_windows(ask, systems),
-        origin=origin_of(ask, speech, systems, options, body, backend),
+        windows=_windows(request, systems),
+        origin=origin_of(request, speech, systems, options, body, backend),
     )
 
 
-def row_names(ask: Ask, systems: Sequence[str]) -> list[str]:
+def row_names(request: GenerateRequest, systems: Sequence[str]) -> list[str]:
     """The rows of a run, in the order in which they stand."""
-    samples = range(1, ask.samples + 1)
+    samples = range(1, request.sampling.samples + 1)
     names = [str(SampleName(system, sample)) for system in systems for sample in samples]
-    return [*names, REFERENCE_NAME] if ask.reference is not None else names
+    return [*names, REFERENCE_NAME] if request.imports.reference is not None else names
 
 
 def _made_in_turns(
@@ -202,12 +207,12 @@ def _pieces_of(
     yield from motion_pieces(system, speech, options, run.should_cancel)
 
 
-def _windows(ask: Ask, systems: Sequence[System]) -> dict[str, Windowing]:
+def _windows(request: GenerateRequest, systems: Sequence[System]) -> dict[str, Windowing]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
     found = {
         str(SampleName(system.name, sample)): system.windowing
         for system in systems
-        for sample in range(1, ask.samples + 1)
+        for sample in range(1, request.sampling.samples + 1)
     }
     if len(set(found.values())) == 1:
         found[REFERENCE_NAME] = next(iter(found.values()))
@@ -221,34 +226,35 @@ def _first_speaker(systems: tuple[System, ...]) -> str:
     return next(shared, next(iter(first)))
 
 
-def _load_systems(ask: Ask) -> tuple[System, ...]:
-    names = ask.systems or list_systems(ask.weights)
+def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
+    sampling = request.sampling
+    names = sampling.systems or list_systems(sampling.weights)
     if not names:
         raise RunError(
-            f"No trained systems were found in {ask.weights}; "
+            f"No trained systems were found in {sampling.weights}; "
             "name a folder of weights with --weights DIR."
         )
-    by_name = ask.steps if isinstance(ask.steps, Mapping) else {}
+    by_name = sampling.steps if isinstance(sampling.steps, Mapping) else {}
     unused = [name for name in by_name if name not in names]
     if unused:
         raise RunError(
             f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
             f"are {', '.join(names)}."
         )
-    return tuple(get_system(name, ask.weights) for name in dict.fromkeys(names))
+    return tuple(get_system(name, sampling.weights) for name in dict.fromkeys(names))
 
 
-def options_of(ask: Ask, system: System, **more: Any) -> GenerateOptions:
-    """What an ask comes to for one system, which takes its usual of what it does not know.
+def options_of(sampling: SamplingOptions, system: System, **more: Any) -> GenerateOptions:
+    """Return the generation options of one system, with its defaults where it lacks an option.
 
     Args:
-        more: fields of the options that do not stand in the ask, or another way.
+        more: fields of the options that are not in ``sampling``, or differ from it.
     """
-    steps = steps_of(ask.steps, system.name)
-    asked = Sampling(sampler=ask.sampler, steps=steps, guidance=ask.guidance)
+    steps = steps_for(sampling.steps, system.name)
+    asked = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
     drawn = vars(system.settled(system.able(asked)))
-    speaker = ask.speaker or next(iter(system.speakers))
-    usual = {"speaker": speaker, "seed": ask.seed, "samples": ask.samples, **drawn}
+    speaker = sampling.speaker or next(iter(system.speakers))
+    usual = {"speaker": speaker, "seed": sampling.seed, "samples": sampling.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
 
 
@@ -265,7 +271,11 @@ def _plan_for(path: Path, speech: Speech) -> Noted:
 
 
 def _options(
-    ask: Ask, systems: Sequence[System], speech: Speech, run: RunWriter
+    request: GenerateRequest,
+    sampling: SamplingOptions,
+    systems: Sequence[System],
+    speech: Speech,
+    run: RunWriter,
 ) -> dict[str, GenerateOptions]:
     """By system. A wish goes to the systems that know it; of the others the person is told.
 
@@ -273,37 +283,40 @@ def _options(
         RunError: if no system has the sampler, or none takes guidance or a plan.
         PlanError: if the plan cannot be used.
     """
-    read = None if ask.plan is None else _plan_for(ask.plan, speech)
+    plan, style = request.planning.plan, request.planning.style
+    read = None if plan is None else _plan_for(plan, speech)
     plans = () if read is None else (read.plan,)
-    for what, given in (("plan", ask.plan), ("style", ask.style)):
+    for what, given in (("plan", plan), ("style", style)):
         if given is not None and not any(map(_performs, systems)):
             raise RunError(f"None of these systems performs plans; leave the {what} out.")
     run.note(*(() if read is None else read.notes))
+    sampler, guidance = sampling.sampler, sampling.guidance
     samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
-    if ask.sampler not in (None, *samplers):
-        raise RunError(f"There is no sampler {ask.sampler!r}; choose one of {', '.join(samplers)}.")
-    if ask.guidance not in (None, 1) and all(each.guidance is None for each in systems):
+    if sampler not in (None, *samplers):
+        raise RunError(f"There is no sampler {sampler!r}; choose one of {', '.join(samplers)}.")
+    if guidance not in (None, 1) and all(each.guidance is None for each in systems):
         raise RunError("None of these systems takes guidance; leave it out.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         performs = _performs(system)
-        own = options_of(ask, system, conditions=plans if performs else ())
-        if ask.sampler not in (None, own.sampler):
-            run.note(f"{system.name} has no sampler {ask.sampler}; it took {own.sampler}.")
-        if ask.guidance not in (None, own.guidance):
+        own = options_of(sampling, system, conditions=plans if performs else ())
+        if sampler not in (None, own.sampler):
+            run.note(f"{system.name} has no sampler {sampler}; it took {own.sampler}.")
+        if guidance not in (None, own.guidance):
             run.note(f"{system.name} takes no guidance.")
-        if (plans or ask.style) and not performs:
+        if (plans or style) and not performs:
             run.note(f"{system.name} performs no plans.")
         options[system.name] = own
     return options
 
 
-def _read_reference(ask: Ask, speech: Speech, run: RunWriter) -> dict[str, Motion]:
+def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) -> dict[str, Motion]:
     """The recorded motion by its name, no longer than the speech, where there is one."""
-    if ask.reference is None:
+    path, overrides = request.imports.reference, request.imports.import_overrides
+    if path is None:
         return {}
-    ask.told.check([ask.reference])
-    read = read_any_motion(ask.reference, ask.told, ask.body, REFERENCE_NAME)
+    overrides.check([path])
+    read = read_any_motion(path, overrides, request.video.body, REFERENCE_NAME)
     run.note(*read.notes)
     motion = read.motion
     if motion.num_frames != speech.num_frames:
@@ -319,13 +332,14 @@ def _read_reference(ask: Ask, speech: Speech, run: RunWriter) -> dict[str, Motio
     return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}
 
 
-def _needed_bytes(ask: Ask, num_frames: int, num_systems: int) -> int:
+def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
     """What such runs have taken, and half as much again."""
-    count = num_systems * ask.samples + 1
+    count = num_systems * request.sampling.samples + 1
     motion_bytes = (4 * 268 + 504) * num_frames  # as a file, and as a browser plays it
     # Each picture is in the comparison too, and so is each close-up, of half a body's height.
-    pixels = ask.size**2 * (len(ask.views) + len(ask.close_ups) / 2) * 2
-    video_bytes = 0.012 * pixels * num_frames if ask.has_video else 0.0
+    video = request.video
+    pixels = video.size**2 * (len(video.views) + len(video.close_ups) / 2) * 2
+    video_bytes = 0.012 * pixels * num_frames if request.output.has_video else 0.0
     return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)
 
 
@@ -350,34 +364,31 @@ def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[
     return list(read.notes)
 
 
-def make_plan(ask: Ask, *, is_empty: bool = False) -> Noted:
-    """Draw a plan of speech and write it to the file ``ask.out``; with it what its style could not
-    do.
-
-    Args:
-        is_empty: of the speech's length with nothing in it, to be filled in by hand.
+def make_plan(request: PlanRequest) -> Noted:
+    """Sample a gesture plan from speech and write it to ``request.out``; an empty one has the
+    speech's length and no events. Return the plan with notes on what its style could not do.
 
     Raises:
         RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
         WriteError: each with one sentence for the person who asked.
     """
-    ask.check()
-    check_ending(ask.out)
-    if is_empty and ask.style is not None:
+    request.check()
+    check_ending(request.out)
+    if request.is_empty and request.style is not None:
         raise RunError("An empty plan has no style; leave one of the two out.")
-    sound = ask.speech or Path()
-    speech = load_speech(sound, SpeechLimits(max_s=MAX_SPEECH_S, channel=ask.channel))
-    if is_empty:
+    sound = request.speech.path
+    speech = load_speech(sound, SpeechLimits(max_s=MAX_SPEECH_S, channel=request.speech.channel))
+    if request.is_empty:
         plan = GesturePlan(speech.duration_s)
-        write_plan_file(plan, ask.out, sound)
+        write_plan_file(plan, request.out, sound)
         return Noted(plan, speech.notes)
-    wish = None if ask.style is None else read_wish(ask.style)
-    system = get_system(usual_planner(), ask.weights)
-    with SpokenWords(ask.transcript, ask.words) as words:
+    wish = None if request.style is None else read_wish(request.style)
+    system = get_system(usual_planner(), request.weights)
+    with SpokenWords(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
         said, notes = words.found(lambda: None)
-    ask = replace(ask, seed=clip_seed(ask.seed, speech.sha256))
-    (plan,) = draw_conditions(system, speech, options_of(ask, system, words=said.words))
+    sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))
+    (plan,) = draw_conditions(system, speech, options_of(sampling, system, words=said.words))
     edited = Noted(plan) if wish is None else wish.done(plan, said.words)
-    write_plan_file(edited.plan, ask.out, sound)
+    write_plan_file(edited.plan, request.out, sound)
     return Noted(edited.plan, (*speech.notes, *notes, *edited.notes))

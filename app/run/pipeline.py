@@ -1,6 +1,7 @@
-"""One run, for whoever asks: speech or motions in; motion, numbers, videos and figures out.
+"""Runs: speech or motions in; motions, numbers, videos and figures out.
 
-The page, the command line, the notebook and the bench all call `do`; it knows nothing of Gradio.
+The page, the command line, the notebook and the bench all call `generate` and `diagnose`; neither
+knows Gradio.
 """
 
 from __future__ import annotations
@@ -9,14 +10,17 @@ import ctypes
 import json
 import sys
 import time
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
 
 from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.ask import DEAF, Ask, Done, Ear
 from app.run.bodies import body_motion, in_register
+from app.run.callbacks import DEAF, Ear
 from app.run.diagnostics import (
     figure6_of,
     jitter_of,
@@ -27,8 +31,12 @@ from app.run.given import NO_SPEECH, as_read, given_rows
 from app.run.made import made_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE, settings_of, title_of
-from app.run.output.run_folder import RunRecord, cut, read_run, told_of
+from app.run.output.run_folder import RunRecord, cut, read_run
+from app.run.requests.convert import request_json
+from app.run.requests.parts import OutputOptions
+from app.run.requests.requests import AnyRun, DiagnoseRequest, GenerateRequest, RunRequest
 from app.run.run_writer import Rows, RunWriter, writing_run
+from app.run.tasks import Done
 from app.run.timeline import SpokenWords, said_in
 from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
 from conventions.names import REFERENCE_NAME, printable
@@ -44,89 +52,121 @@ POSES_PX = 512
 """Of poses where no video is drawn."""
 _POSES = 0.6
 """Share of the time of all figures that the poses take."""
+Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
 
-def do(ask: Ask, ear: Ear = DEAF) -> Done:
-    """Do one run and leave its files in ``ask.out``, all of them or none.
+def generate(request: GenerateRequest, ear: Ear = DEAF) -> Done:
+    """Generate motion for speech with several systems, measure it, and leave motions, numbers,
+    videos and figures in the request's folder, all of them or none.
 
     Raises:
         Cancelled: when ``ear`` said so.
         RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
         CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
-        the person who asked.
+        the user.
     """
-    ask.check()
+    return _run(request, ear, made_rows)
+
+
+def diagnose(request: DiagnoseRequest, ear: Ear = DEAF) -> Done:
+    """Measure imported motions, and leave numbers, videos and figures in the request's folder, all
+    of them or none. Raises as `generate`."""
+    return _run(request, ear, given_rows)
+
+
+def run(request: AnyRun, ear: Ear = DEAF) -> Done:
+    """Generate or measure, whichever is requested. Raises as `generate`."""
+    return (
+        generate(request, ear) if isinstance(request, GenerateRequest) else diagnose(request, ear)
+    )
+
+
+def _run(
+    request: Request, ear: Ear, rows_of: Callable[[Request, SpokenWords, RunWriter], Rows]
+) -> Done:
+    request.check()
     _return_large_blocks()
     started = time.monotonic()
+    source = _source_run(request)
+    transcript = said_in(source) if source else request.speech.transcript
     with (
-        SpokenWords(said_in(ask.opened) if ask.opened else ask.transcript, ask.words) as words,
-        writing_run(ask.out, record_of(ask), ear, is_kept=ask.is_kept) as run,
+        SpokenWords(transcript, request.speech.words) as words,
+        writing_run(
+            request.output.out, record_of(request), ear, is_kept=request.output.is_kept
+        ) as run,
     ):
-        if words.need_speech and ask.speech is None:
+        if words.need_speech and request.speech.path is None:
             raise RunError(NO_SPEECH)
-        return _do(_as_far_as_anything_draws(ask, run), words, run, started)
+        output = _as_far_as_anything_draws(request.output, run)
+        request = replace(request, output=output)
+        run.progress("speech", 0.0)
+        rows = rows_of(request, words, run)
+        run.timeline(rows.timeline, words.given)
+        for name, motion in rows.staged.items():
+            run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
+        diagnostics = _measure(rows, run)
+        run.find_plans(rows.staged)
+        if output.has_video:
+            _draw_videos(request, rows, run)
+        beside = nullcontext()
+        if output.has_video and rows.is_made:
+            beside = joined_side_by_side(list(rows.drawn), rows.sound, run.folder, run, run.file)
+        with beside:
+            if output.has_figures:
+                _draw_figures(request, rows, diagnostics, run)
+        said, notes = words.found(run.stop_if_asked)
+        run.note(*notes)
+        if said.origin != words.given.origin:
+            run.timeline(rows.timeline, said)
+        run.file(*write_diagnostics(diagnostics, run.folder, said))
+        if rows.is_made:
+            path = run.folder.path(PROVENANCE)
+            words_of = {"origin": said.origin, "count": len(said.words)} if said.words else None
+            speech = {**rows.origin["speech"], "words": words_of}
+            record = {**rows.origin, "speech": speech, "notes": run.notes}
+            path.write_text(json.dumps(record, indent=1) + "\n")
+            run.file(path)
+        num_frames = max(motion.num_frames for motion in rows.staged.values())
+        run.finish(_line(request, len(rows.measured), num_frames, time.monotonic() - started))
+        return Done(output.out, diagnostics, tuple(run.notes), said)
 
 
-def _do(ask: Ask, words: SpokenWords, run: RunWriter, started: float) -> Done:
-    run.progress("speech", 0.0)
-    rows = (given_rows if ask.motions else made_rows)(ask, words, run)
-    run.timeline(rows.timeline, words.given)
-    for name, motion in rows.staged.items():
-        run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
-    diagnostics = _measure(rows, run)
-    run.find_plans(rows.staged)
-    if ask.has_video:
-        _draw_videos(ask, rows, run)
-    beside = nullcontext()
-    if ask.has_video and rows.is_made:
-        beside = joined_side_by_side(list(rows.drawn), rows.sound, run.folder, run, run.file)
-    with beside:
-        if ask.has_figures:
-            _draw_figures(ask, rows, diagnostics, run)
-    said, notes = words.found(run.stop_if_asked)
-    run.note(*notes)
-    if said.origin != words.given.origin:
-        run.timeline(rows.timeline, said)
-    run.file(*write_diagnostics(diagnostics, run.folder, said))
-    if rows.is_made:
-        path = run.folder.path(PROVENANCE)
-        words_of = {"origin": said.origin, "count": len(said.words)} if said.words else None
-        speech = {**rows.origin["speech"], "words": words_of}
-        record = {**rows.origin, "speech": speech, "notes": run.notes}
-        path.write_text(json.dumps(record, indent=1) + "\n")
-        run.file(path)
-    num_frames = max(motion.num_frames for motion in rows.staged.values())
-    run.finish(_line(ask, len(rows.measured), num_frames, time.monotonic() - started))
-    return Done(ask.out, diagnostics, tuple(run.notes), said)
+def _source_run(request: RunRequest) -> Path | None:
+    """Return the folder of the run that imported motions come from, if they come from one."""
+    return request.motions.source_run if isinstance(request, DiagnoseRequest) else None
 
 
-def record_of(ask: Ask) -> RunRecord:
-    """What is known of a run before anything is read."""
+def record_of(request: RunRequest) -> RunRecord:
+    """Return what is known of a run before anything is read."""
+    is_generated = isinstance(request, GenerateRequest)
     run = RunRecord(
-        kind="given" if ask.motions else "generated",
-        title=cut(title_of(ask, ask.systems)),
-        asked={key: each for key, each in told_of(ask).items() if each is not None},
-        settings={key: cut(value) for key, value in settings_of(ask).items()},
-        point=ask.joint,
+        kind="generated" if is_generated else "given",
+        title=cut(title_of(request)),
+        request=request_json(request),
+        settings={key: cut(value) for key, value in settings_of(request).items()},
+        point=request.joint,
     )
-    if ask.opened is not None:
-        before = read_run(ask.opened)
+    source = _source_run(request)
+    if source is not None:
+        before = read_run(source)
         known = ("title", "settings", "speech_sha256")
         return run.model_copy(update={key: getattr(before, key) for key in known})
-    if ask.motions and ask.speech is not None and ask.speech.is_file():
-        run.speech_sha256 = file_sha256(ask.speech)
+    speech = request.speech.path
+    if not is_generated and speech is not None and speech.is_file():
+        run.speech_sha256 = file_sha256(speech)
     return run
 
 
-def _as_far_as_anything_draws(ask: Ask, run: RunWriter) -> Ask:
-    """Motion, numbers and trajectories need no OpenGL."""
-    if not (ask.has_video or (ask.has_poses and ask.has_figures)):
-        return ask
+def _as_far_as_anything_draws(output: OutputOptions, run: RunWriter) -> OutputOptions:
+    """Leave out videos and poses where no OpenGL works; motion, numbers and trajectories need
+    none."""
+    if not (output.has_video or (output.has_poses and output.has_figures)):
+        return output
     missing = nothing_draws()
     run.note(*filter(None, [missing]))
-    return replace(ask, has_video=False, has_poses=False) if missing else ask
+    return replace(output, has_video=False, has_poses=False) if missing else output
 
 
 def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
@@ -146,12 +186,14 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
     return diagnostics
 
 
-def _draw_videos(ask: Ask, rows: Rows, run: RunWriter) -> None:
+def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
     """Of each motion."""
     on_share = run.share("video")
     on_share(0.0)
     placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}
-    draw_rows(placed, ask, rows.body, rows.tip, on_share, run.folder, rows.sound, run.file)
+    draw_rows(
+        placed, request.video, rows.body, rows.tip, on_share, run.folder, rows.sound, run.file
+    )
 
 
 def _placed(motion: Motion, rows: Rows) -> Motion:
@@ -159,43 +201,47 @@ def _placed(motion: Motion, rows: Rows) -> Motion:
     return in_register(motion) if rows.is_made else motion
 
 
-def _draw_figures(ask: Ask, rows: Rows, diagnostics: Diagnostics, run: RunWriter) -> None:
+def _draw_figures(
+    request: RunRequest, rows: Rows, diagnostics: Diagnostics, run: RunWriter
+) -> None:
     """Figure 6, of trajectories only where no pose is drawn, and the jitter sheet."""
-    snapshots, on_share = _draw_poses(ask, rows, run), run.share("figure")
+    snapshots, on_share = _draw_poses(request, rows, run), run.share("figure")
     on_share(_POSES)
-    clip = printable(ask.speech.stem) if ask.speech is not None and not ask.motions else ""
-    contents = figure6_of(rows.drawn, snapshots, rows.tip, ask, clip, run.stop_if_asked)
-    run.figure("figure6", contents, contents.caption, ask.figure_forms)
+    clip = printable(request.speech.path.stem) if rows.is_made and request.speech.path else ""
+    contents = figure6_of(rows.drawn, snapshots, rows.tip, request, clip, run.stop_if_asked)
+    run.figure("figure6", contents, contents.caption, request.figures.figure_forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
     sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
     told = f"{said['trajectory']} {said['depth']}"
-    run.figure("jitter", sheet, sheet_caption(sheet, clip, told), ask.figure_forms)
+    run.figure("jitter", sheet, sheet_caption(sheet, clip, told), request.figures.figure_forms)
     run.progress("figure", 1.0)
 
 
-def _draw_poses(ask: Ask, rows: Rows, run: RunWriter) -> Snapshots:
+def _draw_poses(request: RunRequest, rows: Rows, run: RunWriter) -> Snapshots:
     """For Figure 6; of the frames alone where none is asked for."""
+    figures, video = request.figures, request.video
     shortest = min(motion.num_frames for motion in rows.drawn.values())
-    frames = ask.figure_frames or choose_snapshot_frames(shortest, ask.start_frame)
-    if not ask.has_poses or "b" not in ask.figure_panels:
+    frames = figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
+    if not request.output.has_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
-    if not (ask.has_video and rows.is_made):  # else as the videos are
-        ask = replace(ask, size=POSES_PX, views=("front",))
+    if not (request.output.has_video and rows.is_made):  # else as the videos are
+        video = replace(video, size=POSES_PX, views=("front",))
     placed = {name: _placed(motion, rows) for name, motion in rows.drawn.items()}
     on_share = run.share("figure", _POSES)
-    return draw_poses(placed, ask, rows.body, on_share, frames)
+    return draw_poses(placed, video, rows.body, on_share, frames)
 
 
-def _line(ask: Ask, num_rows: int, num_frames: int, seconds: float) -> str:
+def _line(request: RunRequest, num_rows: int, num_frames: int, seconds: float) -> str:
     """How it went."""
-    if ask.motions:
-        count = num_rows - (ask.reference is not None)
+    if not isinstance(request, GenerateRequest):
+        count = num_rows - (request.imports.reference is not None)
         motions = f"{count} motion{'s' if count > 1 else ''}"
-        return (MEASURED if ask.opened is None else OPENED).format(motions=motions)
+        return (OPENED if _source_run(request) else MEASURED).format(motions=motions)
     rows = f"{num_rows} {'motion' if num_rows == 1 else 'motions'}"
     line = text.DONE.format(seconds=seconds, rows=rows, frames=num_frames)
-    return f"{line} {ask.take.why_less}".rstrip() if ask.take else line
+    recording = request.live_recording
+    return f"{line} {recording.truncation_note}".rstrip() if recording else line
 
 
 def _return_large_blocks() -> None:

@@ -16,8 +16,8 @@ from app.errors import Cancelled, sentence_of
 from app.findings.measure_rows import numbers_of, parts_apart
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
-from app.run.ask import DEAF, Ear, Grown
 from app.run.bodies import Register, TipSource, register_of
+from app.run.callbacks import DEAF, Ear, Grown
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     MAX_ROWS,

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, Field
 
-from app.run.ask import NUM_SECONDS, WordsAsked
 from app.run.bodies import TipSource
 from app.run.diagnostics import onsets_of
 from app.run.output.run_folder import Text, file_of, read_run
+from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
 from conventions.names import REFERENCE_NAME, Version
 from conventions.rates import FPS, SAMPLE_RATE
 from model.measures.smoothness import derivative_magnitudes
@@ -36,7 +36,7 @@ from model.storage.checked import read_checked
 
 
 def worst_seconds(
-    tracks: Mapping[str, np.ndarray], count: int = NUM_SECONDS
+    tracks: Mapping[str, np.ndarray], count: int = NUM_WORST_SECONDS
 ) -> list[dict[str, Any]]:
     """At most ``count`` seconds without overlap, the worst of all motions first.
 
@@ -185,7 +185,7 @@ class SpokenWords:
     """Of one run: a TextGrid wins, then a plain text, then what is recognised, if that is asked
     for. Use it as a context: leaving it ends the looking for words."""
 
-    def __init__(self, given: Path | Transcript | None, asked: WordsAsked) -> None:
+    def __init__(self, given: Path | Transcript | None, asked: WordSource) -> None:
         """
         Raises:
             TranscriptError: if the transcript cannot be used.
@@ -194,7 +194,7 @@ class SpokenWords:
         if given is not None:
             is_file = isinstance(given, Path)
             self._given = read_words(given) if is_file else GivenWords(given)
-        self._asked: WordsAsked = asked
+        self._asked: WordSource = asked
         self._hearing: Hearing | None = None
 
     def __enter__(self) -> SpokenWords:

@@ -14,7 +14,7 @@ from typing import Literal
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 from app.errors import RunError, sentence_of
-from app.run.ask import MAX_CLIPS
+from app.run.requests.parts import MAX_CLIPS
 from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.storage.files import list_bytes

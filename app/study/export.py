@@ -11,9 +11,10 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.run.ask import DEAF, Ask, Ear
+from app.run.callbacks import DEAF, Ear
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import held_folder, zip_folder
+from app.run.requests.parts import VideoOptions
 from app.run.videos.videos import picture_of
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
@@ -187,8 +188,8 @@ class _Maker:
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
-        asked = Ask(out=Path(), size=self.plan.size, framing="whole", close_ups=())
-        settings = picture_of(asked, view, crf=0)  # encoded once more
+        video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
+        settings = picture_of(video, view, crf=0)  # encoded once more
         stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.ask import Ask
+from app.run.requests.requests import AnyRun
+from tests.app.requests import generate_request
 from tests.model.made import made_waveform
 
 
@@ -18,10 +19,10 @@ def _any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.fixture
-def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., Ask]:
+def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., AnyRun]:
     """A request that needs no GL and draws no figures unless it is told otherwise."""
 
-    def make(**changes) -> Ask:
+    def make(**changes) -> AnyRun:
         values = {
             "speech": speech,
             "out": tmp_path / "out",
@@ -30,7 +31,7 @@ def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., Ask]:
             "has_video": False,
             "has_figures": False,
         }
-        return Ask(**{**values, **changes})
+        return generate_request(**{**values, **changes})
 
     return make
 

@@ -22,18 +22,13 @@ from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.runner import Services
 from app.page.visitors.files import Jobs
 from app.page.worker import Task, Worker
-from app.run.ask import (
-    DEAF,
-    Ask,
-    Ear,
-    Grown,
-    Progress,
-)
 from app.run.bodies import TipSource
+from app.run.callbacks import DEAF, Ear, Grown, Progress
 from app.run.made import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of
+from app.run.requests.requests import AnyRun
 from app.run.run_writer import RunWriter, writing_run
 from app.run.timeline import SpokenWords, make_timeline
 from conventions.joints import JOINT_INDEX
@@ -162,36 +157,38 @@ def tell_windows(
 
 
 def make_generate(
-    on_start: Callable[[Ask], None] | None = None,
+    on_start: Callable[[AnyRun], None] | None = None,
     error: BaseException | None = None,
     seconds: float = 1.0,
     before_window: Callable[[int], threading.Event] | None = None,
     before_figures: threading.Event | None = None,
     plan: GesturePlan | None = None,
     late_error: BaseException | None = None,
-) -> Callable[[Ask, Ear], None]:
+) -> Callable[[AnyRun, Ear], None]:
     """A pipeline without models, which writes a run's folder as the real one does; it can be told
     to fail, at once or with all motion there; with ``before_window`` motion comes in windows, held
     before each; figures wait for ``before_figures``; the first system performs ``plan``."""
 
-    def generate(request: Ask, ear: Ear) -> None:
+    def generate(request: AnyRun, ear: Ear) -> None:
         if on_start is not None:
             on_start(request)
-        names, num_frames = row_names(request, request.systems), round(30 * seconds)
+        names, num_frames = row_names(request, request.sampling.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
-        how = request.out, record_of(request), ear
-        with writing_run(*how, is_kept=request.is_kept) as run:
+        how = request.output.out, record_of(request), ear
+        with writing_run(*how, is_kept=request.output.is_kept) as run:
             run.progress("speech", 1.0)
             run.progress("motion", 0.4, names[0])
             if error is not None:
                 raise error
-            speech = load_speech(request.speech or "")
+            speech = load_speech(request.speech.path or "")
             run.record.speech_sha256 = speech.sha256
             run.rows(names)
             run.sound(speech.waveform)
             recorded = {}
-            if request.reference is not None:
-                recorded[REFERENCE_NAME] = first_frames(load_motion(request.reference), num_frames)
+            if request.imports.reference is not None:
+                recorded[REFERENCE_NAME] = first_frames(
+                    load_motion(request.imports.reference), num_frames
+                )
                 run.motion(REFERENCE_NAME, recorded[REFERENCE_NAME])
             if before_window is not None:
                 tell_windows(run, systems, num_frames, before_window)
@@ -208,12 +205,12 @@ def make_generate(
             tip = TipSource()
             said = (
                 RECOGNISED
-                if request.words == "recognise"
-                else SpokenWords(request.transcript, "none").given
+                if request.speech.words == "recognise"
+                else SpokenWords(request.speech.transcript, "none").given
             )
             run.timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
             run.find_plans(motions | recorded)
-            reference = measures(104.0) if request.reference else None
+            reference = measures(104.0) if request.imports.reference else None
             jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
             run.progress("numbers", 1.0)
             run.measured(diagnostics_of(reference, **jerk))
@@ -224,25 +221,27 @@ def make_generate(
             run.progress("figure", 1.0)
             run.file(figure)
             run.note("A note.")
-            why = "" if request.take is None else request.take.why_less
+            why = "" if request.live_recording is None else request.live_recording.truncation_note
             done = text.DONE.format(seconds=0, rows=f"{len(names)} motions", frames=num_frames)
             run.finish(f"{done} {why}".strip())
 
     return generate
 
 
-def diagnose(request: Ask, ear: Ear) -> None:
+def diagnose(request: AnyRun, ear: Ear) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
     ear.hear(Progress("numbers", 0.5))
-    with writing_run(request.out, record_of(request), ear, is_kept=request.is_kept) as run:
-        motions = {name: made_motion(30) for name in request.names}
+    with writing_run(
+        request.output.out, record_of(request), ear, is_kept=request.output.is_kept
+    ) as run:
+        motions = {name: made_motion(30) for name in request.motions.names}
         run.rows(motions)
         for name, motion in motions.items():
             run.motion(name, motion)
         run.note("A <note>.")
-        found = diagnostics_of(**{name: measures(120.0) for name in request.names})
-        assumed = {name: [{"what": "up", "why": "so (--up)"}] for name in request.names}
-        for row, path in zip(run.record.rows, request.motions, strict=True):
+        found = diagnostics_of(**{name: measures(120.0) for name in request.motions.names})
+        assumed = {name: [{"what": "up", "why": "so (--up)"}] for name in request.motions.names}
+        for row, path in zip(run.record.rows, request.motions.motions, strict=True):
             row.ending = path.suffix
         run.measured(replace(found, assumed=assumed))
         for name in ("diagnostics.json", "jitter.png"):
@@ -254,11 +253,11 @@ def diagnose(request: Ask, ear: Ear) -> None:
 
 def make_draw(
     before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
-) -> Callable[[Ask, Ear], None]:
+) -> Callable[[AnyRun, Ear], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(request: Ask, ear: Ear) -> None:
-        (run,) = request.motions
+    def draw(request: AnyRun, ear: Ear) -> None:
+        run = request.run
         names = [row.name for row in read_run(run).rows]
         with ResultFolder(request.out) as folder:
             for i, name in enumerate(names):

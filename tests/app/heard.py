@@ -1,6 +1,6 @@
 """What a task of `app.page.worker` tells while it works."""
 
-from app.run.ask import Ear, Event, Progress, Stage
+from app.run.callbacks import Ear, Event, Progress, Stage
 
 
 class Heard(Ear):

@@ -27,8 +27,10 @@ from playwright.sync_api import TimeoutError as TimedOut
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
-from app.run.ask import Ask, Ear
+from app.run.callbacks import Ear
 from app.run.many.opened import do_in_folder
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import AnyRun
 from app.study.design.plan import read_plan
 from app.study.export import export_study, zipped
 from app.study.make.workspace import ExportRequest
@@ -263,7 +265,7 @@ class Fake:
 
     def __init__(self) -> None:
         self.windows, self.videos, self.figures = Gate(), Gate(), threading.Event()
-        self.asked: list[Ask] = []
+        self.asked: list[AnyRun] = []
 
     def usual(self) -> None:
         """Nothing is held back."""
@@ -324,9 +326,9 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("page")
 
 
-def _without_figures(ask: Ask, *told: Any) -> None:
+def _without_figures(ask: AnyRun, *told: Any) -> None:
     """They are three quarters of a short run's time, and looked at where `Fake` makes one."""
-    do_in_folder(replace(ask, has_figures=False), *told)
+    do_in_folder(replace_fields(ask, has_figures=False), *told)
 
 
 @pytest.fixture(scope="session")

@@ -7,16 +7,15 @@ A browser sends what the page's fields give; a program may send anything.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, fields
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args
 
 import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
-from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
+from app.run.requests.convert import all_names, default_of, field_type, parse_field
 from model.storage.checked import why
 
 LONGEST_TEXT = 5000
@@ -32,10 +31,10 @@ Fields = Mapping[str, Any]
 """Parts of the page."""
 
 
-def values_of(asked: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
-    """What is asked for, by name, of what was sent in the order of the fields; of a field that is
-    empty or off it is what is usual for the dataclass that the form fills in. Raises `RunError` if
-    a value has another type than its field, is NaN or far too long, or cannot be asked for."""
+def values_of(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
+    """Return what a form asks for, by the names of its fields, from what was sent in their order; a
+    field that is empty has the request's default. Raises `RunError` if a value has another type
+    than its field, is NaN or far too long, or cannot be asked for."""
     sent = dict(zip(form, values, strict=False))
     sent = {name: sent.get(name, part.value) for name, part in form.items()}
     kinds: dict[str, Any] = {name: (_kind(part), ...) for name, part in form.items()}
@@ -44,11 +43,7 @@ def values_of(asked: type[Any], form: Fields, values: Sequence[Any]) -> dict[str
         create_model("Form", __config__=config, **kinds)(**sent)
     except ValidationError as error:
         raise RunError(f"The field {why(error)}.") from error
-    hints, usual = get_type_hints(asked, include_extras=True), {of.name: of for of in fields(asked)}
-    return {
-        name: _read(part, sent[name], hints.get(name), usual.get(name))
-        for name, part in form.items()
-    }
+    return {name: _read(part, sent[name], request, name) for name, part in form.items()}
 
 
 def _kind(part: Any) -> Any:
@@ -61,33 +56,24 @@ def _kind(part: Any) -> Any:
     return _KINDS.get(type(part), str | None)
 
 
-def _read(part: Any, value: Any, hint: Any, of: Field[Any] | None) -> Any:
-    """As the ask has it."""
-    usual = MISSING if of is None else of.default
-    if of is not None and of.default_factory is not MISSING:
-        usual = of.default_factory()
+def _read(part: Any, value: Any, request: type, name: str) -> Any:
+    """Return a value as the request has it."""
     if isinstance(part, gr.File | gr.Audio):
         paths = tuple(map(Path, [value] if isinstance(value, str) else value or ()))
         return paths if _kind(part) != str | None else next(iter(paths), None)
-    if isinstance(value, list):
-        value = tuple(value)
+    if name not in all_names(request):
+        return tuple(value) if isinstance(value, list) else value
     if isinstance(value, str):
         value = value.strip()
-    if isinstance(part, gr.Number | gr.Slider) and not _has(hint, float):
-        value = usual if value is None and usual is not MISSING else _whole(part, value)
-    if not value and usual is not MISSING:
-        return usual
-    if value is True and get_origin(hint) is Literal:
-        return next(each for each in get_args(hint) if each != usual)
-    if isinstance(value, str):
-        for spec in getattr(hint, "__metadata__", ()):
-            if isinstance(spec, PrimitiveConstructorSpec):
-                return spec.instance_from_str([value])
-    return value
+    if value in (None, ""):
+        return default_of(request, name)
+    if isinstance(part, gr.Number | gr.Slider) and not _has(field_type(request, name), float):
+        value = _whole(part, value)
+    return parse_field(request, name, tuple(value) if isinstance(value, list) else value)
 
 
 def _has(hint: Any, kind: type) -> bool:
-    """Whether it is among the types of a hint."""
+    """Return whether a type is among those of a hint."""
     return hint is kind or any(_has(each, kind) for each in get_args(hint))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.run.ask import STAGES, Stage
+from app.run.callbacks import STAGES, Stage
 
 WORDS = {
     "jerk": "Change of acceleration: how much it trembles and jolts. Lower is smoother.",

@@ -17,9 +17,9 @@ from app.page.results.player import Showing
 from app.page.results.result_parts import ResultParts
 from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
-from app.run.ask import NUM_SECONDS
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.output.run_folder import RunRecord, colors_of
+from app.run.requests.parts import NUM_WORST_SECONDS
 from conventions.names import REFERENCE_NAME, short_names
 
 MAX_VIDEOS = 12
@@ -214,7 +214,7 @@ def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for each in sorted(seconds, key=lambda one: -one["jerk_m_s3"]):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
             kept.append(each)
-    return kept[:NUM_SECONDS]
+    return kept[:NUM_WORST_SECONDS]
 
 
 def _settings_table(a: RunRecord, b: RunRecord) -> str:

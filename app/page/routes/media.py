@@ -36,7 +36,8 @@ from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.pieces import body_glb, builds, face_names, reaches_message
-from app.run.tasks import DRAW_FIGURE, MARKERS_ENDING, RENDER, WRITE_PLAN, RenderAsk
+from app.run.requests.requests import MARKERS_SUFFIX, RenderRequest
+from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN
 from renderer.figures.style import CONTENTS_ENDING
 
 MEDIA_ROUTE = "/media"
@@ -150,7 +151,7 @@ PLAN_ENDINGS = {
     "json": ".json",
     "textgrid": ".TextGrid",
     "elan": ".eaf",
-    "markers": MARKERS_ENDING,
+    "markers": MARKERS_SUFFIX,
 }
 """The same of a plan."""
 PLAN_SUFFIX = ".plan.json"
@@ -187,8 +188,8 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
         )
 
     async def made_of(path: Path, kind: str) -> Response:
-        def asked(out: Path) -> RenderAsk:
-            return RenderAsk(motions=(path,), out=out)
+        def asked(out: Path) -> RenderRequest:
+            return RenderRequest(motion=path, out=out)
 
         for suffix, endings, task, request in (
             (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, asked),
@@ -261,8 +262,8 @@ def prepare() -> None:
 @functools.cache
 def stage_facts() -> bytes:
     """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
-    from app.run.ask import TIP
     from app.run.display import FULL_SPEED_M_S
+    from app.run.requests.parts import DEFAULT_TRACKED_POINT
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
     from renderer.files.glb import STEP_M
@@ -275,7 +276,7 @@ def stage_facts() -> bytes:
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
-        "usual_point": TIP,
+        "usual_point": DEFAULT_TRACKED_POINT,
         "tones": COLORS,
         "builds": {"names": BUILDS, "step": STEP_M},
     }

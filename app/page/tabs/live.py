@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import gradio as gr
@@ -15,9 +14,10 @@ from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.runner import SEEN, Services, set_here
+from app.page.tabs.runner import PAGE_DISPLAY, Services
 from app.page.visitors.files import Job
-from app.run.ask import Ask
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import GenerateRequest
 from model.systems.registry import family_of, usual_systems
 
 _MAX_TOKEN = 100
@@ -28,12 +28,14 @@ class LiveRunner(RunRunner):
 
     tab = "live"
 
-    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+    def asked(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
         """Sound, motion and plan of the last minute, laid into the job's folder. Raises `RunError`
         if there is nothing to keep."""
         token = values[0] if isinstance(values[0], str) else ""
         kept = self._services.live.keep(token[:_MAX_TOKEN], job.cookie, job.folder)
-        return replace(kept, **set_here(self._services.config, job.folder), **SEEN)
+        config = self._services.config
+        shown = {**PAGE_DISPLAY, "figure_forms": ("png",)}
+        return replace_fields(kept, weights=config.weights, body=config.body, **shown)
 
 
 TAB = "Live"

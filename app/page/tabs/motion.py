@@ -27,16 +27,11 @@ from app.page.parts.catalogue import (
     strength_choices,
 )
 from app.page.parts.markup import AT_ONCE, arrange_chips
-from app.page.tabs.runner import SEEN, Services, set_here
-from app.run.ask import (
-    FIGURE_PANELS,
-    MAX_CLIPS,
-    MAX_SAMPLES,
-    TIP,
-    Ask,
-)
+from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.run.many.opened import SPEECHES
 from app.run.many.speeches import ENDINGS
+from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
+from app.run.requests.requests import GenerateRequest
 from app.run.upload_check import TOO_MANY_CLIPS
 from conventions.names import counted, file_stem, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
@@ -57,10 +52,10 @@ PAGE_VIDEOS = 12
 
 def ask_from_form(
     told: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
-) -> Ask:
+) -> GenerateRequest:
     """The run that a form asks for, as `values_of` gives it. Raises `RunError` with a sentence for
     the visitor."""
-    told = dict(told)
+    told = with_panels(told)
     speeches = (*filter(None, [told["speech"]]), *told.pop("clips"))
     if not speeches:
         raise RunError(text.NO_SPEECH)
@@ -87,9 +82,10 @@ def ask_from_form(
     steps, named = told["steps"], dict(catalogue.system_choices)
     if isinstance(steps, dict):  # by name, whole or as the form shows it
         steps = {named.get(name, name): count for name, count in steps.items()}
-    ask = Ask(**{**told, "systems": systems, "steps": steps}, **set_here(config, folder), **SEEN)
-    ask.check()
-    return ask
+    told |= {"systems": systems, "steps": steps, **PAGE_DISPLAY}
+    request = page_request(GenerateRequest, told, config, folder)
+    request.check()
+    return request
 
 
 def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
@@ -126,7 +122,7 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class FormParts:
-    """The fields by what they ask for (`Ask`), and the buttons."""
+    """The fields by what they ask for (`GenerateRequest`), and the buttons."""
 
     fields: Fields
     start: gr.Button
@@ -242,7 +238,9 @@ def build_form(services: Services) -> FormParts:
         of["words"] = gr.Checkbox(
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
-        of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        of["joint"] = gr.Dropdown(
+            choices=point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
+        )
         of |= figure_fields("start-frame")
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
@@ -271,6 +269,11 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
         choices=[("85 mm", "85mm"), ("174 mm", "174mm")], value="174mm", label="Width in print"
     )
     return of
+
+
+def with_panels(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a form's values with all panels of Figure 6 where none is ticked."""
+    return {**told, "figure_panels": told["figure_panels"] or tuple(FIGURE_PANELS)}
 
 
 def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) -> None:

@@ -6,7 +6,7 @@ import shutil
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -27,9 +27,11 @@ from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import cookie_of, is_same, visitor_of
-from app.run.ask import Ask, Ear, Event, Grown, Progress, Stage
+from app.run.callbacks import Ear, Event, Grown, Progress, Stage
 from app.run.many.opened import OPENED, do_in_folder
 from app.run.output.run_folder import end_run
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import AnyRun, GenerateRequest
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
@@ -109,27 +111,35 @@ class RunRunner(TabRunner):
         return run
 
     @abstractmethod
-    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+    def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
         """Raises `RunError` when the form asks for what cannot be."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         self._waiting.discard(job.visitor)
-        ask = self.asked(job, values)
+        request = self.asked(job, values)
         self.videos.give_up(job.visitor)
         fields = self._form.fields
         form = kept_values(fields, values, job.folder) if "speech" in fields else {}
         yield self.blank()
-        yield from self.perform(job, ask, form)
+        yield from self.perform(job, request, form)
 
     def perform(
-        self, job: Job, ask: Ask, form: Mapping[str, Any]
+        self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
         """A run that fails keeps what it has, if that is any motion. Raises `Exception` of a run
         that has left nothing."""
         services, parts = self._services, self._parts
         address = services.media.share(job.folder, job.cookie)
-        showings = partial(showings_in, ask.out, address, job.folder.name, ask.has_video)
-        line = StageLine([each for each in STAGES_OF_STAGE if not ask.motions or each != "motion"])
+        showings = partial(
+            showings_in, request.output.out, address, job.folder.name, request.output.has_video
+        )
+        line = StageLine(
+            [
+                each
+                for each in STAGES_OF_STAGE
+                if isinstance(request, GenerateRequest) or each != "motion"
+            ]
+        )
         so_far: Updates = {}
 
         def told(events: list[Event]) -> Updates:
@@ -147,13 +157,14 @@ class RunRunner(TabRunner):
             return new
 
         try:
-            asked = replace(ask, has_video=False, is_kept=True)
+            asked = replace_fields(request, has_video=False, is_kept=True)
 
             def do(ear: Ear) -> None:
                 try:
                     services.worker.do(do_in_folder, asked, ear)
                 finally:  # when its process has ended, which may be after the page has gone on
-                    shutil.rmtree(ask.out.with_name(OPENED), ignore_errors=True)
+                    opened = request.output.out.with_name(OPENED)
+                    shutil.rmtree(opened, ignore_errors=True)
 
             yield from self.followed(job, do, told)
         except Cancelled:
@@ -165,8 +176,8 @@ class RunRunner(TabRunner):
             if not any(has_left) and len(undone) == len(begun):
                 raise
         kept = services.kept.keep_run(job, showings(), form)
-        if ask.has_video and kept.record.state == "done" and not kept.clips:
-            self.videos.want(kept, ask)
+        if request.output.has_video and kept.record.state == "done" and not kept.clips:
+            self.videos.want(kept, request.video)
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
@@ -226,9 +237,9 @@ class GenerateRunner(RunRunner):
 
     tab = "generate"
 
-    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+    def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
         services = self._services
-        told = values_of(Ask, self._form.fields, values)
+        told = values_of(GenerateRequest, self._form.fields, values)
         return ask_from_form(told, job.folder, services.catalogue, services.config)
 
 

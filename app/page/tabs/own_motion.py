@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +19,18 @@ from app.page.parts.catalogue import point_choices
 from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, reveal_on_click, shown, told_part
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
-from app.page.tabs.motion import FIGURE, LAST_FRAME, FormParts, figure_fields
+from app.page.tabs.motion import FIGURE, LAST_FRAME, FormParts, figure_fields, with_panels
 from app.page.tabs.motion_run import RunRunner
-from app.page.tabs.runner import SEEN, Services, set_here
+from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
-from app.run.ask import MAX_COMPARED, TIP, Ask, Ear
+from app.run.callbacks import Ear
 from app.run.examples import RECORDED, planted_files
 from app.run.many.opened import is_one_run
 from app.run.many.unpacked import UNPACKED, is_packed, stem_of
+from app.run.requests.convert import replace_fields, request_from
+from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
+from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.run.tasks import MEASURE_SETS, Sets
 from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, counted, printable
@@ -143,7 +145,9 @@ def build_own_form(services: Services) -> FormParts:
     chosen = [of[name] for name in ("recorded", "shown", "channel")]
     of["motions"].change(_choices, of["motions"], chosen, **AT_ONCE)
     of["words"] = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
-    of["joint"] = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+    of["joint"] = gr.Dropdown(
+        choices=point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
+    )
     of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )
@@ -190,16 +194,16 @@ SetsParts = tuple[gr.HTML, gr.Dropdown]
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
-SHOWN: dict[str, Any] = {**SEEN, "size": 512, "max_frames": 108_000}
+SHOWN: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
 """Of all files of a run an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
 
 
-def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
+def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
     """The measuring that a form asks for, of files or of zips, as `values_of` gives it. Raises
     `RunError` with a sentence for the visitor."""
-    told = dict(told)
+    told = with_panels(told)
     told |= as_they_are(told["motions"], told.pop("recorded"))
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
     if not motions:
@@ -211,7 +215,8 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
         if len(motions) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
         beside = ("motions", "names", "reference", "speech", "told", "channel")
-        return Ask(out=job / "results", **{name: told[name] for name in beside})
+        values = {name: told[name] for name in beside} | {"out": job / "results"}
+        return request_from(DiagnoseRequest, values)
     if len(motions) > MAX_FILES:
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(motions)))
     names = told["names"]
@@ -223,7 +228,7 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> Ask:
         raise RunError(NO_SETS)
     told["shown"] = chosen if len(motions) > limit else ()
     told["told"] = told["told"].known(files, *names)
-    return Ask(**set_here(config, job), **SHOWN, **told)
+    return page_request(DiagnoseRequest, {**SHOWN, **told}, config, job)
 
 
 def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
@@ -284,22 +289,23 @@ class OwnMotionRunner(RunRunner):
         self.outputs += of_sets
         self.sets: Kept[Sets] = Kept()
 
-    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
-        told = values_of(Ask, self._form.fields, values)
+    def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
+        told = values_of(DiagnoseRequest, self._form.fields, values)
         return own_ask(told, job.folder, self._services.config)
 
     def perform(
-        self, job: Job, ask: Ask, form: Mapping[str, Any]
+        self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
-        if not has_sets(ask.motions):
-            yield from super().perform(job, ask, form)
+        assert isinstance(request, DiagnoseRequest)
+        if not has_sets(request.motions.motions):
+            yield from super().perform(job, request, form)
             return
 
         def do(ear: Ear) -> Sets:
             try:
-                return self._services.worker.do(MEASURE_SETS, ask, ear)
+                return self._services.worker.do(MEASURE_SETS, request, ear)
             except BaseException:  # its clips can be opened only if all went well
-                shutil.rmtree(ask.out / UNPACKED, ignore_errors=True)
+                shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise
 
         found = yield from self.followed(job, do, "Measuring clips: {share:.0%}")
@@ -336,7 +342,7 @@ class ClipRunner(RunRunner):
         super().__init__(services, form, parts)
         self._sets, self.videos = of.sets, of.videos
 
-    def asked(self, job: Job, values: Sequence[Any]) -> Ask:
+    def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         token, _, clip = str(values[0] if values else "").partition("/")
         sets, config = self._sets.find(token, job.cookie), self._services.config
         if sets is None:
@@ -345,13 +351,20 @@ class ClipRunner(RunRunner):
             raise RunError("What was asked for is no clip of these sets; load the page again.")
         motions = {name: files[clip] for name, files in sets.clips.items()}
         asked = asked_of(motions, sets.sounds.get(clip), job.folder, config)
-        told = sets.ask.told.known(asked.motions, *asked.names)
-        title = f"{clip} of {', '.join(asked.names)}"
-        return replace(asked, told=told, channel=sets.ask.channel, title=title)
+        names, overrides = asked.motions.names, sets.request.imports.import_overrides
+        return replace_fields(
+            asked,
+            import_overrides=overrides.known(asked.motions.motions, *names),
+            channel=sets.request.speech.channel,
+            title=f"{clip} of {', '.join(names)}",
+        )
 
 
-def asked_of(files: Mapping[str, Path], speech: Path | None, job: Path, config: AppConfig) -> Ask:
+def asked_of(
+    files: Mapping[str, Path], speech: Path | None, job: Path, config: AppConfig
+) -> DiagnoseRequest:
     """The measuring of motions that have names already, the reference among them."""
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
-    told = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
-    return Ask(**set_here(config, job), **SHOWN, **told, reference=files.get(REFERENCE_NAME))
+    values = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
+    values |= {"reference": files.get(REFERENCE_NAME), "has_video": True}
+    return page_request(DiagnoseRequest, {**SHOWN, **values}, config, job)

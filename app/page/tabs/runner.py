@@ -31,25 +31,35 @@ from app.page.visitors.files import Job, Jobs
 from app.page.visitors.turns import CHECKS, RUNS
 from app.page.visitors.visitors import Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
-from app.run.ask import Ear, Event, Grown, Progress
+from app.run.callbacks import Ear, Event, Grown, Progress
 from app.run.display import Display
+from app.run.requests.convert import all_names, request_from
 from app.run.upload_check import Given, UploadKind, refusal_of
 from conventions.views import CLOSE_UPS
 
 log = logging.getLogger(__name__)
-SEEN: dict[str, Any] = {"display": Display(has_trail=True), "close_ups": CLOSE_UPS, "size": 640}
+Request = TypeVar("Request")
+PAGE_DISPLAY: dict[str, Any] = {
+    "display": Display(has_trail=True),
+    "close_ups": CLOSE_UPS,
+    "size": 640,
+}
 """How runs are shown here: the player has every close-up, and shows those that are wanted."""
 
 
-def set_here(config: AppConfig, job: Path) -> dict[str, Any]:
-    """What this page sets of every ask."""
-    return {
+def page_request(
+    kind: type[Request], values: Mapping[str, Any], config: AppConfig, job: Path
+) -> Request:
+    """Make a request of a form's values and of what this page sets for every request."""
+    own = {
         "out": job / "results",
         "weights": config.weights,
         "body": config.body,
         "max_speech_s": config.max_speech_s,
         "figure_forms": ("png",),
     }
+    known = all_names(kind)
+    return request_from(kind, {name: own[name] for name in own if name in known} | dict(values))
 
 
 @dataclass(frozen=True)

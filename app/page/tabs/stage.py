@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -23,11 +23,13 @@ from app.page.results.result_parts import ResultParts, saved_link
 from app.page.tabs.runner import Services, TabRunner, follow, last_share
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
-from app.run.ask import Ask, Event, Grown
+from app.run.callbacks import Event, Grown
 from app.run.display import Seen
 from app.run.output.run_folder import drop_unfinished, expect_videos
-from app.run.takes.edits import MAX_PLAN_CHARACTERS, TakeAsk, edits_of
-from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE, SeenAsk
+from app.run.requests.parts import VideoOptions
+from app.run.requests.requests import RunVideosRequest, ViewerVideoRequest
+from app.run.takes.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, edits_of
+from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE
 from conventions.rates import FPS
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
@@ -95,8 +97,8 @@ class TakesRunner(TabRunner):
         drop_unfinished(showing.folder)  # whose page was closed
         yield said(text.TAKE_BEGINS if asked.edits else text.EDITOR_BEGINS, state="working")
         try:
-            wanted = TakeAsk(
-                out=showing.folder,
+            wanted = PlanEditRequest(
+                run=showing.folder,
                 weights=self._services.config.weights,
                 start=asked.start,
                 edits=edits_of(asked.edits),
@@ -140,7 +142,7 @@ class SeenRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = Seen.read(values[0])
-        ask = SeenAsk(
+        request = ViewerVideoRequest(
             seen=seen,
             motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
@@ -158,7 +160,7 @@ class SeenRunner(TabRunner):
                 return {}
             return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
-        video = yield from self.done(job, DRAW_SEEN, ask, told)
+        video = yield from self.done(job, DRAW_SEEN, request, told)
         count = len(seen.shown)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
@@ -226,13 +228,13 @@ class VideosBehind:
         self._services = services
         self._parts = parts
         self._tab = f"{tab} videos"
-        self._wanted: dict[str, tuple[KeptRun, Ask]] = {}
+        self._wanted: dict[str, tuple[KeptRun, VideoOptions]] = {}
 
-    def want(self, run: KeptRun, ask: Ask) -> None:
+    def want(self, run: KeptRun, video: VideoOptions) -> None:
         """Draw them as soon as its visitor's page asks; without a page nobody does."""
-        expect_videos(run.showing.folder, ask.views)
+        expect_videos(run.showing.folder, video.views)
         kept = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
-        self._wanted = kept | {run.job.visitor: (run, ask)}
+        self._wanted = kept | {run.job.visitor: (run, video)}
 
     def give_up(self, visitor: str) -> None:
         """Another run begins: nobody wants the videos of the one before any more."""
@@ -262,17 +264,17 @@ class VideosBehind:
         if wanted is None:
             yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
             return
-        run, ask = wanted
+        run, video = wanted
         try:
             with self._services.jobs.opened(visitor, self._tab) as job:
                 job.beside.append(run.job.folder)  # which they are drawn into
-                yield from self._drawn(job, run, ask)
+                yield from self._drawn(job, run, video)
         except Cancelled:
             return  # another run of the visitor has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
             yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")
 
-    def _drawn(self, job: Job, run: KeptRun, ask: Ask) -> Iterator[Updates]:
+    def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()
 
         def told(events: list[Event]) -> Updates:
@@ -286,7 +288,7 @@ class VideosBehind:
                 updates |= self._line(run, drawn)
             return updates
 
-        request = replace(ask, motions=(run.showing.folder,), out=job.folder / "drawn")
+        request = RunVideosRequest(run=run.showing.folder, out=job.folder / "drawn", video=video)
         do = partial(self._services.videos.do, DRAW_BEHIND, request)
         yield from follow(do, job, told, {self._parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))

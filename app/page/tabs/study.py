@@ -25,7 +25,7 @@ from app.page.tabs.motion import SEED_LIMIT, fresh_copy
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
-from app.run.ask import Ear
+from app.run.callbacks import Ear
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of

@@ -18,20 +18,18 @@ from app.page.parts.catalogue import Catalogue, about_systems, groups_of, streng
 from app.page.parts.markup import Updates, player_part, reveal_on_click, shown, told_part
 from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import figures_html
-from app.page.tabs.runner import Services, TabRunner, last_share, set_here
+from app.page.tabs.runner import Services, TabRunner, last_share, page_request
 from app.page.visitors.files import Job
-from app.run.ask import Ask, Event, Grown
+from app.run.callbacks import Event, Grown
 from app.run.examples import CLEAN
-from app.run.tasks import (
-    MEASURE_HEARING,
-    MEASURE_STEPS,
-    NOISE_RAD,
-    SHOW_MECHANISM,
-    HearingAsk,
-    MechanismAsk,
-    StepsAsk,
-    Task,
+from app.run.requests.requests import (
+    MAX_NOISE_RAD,
+    MIN_NOISE_RAD,
+    RotationNoiseRequest,
+    SpeechEffectRequest,
+    StepSweepRequest,
 )
+from app.run.tasks import MEASURE_HEARING, MEASURE_STEPS, SHOW_MECHANISM, Task
 from model.generation.family import Beside, ExplainedSystem, Ladder, Use
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import families, family_of, usual_systems
@@ -109,7 +107,7 @@ class FigureRunner(TabRunner):
     introduction: ClassVar[str]
     verb: ClassVar[str]
     """On the button that begins."""
-    asks: ClassVar[type[Ask]]
+    asks: ClassVar[type[Any]]
     measure: ClassVar[Task]
 
     def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
@@ -154,11 +152,8 @@ class FigureRunner(TabRunner):
         visitor."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        asked = self.asks(
-            **self.given(values_of(self.asks, self.fields, values)),
-            **set_here(self._services.config, job.folder),
-            is_kept=True,
-        )
+        wanted = self.given(values_of(self.asks, self.fields, values)) | {"is_kept": True}
+        asked = page_request(self.asks, wanted, self._services.config, job.folder)
         asked.check()
         yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
         address = self._services.media.share(job.folder, job.cookie)
@@ -208,7 +203,7 @@ class MechanismRunner(FigureRunner):
         "its parent and once in the world. No network takes part. Look at the fingertips, then "
         "move the slider."
     )
-    asks, measure = MechanismAsk, SHOW_MECHANISM
+    asks, measure = RotationNoiseRequest, SHOW_MECHANISM
 
     def __init__(self, tab: gr.Tab, services: Services) -> None:
         """
@@ -223,8 +218,9 @@ class MechanismRunner(FigureRunner):
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         noise = gr.Slider(
-            *NOISE_RAD,
-            value=MechanismAsk.noise_rad,
+            MIN_NOISE_RAD,
+            MAX_NOISE_RAD,
+            value=RotationNoiseRequest.noise_rad,
             step=0.005,
             buttons=[],
             label="Noise on every joint, radians about each axis",
@@ -233,8 +229,11 @@ class MechanismRunner(FigureRunner):
         return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}
 
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        motions = (told["motion"] or CLEAN,)
-        return {"motions": motions, "noise_rad": told["noise_rad"], "has_video": False}
+        return {
+            "motion": told["motion"] or CLEAN,
+            "noise_rad": told["noise_rad"],
+            "has_video": False,
+        }
 
 
 class HearingRunner(FigureRunner):
@@ -245,7 +244,7 @@ class HearingRunner(FigureRunner):
         "Two speeches by two noise seeds, four motions of each system: where it hears, motions of "
         "one speech rise and fall together; where it is deaf, those of one seed."
     )
-    asks, measure = HearingAsk, MEASURE_HEARING
+    asks, measure = SpeechEffectRequest, MEASURE_HEARING
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         systems = self.systems(catalogue, "hearing-tab")
@@ -290,7 +289,7 @@ class StepCurveRunner(FigureRunner):
         "The same speech with 1, 2, 4, 8 and 25 steps: how the fingertip jerks, how far the motion "
         "is from that of 25 steps, and what a frame costs on the machine that serves this page."
     )
-    asks, measure = StepsAsk, MEASURE_STEPS
+    asks, measure = StepSweepRequest, MEASURE_STEPS
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         label = "Speech (optional; ten seconds are used)"

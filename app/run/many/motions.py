@@ -19,7 +19,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
-from app.run.ask import DEAF, Ask, Ear, absolute
+from app.run.callbacks import DEAF, Ear
 from app.run.diagnostics import onsets_of
 from app.run.many.distances import check_weights, codes_path, distance_rows, keep_codes
 from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
@@ -28,6 +28,8 @@ from app.run.many.speeches import do_jobs, stamp_of
 from app.run.many.table import draw_spread, mean_of_samples, write_tables
 from app.run.many.unpacked import UNPACKED, UnpackLimits, unpack_sets
 from app.run.output.result_folder import ResultFolder
+from app.run.requests.convert import replace_fields, with_paths
+from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import Sets
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
@@ -56,28 +58,30 @@ MAX_BYTES, MAX_FILES = 10**9, 1500
 """Of all zips that a visitor brings at once, unpacked."""
 
 
-def measure_sets(ask: Ask, ear: Ear = DEAF) -> Sets:
+def measure_sets(request: DiagnoseRequest, ear: Ear = DEAF) -> Sets:
     """As `diagnose_folders`, of zips, each a system's results, which stay unpacked below
-    ``ask.out``.
+    ``request.output.out``.
 
     Raises:
         Cancelled: when ``ear`` said so.
         RunError: also where all together hold too much.
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
-    folders = unpack_sets(sets_of(ask), ask.out / UNPACKED, limits)
-    return replace(diagnose_folders(in_folders(ask, folders), ear.share("numbers")), ask=ask)
+    folders = unpack_sets(sets_of(request), request.output.out / UNPACKED, limits)
+    found = diagnose_folders(in_folders(request, folders), ear.share("numbers"))
+    return replace(found, request=request)
 
 
 def diagnose_folders(
-    ask: Ask,
+    request: DiagnoseRequest,
     on_progress: Callable[[float], None] = lambda share: None,
     pool: JobPool | None = None,
 ) -> Sets:
-    """Measure all clips that every folder has, and leave what `write_tables` writes in ``ask.out``.
+    """Measure all clips that every folder has, and leave what `write_tables` writes in the
+    request's folder.
 
     Args:
-        ask: its motions, its reference and its speech are folders, or zips.
+        request: its motions, its reference and its speech are folders, or zips.
         pool: who measures; by default this process.
 
     Raises:
@@ -86,36 +90,45 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if those who measure are lost.
     """
-    check_weights(ask.emage_weights, ask.reference)
-    with ResultFolder(ask.out, is_kept=True) as results:
-        folders = unpack_sets(sets_of(ask), results.scratch("sets"))
-        return _diagnose_sets(in_folders(ask, folders), on_progress, pool or JobPool(1))
+    check_weights(request.metrics.emage_weights, request.imports.reference)
+    with ResultFolder(request.output.out, is_kept=True) as results:
+        folders = unpack_sets(sets_of(request), results.scratch("sets"))
+        return _diagnose_sets(in_folders(request, folders), on_progress, pool or JobPool(1))
 
 
-def sets_of(ask: Ask) -> list[tuple[Path, tuple[str, ...]]]:
+def sets_of(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
     """Folders or zips, each with the endings of its files."""
     motions: list[tuple[Path, tuple[str, ...]]] = [
-        (path, ENDINGS) for path in (*ask.motions, ask.reference) if path is not None
+        (path, ENDINGS)
+        for path in (*request.motions.motions, request.imports.reference)
+        if path is not None
     ]
-    return [*motions, (ask.speech, SOUND_ENDINGS)] if ask.speech is not None else motions
-
-
-def in_folders(ask: Ask, folders: Mapping[Path, Path]) -> Ask:
-    """The same of folders, which stand in place of zips."""
-    return replace(
-        ask,
-        motions=tuple(folders.get(path, path) for path in ask.motions),
-        reference=ask.reference and folders.get(ask.reference, ask.reference),
-        speech=ask.speech and folders.get(ask.speech, ask.speech),
+    return (
+        [*motions, (request.speech.path, SOUND_ENDINGS)]
+        if request.speech.path is not None
+        else motions
     )
 
 
-def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool) -> Sets:
-    folders = _named_folders(ask)
+def in_folders(request: DiagnoseRequest, folders: Mapping[Path, Path]) -> DiagnoseRequest:
+    """Return the same request of folders, which stand in place of zips."""
+    reference, speech = request.imports.reference, request.speech.path
+    return replace_fields(
+        request,
+        motions=tuple(folders.get(path, path) for path in request.motions.motions),
+        reference=reference and folders.get(reference, reference),
+        speech=speech and folders.get(speech, speech),
+    )
+
+
+def _diagnose_sets(
+    request: DiagnoseRequest, on_progress: Callable[[float], None], pool: JobPool
+) -> Sets:
+    folders = _named_folders(request)
     of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
         name: (folder, ENDINGS) for name, folder in folders.items()
     }
-    if (speech := _speech_folder(ask)) is not None:
+    if (speech := _speech_folder(request)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
     files = paired_files(of_sets, (REFERENCE_NAME, _SPEECH))
     sounds = {clip: first_of(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
@@ -134,15 +147,15 @@ def _diagnose_sets(ask: Ask, on_progress: Callable[[float], None], pool: JobPool
         if (told := _counts(len(found[clip]) for clip in clips)) != "1"
     ]
     paths = [path for found in files.values() for each in found.values() for path in each.values()]
-    notes += filter(None, [ask.told.unknown(paths, *files)])
+    notes += filter(None, [request.imports.import_overrides.unknown(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
-    if ask.speech is not None and silent:
+    if request.speech.path is not None and silent:
         notes.append(f"{len(silent)} of {len(clips)} clips have no sound of their name.")
-    return _diagnose_clips(ask, files, sounds, clips, notes, on_progress, pool)
+    return _diagnose_clips(request, files, sounds, clips, notes, on_progress, pool)
 
 
 def _diagnose_clips(
-    ask: Ask,
+    request: DiagnoseRequest,
     files: dict[str, dict[str, Samples]],
     sounds: dict[str, Path],
     clips: list[str],
@@ -150,7 +163,7 @@ def _diagnose_clips(
     on_progress: Callable[[float], None],
     pool: JobPool,
 ) -> Sets:
-    kept, here = ask.out.absolute() / "clips", absolute(ask)
+    kept, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
     measured = {
         clip: _Clip(
             {
@@ -175,14 +188,16 @@ def _diagnose_clips(
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
     above = told_above(files, list(numbers.values()))
     notes[:0] = above
-    distances, unsaid = distance_rows(list(files), list(records.values()), here.emage_weights)
-    origin = _origin_of(list(files), numbers, ask.mean_speeds)
-    written, told = write_tables(
-        ask.out, list(files), numbers, above, left_out, origin=origin, more=distances
+    distances, unsaid = distance_rows(
+        list(files), list(records.values()), here.metrics.emage_weights
     )
-    drawn, said = draw_spread(ask.out, list(files), list(numbers.values()))
+    origin = _origin_of(list(files), numbers, request.metrics.mean_speeds)
+    written, told = write_tables(
+        request.output.out, list(files), numbers, above, left_out, origin=origin, more=distances
+    )
+    drawn, said = draw_spread(request.output.out, list(files), list(numbers.values()))
     return Sets(
-        ask,
+        request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *said),
         told=told,
@@ -199,28 +214,28 @@ def _counts(numbers: Iterable[int]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
-def _named_folders(ask: Ask) -> dict[str, Path]:
-    names = ask.names or [folder.resolve().name for folder in ask.motions]
-    folders = dict(zip(map(printable, names), ask.motions, strict=True))
-    if len(folders) < len(ask.motions) or REFERENCE_NAME in folders:
+def _named_folders(request: DiagnoseRequest) -> dict[str, Path]:
+    names = request.motions.names or [folder.resolve().name for folder in request.motions.motions]
+    folders = dict(zip(map(printable, names), request.motions.motions, strict=True))
+    if len(folders) < len(request.motions.motions) or REFERENCE_NAME in folders:
         raise RunError("Two folders have the same name, or one is called 'reference'; rename one.")
-    if ask.reference is not None:
-        folders[REFERENCE_NAME] = ask.reference
+    if request.imports.reference is not None:
+        folders[REFERENCE_NAME] = request.imports.reference
     wrong = next((folder for folder in folders.values() if not folder.is_dir()), None)
     if wrong is not None:
         raise RunError(f"{wrong} is no folder or zip; give sets only, or files only.")
     return folders
 
 
-def _speech_folder(ask: Ask) -> Path | None:
-    if ask.mean_speeds is not None and ask.speech is None:
+def _speech_folder(request: DiagnoseRequest) -> Path | None:
+    if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError("Mean speeds are of use with sound only; give both (--speech FOLDER).")
-    if ask.speech is not None and not ask.speech.is_dir():
+    if request.speech.path is not None and not request.speech.path.is_dir():
         raise RunError(
-            f"{ask.speech} is no folder or zip; sets of motion go with a set of sound, "
+            f"{request.speech.path} is no folder or zip; sets of motion go with a set of sound, "
             "whose files have the clips' names."
         )
-    return ask.speech
+    return request.speech.path
 
 
 @dataclass(frozen=True)
@@ -230,13 +245,17 @@ class _Clip:
     files: dict[str, Samples]
     """By set, the recorded one among them."""
     sound: Path | None
-    ask: Ask
+    request: DiagnoseRequest
     record: Path
 
     def _stamp(self) -> str:
         """Of all that its numbers depend on."""
-        ask = self.ask
-        beside = {"sound": self.sound, "speeds": ask.mean_speeds, "encoder": ask.emage_weights}
+        request = self.request
+        beside = {
+            "sound": self.sound,
+            "speeds": request.metrics.mean_speeds,
+            "encoder": request.metrics.emage_weights,
+        }
         files = {
             f"{name} {sample}": path
             for name, samples in self.files.items()
@@ -247,7 +266,15 @@ class _Clip:
             for name, path in files.items()
             for part, each in parameter_files(path).items()
         } | {name: path for name, path in beside.items() if path is not None}
-        return stamp_of(files, [FORMAT, str(ask.told), str(ask.body), ask.channel])
+        return stamp_of(
+            files,
+            [
+                FORMAT,
+                str(request.imports.import_overrides),
+                str(request.video.body),
+                request.speech.channel,
+            ],
+        )
 
     def is_measured(self) -> bool:
         """Whether its record is there, whole, and of these very files."""
@@ -296,7 +323,7 @@ class _Clip:
             assumed = [assumed_in(each) for each in readings[name].values()]
             systems[name] = {**mean_of_samples(told), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)
-        keep_codes(self.record, motions, self.ask.emage_weights)
+        keep_codes(self.record, motions, self.request.metrics.emage_weights)
         told = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
             self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
@@ -306,9 +333,12 @@ class _Clip:
         """What `raw_evidence` is told of the sound."""
         if self.sound is None:
             return {}
-        speech, speeds = load_speech(self.sound, SpeechLimits(channel=self.ask.channel)), None
-        if self.ask.mean_speeds is not None:
-            speeds = read_mean_speeds(self.ask.mean_speeds)
+        speech, speeds = (
+            load_speech(self.sound, SpeechLimits(channel=self.request.speech.channel)),
+            None,
+        )
+        if self.request.metrics.mean_speeds is not None:
+            speeds = read_mean_speeds(self.request.metrics.mean_speeds)
         heard = heard_of(speech.waveform)
         return {"onsets_s": onsets_of(speech), "heard": heard, "mean_speeds": speeds}
 
@@ -323,7 +353,9 @@ class _Clip:
         why: MotionError | None = None
         for sample, path in self.files[name].items():
             try:
-                found[sample] = read_any_motion(path, self.ask.told, self.ask.body, kind, name)
+                found[sample] = read_any_motion(
+                    path, self.request.imports.import_overrides, self.request.video.body, kind, name
+                )
             except MotionError as error:
                 why = error
                 unread.append(f"Of the samples of one clip this is left out: {error}")

@@ -9,16 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.ask import (
-    MAX_CLIPS,
-    MAX_COMPARED,
-    Ask,
-    Done,
-    Ear,
-    Event,
-    Progress,
-)
-from app.run.many.speeches import asks_of, do_clips
+from app.run.callbacks import Ear, Event, Progress
+from app.run.many.speeches import clip_requests, do_clips
 from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
@@ -32,6 +24,10 @@ from app.run.output.run_folder import (
     row_files,
     runs_in,
 )
+from app.run.requests.convert import replace_fields
+from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
+from app.run.requests.requests import AnyRun, DiagnoseRequest
+from app.run.tasks import Done
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
@@ -48,36 +44,39 @@ SPEECHES = "form"
 """Folder beside the results in which several clips lie."""
 
 
-def do_in_folder(ask: Ask, ear: Ear) -> None:
-    """As `app.run.pipeline.do`, for whom all that comes of it is in the folder. Of a run's zip
-    that is what the run shows, measured anew; of several clips, which lie beside the folder, that
-    of each. No list of paths is read: it might name anybody's files.
+def do_in_folder(request: AnyRun, ear: Ear) -> None:
+    """Run, for whom all that comes of it is in the folder. Of a run's zip that is what the run
+    shows, measured anew; of several clips, which lie beside the folder, that of each. No list of
+    paths is read: it might name anybody's files.
 
     Raises:
         Exception: also where no clip could be done.
     """
-    from app.run.pipeline import do
+    from app.run.pipeline import run
 
-    asks = {"": ask}
-    if is_one_run(ask.motions):
-        asks = opened(ask, ask.out.with_name(OPENED))
-    elif ask.speech == ask.out.with_name(SPEECHES):
-        asks = asks_of(ask)
-        check_clips([each.speech for each in asks.values() if each.speech], ask.max_speech_s)
-    if "" in asks:
-        do(asks[""], ear)
+    requests: dict[str, AnyRun] = {"": request}
+    out, speech = request.output.out, request.speech.path
+    if isinstance(request, DiagnoseRequest):
+        if is_one_run(request.motions.motions):
+            requests = {**opened(request, out.with_name(OPENED))}
+    elif speech == out.with_name(SPEECHES):
+        requests = {**clip_requests(request)}
+        paths = [each.speech.path for each in requests.values() if each.speech.path]
+        check_clips(paths, request.speech.max_speech_s)
+    if "" in requests:
+        run(requests[""], ear)
         return
-    order = list(asks)
+    order = list(requests)
 
-    def do_clip(clip: str, own: Ask) -> Done:
+    def do_clip(clip: str, own: AnyRun) -> Done:
         told = f"{clip}, {order.index(clip) + 1} of {len(order)}"
 
         def tell(event: Event) -> None:
             ear.hear(replace(event, clip=told) if isinstance(event, Progress) else event)
 
-        return do(own, Ear(tell, ear.should_cancel))
+        return run(own, Ear(tell, ear.should_cancel))
 
-    done = do_clips(asks, JobPool(1), do=do_clip)
+    done = do_clips(requests, JobPool(1), do=do_clip)
     if not done.clips:
         raise RunError(next(iter(done.failed.values())))
 
@@ -87,34 +86,38 @@ def is_one_run(motions: Sequence[Path]) -> bool:
     return len(motions) == 1 and is_run_zip(motions[0])
 
 
-def opened(ask: Ask, into: Path) -> dict[str, Ask]:
+def opened(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
     """By clip, by no name of one alone, the same of the motions that the run in a zip shows.
 
     Args:
         into: where it is unpacked; not there yet.
     """
-    runs = runs_in(run_folder(ask.motions[0], into))
-    share = replace(ask, max_frames=ask.max_frames and ask.max_frames // len(runs))
-    return {clip: replace(_of_run(share, run), out=ask.out / clip) for clip, run in runs.items()}
+    runs = runs_in(run_folder(request.motions.motions[0], into))
+    limit = request.motions.max_frames
+    share = replace_fields(request, max_frames=limit and limit // len(runs))
+    return {
+        clip: replace_fields(_of_run(share, run), out=request.output.out / clip)
+        for clip, run in runs.items()
+    }
 
 
-def _of_run(ask: Ask, folder: Path) -> Ask:
+def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
     """As many of its motions as fit, with its speech, words and plans."""
-    record, name = read_run(folder), printable(ask.motions[0].name)
+    record, name = read_run(folder), printable(request.motions.motions[0].name)
     motions = row_files(folder, "motion")
     others = [each for each in motions if each != REFERENCE_NAME]
     if not others:
         raise RunError(NO_RUN.format(name=name, why="it has no motion"))
     shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
     speech = file_of(folder, record.sound) if record.speech_sha256 else None
-    return replace(
-        ask,
+    return replace_fields(
+        request,
         motions=tuple(motions[each] for each in shown),
         names=tuple(shown),
         reference=motions.get(REFERENCE_NAME),
         speech=speech,
         joint=record.point,
-        opened=folder,
+        source_run=folder,
     )
 
 

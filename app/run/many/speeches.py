@@ -9,18 +9,20 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
-from app.run.ask import Ask, Done, absolute
 from app.run.many.pairing import ends_in
 from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
+from app.run.requests.convert import flat_json, replace_fields, with_paths
+from app.run.requests.requests import AnyRun, GenerateRequest
+from app.run.tasks import Done
 from app.run.upload_check import SOUNDS
 from conventions.names import REFERENCE_NAME, file_stem
 from processes.job import Job
@@ -51,28 +53,28 @@ def is_many(speech: Path) -> bool:
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
 
-def asks_of(ask: Ask) -> dict[str, Ask]:
-    """One for each piece of speech, by the name of its file, as its folder has it.
+def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
+    """Return a request for each piece of speech, by the name of its file, as its folder has it.
 
     Args:
-        ask: its speech is a folder of sound files, or a text file with one path a line.
+        request: its speech is a folder of sound files, or a text file with one path a line.
 
     Raises:
         RunError: if nothing can be begun.
     """
-    ask.check()
-    if ask.reference is not None or ask.transcript is not None:
+    request.check()
+    if request.imports.reference is not None or request.speech.transcript is not None:
         raise RunError(
             "A reference and a transcript belong to one piece of speech; leave them out of a run "
             "over many, and compare with recordings by `python -m app diagnose`."
         )
-    speeches = find_speeches(ask.speech or Path())
-    plans, ask = _plans(ask.plan, speeches), absolute(ask)
+    speeches = find_speeches(request.speech.path)
+    plans, request = _plans(request.planning.plan, speeches), with_paths(request, Path.absolute)
     return {
-        clip: replace(
-            ask,
+        clip: replace_fields(
+            request,
             speech=speech,
-            out=ask.out / clip,
+            out=request.output.out / clip,
             plan=plans.get(clip),
         )
         for clip, speech in speeches.items()
@@ -80,34 +82,36 @@ def asks_of(ask: Ask) -> dict[str, Ask]:
 
 
 def do_clips(
-    asks: Mapping[str, Ask],
+    requests: Mapping[str, AnyRun],
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
-    do: Callable[[str, Ask], Done] | None = None,
+    do: Callable[[str, Any], Done] | None = None,
 ) -> ManyRuns:
     """Do a run for each clip, in its own folder, and leave beside them the tables over all that are
     done, with the verdict over them.
 
     Args:
         on_done: told the folder of each run as it is there, and the share done.
-        do: does one in this process; by default whoever works does `app.run.pipeline.do`.
+        do: does one in this process; by default whoever works does `app.run.pipeline.run`.
 
     Raises:
         Cancelled: where ``do`` said so.
         JobsError: if those who work are lost; what is done is kept.
     """
-    jobs, out = [], next(iter(asks.values())).out.parent
-    for clip, ask in asks.items():
-        stamp = _stamp(ask)
-        done = partial(_is_done, ask.out, stamp)
-        jobs.append(Job(clip, done, partial(_do_clip, clip, ask, stamp, do)))
+    jobs, out = [], next(iter(requests.values())).output.out.parent
+    for clip, request in requests.items():
+        stamp = _stamp(request)
+        done = partial(_is_done, request.output.out, stamp)
+        jobs.append(Job(clip, done, partial(_do_clip, clip, request, stamp, do)))
     with held_folder(out):
-        kept, failed = do_jobs(jobs, pool, lambda clip, share: on_done(asks[clip].out, share))
-        clips = [clip for clip in asks if clip not in failed]
+        kept, failed = do_jobs(
+            jobs, pool, lambda clip, share: on_done(requests[clip].output.out, share)
+        )
+        clips = [clip for clip in requests if clip not in failed]
         files: tuple[Path, ...] = ()
         notes: list[str] = []
         if clips:
-            runs = [read_run(asks[clip].out) for clip in clips]
+            runs = [read_run(requests[clip].output.out) for clip in clips]
             verdict = verdict_of(runs[0].point, [run.numbers for run in runs])
             notes += [] if verdict is None else [verdict.text]
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
@@ -205,14 +209,20 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-def _stamp(ask: Ask) -> str:
-    """Of everything that decides what a run's files hold; not of where they lie."""
-    bare = replace(ask, speech=ask.speech and Path(ask.speech.name), out=Path(), weights=Path())
-    asked = asdict(replace(bare, plan=None, style=None))
-    read = {"speech": ask.speech, "plan": ask.plan, "style": ask.style}
+def _stamp(request: AnyRun) -> str:
+    """Return the digest of everything that decides what a run's files hold; not of where they
+    lie."""
+    read = {"speech": request.speech.path}
+    if isinstance(request, GenerateRequest):
+        read |= {"plan": request.planning.plan, "style": request.planning.style}
+        weights = sorted(request.sampling.weights.glob("*.safetensors"))
+    else:
+        weights = []
     files = {name: path for name, path in read.items() if path is not None}
-    files |= {path.name: path for path in sorted(ask.weights.glob("*.safetensors"))}
-    return stamp_of(files if ask.body is None else files | {"body": ask.body}, asked)
+    files |= {path.name: path for path in weights}
+    body = request.video.body
+    asked = flat_json(request) | {name: None for name in read}
+    return stamp_of(files if body is None else files | {"body": body}, asked)
 
 
 def stamp_of(files: Mapping[str, Path], said: object) -> str:
@@ -227,20 +237,20 @@ def stamp_of(files: Mapping[str, Path], said: object) -> str:
 
 def _do_clip(
     clip: str,
-    ask: Ask,
+    request: AnyRun,
     stamp: str,
-    do: Callable[[str, Ask], Done] | None,
+    do: Callable[[str, Any], Done] | None,
 ) -> None:
     from app.run import pipeline
 
-    (ask.out / RUN).unlink(missing_ok=True)  # of other files, which are about to go
+    (request.output.out / RUN).unlink(missing_ok=True)  # of other files, which are about to go
     if do is None:
-        pipeline.do(ask)
+        pipeline.run(request)
     else:
-        do(clip, ask)
-    record = read_run(ask.out)
+        do(clip, request)
+    record = read_run(request.output.out)
     record.whole = stamp
-    record.write(ask.out / RUN)
+    record.write(request.output.out / RUN)
 
 
 def _is_done(folder: Path, stamp: str) -> bool:

@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.findings.comparison import point_title
-from app.run.ask import OF_SYSTEMS, Ask, Steps
-from app.run.output.run_folder import told_of
+from app.run.requests.convert import flat_json
+from app.run.requests.parts import SYSTEM_OPTIONS, MotionInput, Steps
+from app.run.requests.requests import DiagnoseRequest, GenerateRequest, RunRequest
 from conventions.names import printable, short_names
 from model.systems.registry import sampler_title
 
@@ -57,7 +58,7 @@ def _describe(system: Any) -> dict[str, Any]:
 
 
 def origin_of(
-    ask: Ask,
+    request: GenerateRequest,
     speech: Speech,
     systems: Sequence[System],
     options: Mapping[str, GenerateOptions],
@@ -71,7 +72,8 @@ def origin_of(
         backend: of OpenGL; None when nothing is drawn.
     """
     by_system = {
-        name: {system: getattr(own, name) for system, own in options.items()} for name in OF_SYSTEMS
+        name: {system: getattr(own, name) for system, own in options.items()}
+        for name in SYSTEM_OPTIONS
     }
     weights_are = (str(each.card.get("weights_are", WEIGHTS_ARE)) for each in systems)
     return {
@@ -79,17 +81,17 @@ def origin_of(
         "versions": versions(),
         "weights": describe_systems(systems),
         "speech": {
-            "file": ask.speech and ask.speech.name,
+            "file": request.speech.path.name,
             "sha256": speech.sha256,
             "duration_s": round(speech.duration_s, 6),
             "frames": speech.num_frames,
         },
         "options": {
-            **told_of(ask),
+            **flat_json(request),
             **by_system,
             "speaker": next(iter(options.values())).speaker,
             "noise_seed": next(iter(options.values())).seed,
-            "live": dict(ask.take.facts) if ask.take else None,
+            "live": dict(request.live_recording.metadata) if request.live_recording else None,
         },
         "drawing": {
             "body": body.name,
@@ -113,58 +115,66 @@ _MAX_NAMED = 3
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
 
 
-def settings_of(ask: Ask) -> Settings:
-    """All that can tell two runs apart."""
-    reference = ask.reference.name if ask.reference else NONE
-    words, point = _words(ask), point_title(ask.joint).lower()
-    if ask.motions:
-        return {
-            SPEECH: ask.speech.stem if ask.speech else NONE,
-            MOTIONS: ", ".join(names_of_motions(ask)),
-            "reference": reference,
-            "words": words,
-            "followed point": point,
-            "windows": f"{ask.window} frames, {ask.overlap} shared" if ask.window else NONE,
-        }
+def settings_of(request: RunRequest) -> Settings:
+    """Return all settings that can tell two runs apart."""
+    speech, reference = request.speech.path, request.imports.reference
+    first = {SPEECH: speech.stem if speech else NONE}
+    last = {
+        "reference": reference.name if reference else NONE,
+        "words": _words(request),
+        "followed point": point_title(request.joint).lower(),
+    }
+    if isinstance(request, DiagnoseRequest):
+        motions = request.motions
+        windows = f"{motions.window} frames, {motions.overlap} shared" if motions.window else NONE
+        names = ", ".join(names_of_motions(motions))
+        return {**first, MOTIONS: names, **last, "windows": windows}
+    assert isinstance(request, GenerateRequest)
+    sampling = request.sampling
     return {
-        SPEECH: ask.speech.stem if ask.speech else NONE,
-        "systems": ", ".join(short_names(ask.systems).values()),
-        "speaker": ask.speaker or USUAL,
-        SEED: str(ask.seed),
-        "samples": str(ask.samples),
-        **{title: _of_systems(getattr(ask, name)) for name, title in OF_SYSTEMS.items()},
-        "filter": _FILTERS[ask.post_filter],
-        "reference": reference,
-        "words": words,
-        "followed point": point,
+        **first,
+        "systems": ", ".join(short_names(sampling.systems).values()),
+        "speaker": sampling.speaker or USUAL,
+        SEED: str(sampling.seed),
+        "samples": str(sampling.samples),
+        **{title: _of_systems(getattr(sampling, name)) for name, title in SYSTEM_OPTIONS.items()},
+        "filter": _FILTERS[sampling.post_filter],
+        **last,
     }
 
 
-def title_of(ask: Ask, systems: Sequence[str]) -> str:
-    """What a run is made of, in a few words."""
-    if ask.title:
-        return ask.title
-    if not ask.motions:
-        stem = ask.speech.stem if ask.speech else NONE
-        return f"{stem}: {', '.join(short_names(systems).values())}; seed {ask.seed}"
-    names = names_of_motions(ask)
+def title_of(request: RunRequest, systems: Sequence[str] = ()) -> str:
+    """Return the title of a run: what it is made of, in a few words.
+
+    Args:
+        systems: those of a run that names none, which are all that there are.
+    """
+    if request.output.title:
+        return request.output.title
+    reference = request.imports.reference
+    if isinstance(request, GenerateRequest):
+        named = short_names(systems or request.sampling.systems).values()
+        return f"{request.speech.path.stem}: {', '.join(named)}; seed {request.sampling.seed}"
+    assert isinstance(request, DiagnoseRequest)
+    names = names_of_motions(request.motions)
     more = len(names) - _MAX_NAMED
     others = f" and {more} more" if more > 0 else ""
-    beside = f" beside {ask.reference.stem}" if ask.reference else ""
+    beside = f" beside {reference.stem}" if reference else ""
     return f"{', '.join(names[:_MAX_NAMED])}{others}{beside}"
 
 
-def names_of_motions(ask: Ask) -> Sequence[str]:
-    """What given motions are called: by default the stem of each file, as it can be printed, with
-    its folder where two have the same stem."""
-    if ask.names:
-        return ask.names
-    stems = [path.stem for path in ask.motions]
+def names_of_motions(motions: MotionInput) -> Sequence[str]:
+    """Return what imported motions are called: by default the stem of each file, as it can be
+    printed, with its folder if two have the same stem."""
+    if motions.names:
+        return motions.names
+    paths = motions.motions
+    stems = [path.stem for path in paths]
     return [
         printable(
             f"{path.resolve().parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
         )
-        for path in ask.motions
+        for path in paths
     ]
 
 
@@ -175,11 +185,11 @@ def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def _words(ask: Ask) -> str:
-    """Where they come from."""
-    if ask.transcript is not None:
-        return ask.transcript.name
-    return "recognised" if ask.words == "recognise" else NONE
+def _words(request: RunRequest) -> str:
+    """Return where words come from."""
+    if request.speech.transcript is not None:
+        return request.speech.transcript.name
+    return "recognised" if request.speech.words == "recognise" else NONE
 
 
 def _of_systems(asked: Steps | float | str) -> str:

@@ -7,7 +7,7 @@ import fcntl
 import os
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,8 +15,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from app.errors import RunError
-from app.run.ask import MAX_CLIPS, Ask
 from app.run.output.result_folder import zip_files
+from app.run.requests.convert import nested_fields
+from app.run.requests.parts import MAX_CLIPS
+from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from conventions.names import (
     COMPARISON,
     REFERENCE_NAME,
@@ -41,8 +43,6 @@ NO_RUN = (
 MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
-_OWN = {"out", "weights", "body", "is_kept", "opened", "take", "title", "max_frames"}
-"""Of an ask, what is nobody's business or no choice."""
 _MAX_LIST_BYTES = 300_000
 """Of the list of files of a zip that is looked at."""
 
@@ -127,14 +127,14 @@ class ToldVerdict(_Strict):
 class RunRecord(_Strict):
     """What ``run.json`` says."""
 
-    format: Literal[1] = 1
+    format: Literal[2] = 2
     state: State = "running"
     sentence: Text = ""
     """How it went, or why it failed."""
     kind: Kind
     title: Text = ""
-    asked: Annotated[dict[Name, Any], Field(max_length=80)] = {}
-    """As the command or the form asked for it; of files only their names."""
+    request: Annotated[dict[Name, Any], Field(max_length=80)] = {}
+    """What was asked for, by the parts of the request; of files only their names."""
     settings: Annotated[dict[Name, Text], Field(max_length=60)] = {}
     """The same in words, as two runs are compared by."""
     speech_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
@@ -164,6 +164,18 @@ class RunRecord(_Strict):
     missing: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
     """Videos that are drawn behind the run and are not there yet, nor in a zip that is saved
     meanwhile; they stay here where their drawing is given up."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_format_1(cls, record: Any) -> Any:
+        """In format 1 the fields of a request stood side by side under ``asked``."""
+        if not isinstance(record, dict) or record.get("format") != 1:
+            return record
+        asked = record.get("asked")
+        kind = GenerateRequest if record.get("kind") == "generated" else DiagnoseRequest
+        request = nested_fields(kind, asked) if isinstance(asked, dict) else {}
+        rest = {key: value for key, value in record.items() if key != "asked"}
+        return rest | {"format": 2, "request": request}
 
     @model_validator(mode="after")
     def _each_once(self) -> RunRecord:
@@ -400,27 +412,9 @@ def is_run_zip(path: Path) -> bool:
     return 0 < found <= MAX_CLIPS
 
 
-def told_of(ask: Ask) -> dict[str, Any]:
-    """All that was asked for and is of anybody's business, ready for JSON; of files their names."""
-    return {key: _jsonable(each) for key, each in vars(ask).items() if key not in _OWN}
-
-
 def cut(told: str) -> str:
     """As long as it may be in ``run.json``."""
     return printable(told)[:MAX_TEXT]
-
-
-def _jsonable(value: Any) -> Any:
-    """Of paths only their names, so that no folder is told."""
-    if isinstance(value, Path):
-        return printable(value.name)
-    if isinstance(value, Mapping):
-        return {str(key): _jsonable(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(each) for each in value]
-    if hasattr(value, "__dataclass_fields__"):
-        return {key: _jsonable(each) for key, each in vars(value).items()}
-    return value if isinstance(value, int | float | None) else printable(str(value))
 
 
 def ending_of(path: Path) -> str:

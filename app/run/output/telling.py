@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from app import text
-from app.run.ask import Event, Progress
+from app.run.callbacks import Event, Progress
 from conventions.names import printable
 
 

@@ -11,7 +11,6 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_confi
 from typing_extensions import TypedDict
 
 from app.errors import RunError
-from app.run.ask import Ask
 from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import SAME_S, Gesture, Hands, NoTimeError
@@ -75,14 +74,19 @@ class Kind:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TakeAsk(Ask):
-    """Which motion of the run in ``out`` is to be changed, and how; the take comes into it, made by
-    ``weights`` as the run was asked for."""
+class PlanEditRequest:
+    """A motion of a run, generated again after its plan was changed."""
 
+    run: Path
+    """Folder of the run, to which the motion is added."""
+    weights: Path
+    """Folder of trained systems."""
     start: str
-    """The row whose plan is changed."""
+    """Name of the row whose plan is changed."""
     edits: tuple[Edit, ...] = ()
-    """None only gets the row ready to be edited."""
+    """Edits in their order; with none the row only becomes ready to be edited."""
+    max_speech_s: float = 600.0
+    """Longest speech that is accepted (s)."""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from app import text
 from app.errors import RunError
-from app.run.ask import SAMPLING, Ask, Ear, Grown
+from app.run.callbacks import Ear, Grown
 from app.run.made import options_of
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
@@ -24,8 +26,9 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
+from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import MadeTake, TakeAsk, edited, offers_for
+from app.run.takes.edits import MadeTake, PlanEditRequest, edited, offers_for
 from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
 from conventions.rates import FPS
@@ -48,6 +51,7 @@ from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
+from model.storage.checked import adapter
 
 MAX_TAKES = 60
 """Of one run."""
@@ -67,42 +71,43 @@ class _TakeWriter(RunWriter):
         self.hear(Grown(self.folder.out))
 
 
-def make_take(ask: TakeAsk, ear: Ear) -> MadeTake:
+def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
     """Change the plan and perform it again; of the motion each window is told as it is made.
 
     Raises:
         Cancelled: when ``ear`` said so.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
-    record = read_run(ask.out)
-    asked, start = _as_the_run(ask, record), record.row(ask.start)
-    performed = start and file_of(ask.out, start.files.get("performed"))
+    record = read_run(request.run)
+    sampling, sound = _as_the_run(request, record)
+    start = record.row(request.start)
+    performed = start and file_of(request.run, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan_file(performed).plan, said_in(ask.out).words
+    plan, words = read_plan_file(performed).plan, said_in(request.run).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
             f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
         )
     numbers = [row.take.number for row in record.rows if row.take]
-    if ask.edits and len(numbers) >= MAX_TAKES:
+    if request.edits and len(numbers) >= MAX_TAKES:
         raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
-    require_free_space(ask.out, int(_BYTES_A_SECOND * plan.duration_s))
+    require_free_space(request.run, int(_BYTES_A_SECOND * plan.duration_s))
     of = start.take.of if start.take else start.name
     sample = SampleName.parse(of)
-    system = get_system(sample.system, asked.weights)
-    speech = load_speech(asked.speech or "", SpeechLimits(max_s=asked.max_speech_s))
-    with ResultFolder(ask.out, is_kept=True) as folder:
-        options = options_of(asked, system, samples=1, first_sample=sample.number - 1)
-        before = _ready(asked, start, system, speech, options, plan, words, ear)
-        if not ask.edits:
+    system = get_system(sample.system, sampling.weights)
+    speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
+    with ResultFolder(request.run, is_kept=True) as folder:
+        options = options_of(sampling, system, samples=1, first_sample=sample.number - 1)
+        before = _ready(request.run, start, system, speech, options, plan, words, ear)
+        if not request.edits:
             return MadeTake(0)
         try:
-            done = edited(plan, ask.edits, words)
+            done = edited(plan, request.edits, words)
         except PlanError as error:
-            offers = offers_for(plan, ask.edits[-1], words)
-            if len(ask.edits) > 1 or not offers:
+            offers = offers_for(plan, request.edits[-1], words)
+            if len(request.edits) > 1 or not offers:
                 raise
             return MadeTake(0, (str(error),), offers)
         number = 1 + max(numbers, default=0)
@@ -114,27 +119,27 @@ def make_take(ask: TakeAsk, ear: Ear) -> MadeTake:
         (row,) = alone.rows
         run = _TakeWriter(folder, alone, ear)
         written = run.performed(name, done.plan)
-        beside = load_motion(_there(ask.out, record, of))
+        beside = load_motion(_there(request.run, record, of))
 
         def on_piece(motion: Motion) -> None:
-            if asked.post_filter != "savgol":
+            if sampling.post_filter != "savgol":
                 run.grow(name, motion, speech.num_frames, like=beside)
 
         options = replace(options, conditions=(written,))
         made = perform(system, speech, options, before, ear.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
         row.files["windows"] = shown_file(name, ENDING)
-        save_performance(made, ask.out / row.files["windows"])
-        shown = filtered(made.motion, asked.post_filter)
+        save_performance(made, request.run / row.files["windows"])
+        shown = filtered(made.motion, sampling.post_filter)
         run.motion(name, shown, f"{file_stem(name)}.npz")
-        _tell(ask.out, row, written, words)
-        run.file(ask.out / row.files["told"])
+        _tell(request.run, row, written, words)
+        run.file(request.run / row.files["told"])
         run.finish("")
     return MadeTake(number, done.notes)
 
 
 def _ready(
-    ask: Ask,
+    folder: Path,
     row: Row,
     system: System,
     speech: Speech,
@@ -144,16 +149,16 @@ def _ready(
     ear: Ear,
 ) -> KeptPerformance:
     """The motion that a take begins with, performed once more where its windows are not there."""
-    windows = file_of(ask.out, row.files.get("windows"))
+    windows = file_of(folder, row.files.get("windows"))
     if windows is not None:
-        motion = load_motion(_there(ask.out, read_run(ask.out), row.name))
+        motion = load_motion(_there(folder, read_run(folder), row.name))
         return load_performance(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
     made = perform(system, speech, performed, None, ear.should_cancel)
     row.files["windows"] = shown_file(row.name, ENDING)
-    save_performance(made, ask.out / row.files["windows"])
-    _tell(ask.out, row, plan, words)
-    with changed(ask.out) as record:
+    save_performance(made, folder / row.files["windows"])
+    _tell(folder, row, plan, words)
+    with changed(folder) as record:
         record.put(row)
     return made
 
@@ -197,13 +202,14 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     }
 
 
-def _as_the_run(ask: TakeAsk, record: RunRecord) -> TakeAsk:
-    """With what its run was asked for, as far as takes are made by it."""
-    speech = file_of(ask.out, record.sound)
+def _as_the_run(request: PlanEditRequest, record: RunRecord) -> tuple[SamplingOptions, Path]:
+    """Return how the run was sampled, and its speech."""
+    speech = file_of(request.run, record.sound)
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)
-    known = (*SAMPLING, "post_filter", "joint")
-    told = {name: record.asked[name] for name in known if name in record.asked}
-    if record.noise_seed is not None:
-        told["seed"] = record.noise_seed
-    return replace(ask, speech=speech, **told)
+    try:
+        sampling = adapter(SamplingOptions).validate_python(record.request.get("sampling", {}))
+    except ValidationError as error:
+        raise RunError(text.EDITS_GONE) from error
+    seed = sampling.seed if record.noise_seed is None else record.noise_seed
+    return replace(sampling, weights=request.weights, seed=seed), speech

@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image
 
 from app.errors import RunError
-from app.run.ask import DEAF, Ear
 from app.run.bodies import body_motion, choose_tip_source
+from app.run.callbacks import DEAF, Ear
 from app.run.models import get_body
-from app.run.tasks import MARKERS_ENDING, MAX_STILLS, SHEET_POSES, RenderAsk
+from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, RenderRequest
 from app.run.videos.videos import jobs_of
 from conventions.views import View
 from model.formats.read import Reading, lengths_apart, read_any_motion
@@ -28,7 +28,9 @@ from renderer.video.compose import contact_sheet
 from renderer.video.workers import draw_jobs
 
 
-def render_motion(ask: RenderAsk, ear: Ear = DEAF) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+def render_motion(
+    request: RenderRequest, ear: Ear = DEAF
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Make what is asked for.
 
     Returns:
@@ -39,29 +41,29 @@ def render_motion(ask: RenderAsk, ear: Ear = DEAF) -> tuple[tuple[Path, ...], tu
         RunError: if what is asked for cannot be.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    ask.check()
-    ask.told.check(ask.motions)
-    reading = read_any_motion(ask.motions[0], ask.told, ask.body)
+    request.check()
+    request.import_overrides.check([request.motion])
+    reading = read_any_motion(request.motion, request.import_overrides, request.video.body)
     read = reading.motion
     motion = body_motion(read)
-    body = get_body(ask.body, ask.look)
-    if ask.is_picture:
-        files = _draw(ask, read, body, ear.share("video"))
+    body = get_body(request.video.body, request.video.look)
+    if request.is_picture:
+        files = _draw(request, read, body, ear.share("video"))
     else:
-        files = _export(ask, body, motion)
-    apart = () if ask.speech is None else _apart(ask.speech, reading)
+        files = _export(request, body, motion)
+    apart = () if request.speech is None else _apart(request.speech, reading)
     # Blender shows a body of its own
-    own = blender_notes(motion) if ask.ending == ".blender.npz" else body.notes(motion)
+    own = blender_notes(motion) if request.suffix == ".blender.npz" else body.notes(motion)
     return files, (*reading.notes, *apart, *own)
 
 
-def write_plan(ask: RenderAsk, *_: object) -> None:
-    """A plan in one of the forms that other programs read, of what a page shows of it."""
-    plan = read_plan_file(ask.motions[0]).plan
-    if ask.out.name.endswith(MARKERS_ENDING):
-        ask.out.write_text(markers_csv(plan), encoding="utf-8")
+def write_plan(request: RenderRequest, *_: object) -> None:
+    """Write the plan of a motion's place as another program reads it."""
+    plan = read_plan_file(request.motion).plan
+    if request.out.name.endswith(MARKERS_SUFFIX):
+        request.out.write_text(markers_csv(plan), encoding="utf-8")
     else:
-        write_plan_file(plan, ask.out)
+        write_plan_file(plan, request.out)
 
 
 def _apart(speech: Path, reading: Reading) -> list[str]:
@@ -69,71 +71,74 @@ def _apart(speech: Path, reading: Reading) -> list[str]:
     return lengths_apart(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
 
 
-def _export(ask: RenderAsk, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
-    plan = _plan(ask)
+def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
+    plan = _plan(request)
     markers = [] if plan is None else markers_of(plan)
-    files = [ask.out]
-    with written_atomically(ask.out) as part:
-        match ask.ending:
+    files = [request.out]
+    with written_atomically(request.out) as part:
+        match request.suffix:
             case ".glb":
                 part.write_bytes(glb_bytes(body, motion, markers=markers))
             case ".obj" | ".ply":
-                if not 0 <= ask.frame < motion.num_frames:
+                frame = request.stills.frame
+                if not 0 <= frame < motion.num_frames:
                     raise RunError(
-                        f"Frame {ask.frame} was asked for; the motion has {motion.num_frames}, "
+                        f"Frame {frame} was asked for; the motion has {motion.num_frames}, "
                         "counted from 0."
                     )
-                write_still(body, motion, ask.frame, part)
+                write_still(body, motion, frame, part)
             case ".bvh":
                 write_bvh(body, motion, part)
                 if plan is not None:  # the format has no place for them
-                    files.append(ask.out.with_suffix(MARKERS_ENDING))
+                    files.append(request.out.with_suffix(MARKERS_SUFFIX))
                     write_atomically(files[1], markers_csv(plan))
             case _:
                 write_blender(motion, part, markers)
     return tuple(files)
 
 
-def _plan(ask: RenderAsk) -> GesturePlan | None:
+def _plan(request: RenderRequest) -> GesturePlan | None:
     """
     Raises:
         PlanError: if the plan that is named cannot be used.
     """
-    beside = ask.motions[0].with_suffix(".plan.json")
-    path = ask.plan or (beside if beside.is_file() else None)
+    beside = request.motion.with_suffix(".plan.json")
+    path = request.plan or (beside if beside.is_file() else None)
     return None if path is None else read_plan_file(path).plan
 
 
 def _draw(
-    ask: RenderAsk, read: Motion, body: Body, on_progress: Callable[[float], None]
+    request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
-    stills, sheet = _chosen_frames(ask, read.num_frames)
+    stills, sheet = _chosen_frames(request, read.num_frames)
 
     def named(view: View) -> Path:
-        is_first = view == ask.views[0]
-        return ask.out if is_first else ask.out.with_suffix(f".{view}{ask.out.suffix}")
+        is_first = view == request.video.views[0]
+        return request.out if is_first else request.out.with_suffix(f".{view}{request.out.suffix}")
 
     jobs = jobs_of(
-        *({"": read}, ask, body, choose_tip_source(ask.body, ask.joint)),
-        lambda _, view: named(view) if ask.ending == ".mp4" else None,
-        *(ask.speech, (*stills, *sheet)),
-        is_transparent=ask.background == "transparent",
+        *({"": read}, request.video, body, choose_tip_source(request.video.body, request.joint)),
+        lambda _, view: named(view) if request.suffix == ".mp4" else None,
+        *(request.speech, (*stills, *sheet)),
+        is_transparent=request.stills.background == "transparent",
     )
     files: list[Path] = []
     for (_, view), pictures in draw_jobs(jobs, on_progress, parallel=1).items():
-        files += [named(view)] if ask.ending == ".mp4" else []
+        files += [named(view)] if request.suffix == ".mp4" else []
         files += _write_stills(named(view), pictures[: len(stills)], has_sheet=bool(sheet))
         files += _write_sheet(named(view), pictures[len(stills) :], sheet)
     return tuple(files)
 
 
-def _chosen_frames(ask: RenderAsk, num_frames: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _chosen_frames(
+    request: RenderRequest, num_frames: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Frames of the single stills, and of the sheet."""
-    count = min(ask.num_stills or 0, num_frames)
+    count = min(request.stills.num_stills or 0, num_frames)
     # The middle of equal parts, so that one still shows the middle of the motion.
     stills = ((np.arange(count) + 0.5) * num_frames / max(count, 1)).astype(int)
-    every = ask.sheet_every
-    if every is None and ask.ending == ".png" and not count:
+    every = request.stills.sheet_every
+    if every is None and request.suffix == ".png" and not count:
         every = -(-num_frames // SHEET_POSES)
     sheet = range(0, num_frames, every) if every else ()
     if len(sheet) > MAX_STILLS:

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import Ask, Ear
 from app.run.bodies import MAX_FRAMES, body_motion, choose_tip_source, in_register
+from app.run.callbacks import Ear
 from app.run.display import Seen, SeenPanel
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.tasks import SeenAsk, SeenVideo
+from app.run.requests.parts import VideoOptions
+from app.run.requests.requests import ViewerVideoRequest
+from app.run.tasks import SeenVideo
 from app.run.videos.videos import jobs_of
 from conventions.rates import FPS
 from conventions.views import LOOKS
@@ -39,32 +41,32 @@ _FINE_CRF = 14
 """Of the pictures that are encoded once more."""
 
 
-def draw_seen(ask: SeenAsk, ear: Ear) -> SeenVideo:
+def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
     """Draw the video.
 
     Raises:
         Cancelled: when ``ear`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    seen = ask.seen
+    seen = request.seen
     ear.share("video")(0.0)
-    motions = [in_register(load_motion(path)) for path in ask.motions]
+    motions = [in_register(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
     shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
     bases = {
         i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
     }
-    body = get_body(ask.body)
-    tip = choose_tip_source(ask.body, seen.look.point)
+    body = get_body(request.body)
+    tip = choose_tip_source(request.body, seen.look.point)
     room = _Room.of(seen)
-    with ResultFolder(ask.out) as folder:
+    with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
         jobs: dict[str, RenderJob] = {}
         for i, base in bases.items():
             picture = room.pictures[int(i) if seen.mode != "grid" else 0]
-            drawn = {i: base}, _as_seen(ask), body, tip, lambda name, _: parts / f"{name}.mp4"
+            drawn = {i: base}, _as_seen(request), body, tip, lambda name, _: parts / f"{name}.mp4"
             try:
                 made = jobs_of(*drawn, staged=motions, layout=picture, crf=_FINE_CRF)
             except RunError as error:
@@ -73,7 +75,7 @@ def draw_seen(ask: SeenAsk, ear: Ear) -> SeenVideo:
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
         draw_jobs(jobs, ear.share("video", _DRAWN))
         _compose(
-            ask,
+            request,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
             *(room, folder, ear.share("video", 1 - _DRAWN, _DRAWN)),
@@ -98,14 +100,14 @@ def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...
     )
 
 
-def _as_seen(ask: SeenAsk) -> Ask:
-    """How bodies are drawn."""
-    look = ask.seen.look
-    return replace(
-        ask,
+def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
+    """Return how bodies are drawn."""
+    look = request.seen.look
+    return VideoOptions(
+        body=request.body,
         display=look.display,
         framing="whole" if look.is_whole else "knees",
-        look=LOOKS[0] if ask.body else f"{look.build}-{look.tone}",
+        look=LOOKS[0] if request.body else f"{look.build}-{look.tone}",
     )
 
 
@@ -187,7 +189,7 @@ class _Room:
 
 
 def _compose(
-    ask: SeenAsk,
+    request: ViewerVideoRequest,
     videos: Sequence[Path],
     labels: Sequence[str],
     room: _Room,
@@ -195,15 +197,15 @@ def _compose(
     on_progress: Callable[[float], None],
 ) -> None:
     """All of them in one video, under their names."""
-    mode, pair = ask.seen.mode, None
+    mode, pair = request.seen.mode, None
     if mode != "grid":
         body, *beside = room.pictures[1]
-        edge = round(ask.seen.wipe * body.width)
-        inks = [ask.seen.bodies[number].color for number in ask.seen.shown]
+        edge = round(request.seen.wipe * body.width)
+        inks = [request.seen.bodies[number].color for number in request.seen.shown]
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
     compose_videos(
-        *(videos, labels, folder.path(NAME), ask.speech),
+        *(videos, labels, folder.path(NAME), request.speech),
         on_progress=on_progress,
         num_columns=room.columns,
         pair=pair,

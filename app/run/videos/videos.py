@@ -15,12 +15,14 @@ import numpy as np
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.ask import MAX_COMPARED, Ask, Ear, Grown
 from app.run.bodies import TipSource, body_motion, choose_tip_source, picture_motions
+from app.run.callbacks import Ear, Grown
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowKind, add_file, file_of, read_run, video_file
+from app.run.requests.parts import MAX_COMPARED, VideoOptions
+from app.run.requests.requests import RunVideosRequest
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.measures.smoothness import derivative_magnitudes
@@ -45,7 +47,7 @@ OnFile = Callable[..., None]
 
 
 def picture_of(
-    ask: Ask, view: View, layout: tuple[Panel, ...] | None = None, **others: Any
+    video: VideoOptions, view: View, layout: tuple[Panel, ...] | None = None, **others: Any
 ) -> RenderSettings:
     """Pictures of the height that is asked for, and in the first view close-ups beside them: square
     ones of the whole body, and ones of three quarters of the width where it stands from the knees
@@ -58,12 +60,12 @@ def picture_of(
     Raises:
         RunError: if the size cannot be drawn or encoded.
     """
-    width = ask.size if ask.framing == "whole" else 2 * (3 * ask.size // 8)
-    size = (layout[0].width, layout[0].height) if layout else (width, ask.size)
-    if ask.close_ups and view == ask.views[0]:
-        layout = layout or lay_out(view, *size, ask.close_ups)
+    width = video.size if video.framing == "whole" else 2 * (3 * video.size // 8)
+    size = (layout[0].width, layout[0].height) if layout else (width, video.size)
+    if video.close_ups and view == video.views[0]:
+        layout = layout or lay_out(view, *size, video.close_ups)
     try:
-        return RenderSettings(*size, view, ask.framing, layout=layout, **others)
+        return RenderSettings(*size, view, video.framing, layout=layout, **others)
     except ValueError as error:
         raise RunError(str(error)) from error
 
@@ -80,7 +82,7 @@ class Snapshots:
 
 def jobs_of(
     motions: Mapping[str, Motion],
-    ask: Ask,
+    video: VideoOptions,
     body: Body,
     tip: TipSource,
     out: Callable[[str, View], Path | None],
@@ -102,14 +104,14 @@ def jobs_of(
     posed = [body_motion(motion) for motion in staged or motions.values()]
     looks = {
         name: {
-            "motion": body_motion(displayed(motion, ask.display)),
-            "marks": marks_of(motion, ask.display, tip, body),
+            "motion": body_motion(displayed(motion, video.display)),
+            "marks": marks_of(motion, video.display, tip, body),
         }
         for name, motion in motions.items()
     }
     jobs = {}
-    for view in ask.views:
-        settings = picture_of(ask, view, **how)
+    for view in video.views:
+        settings = picture_of(video, view, **how)
         stage = stage_for(body, posed, settings)
         for name in motions:
             jobs[name, view] = RenderJob(
@@ -117,8 +119,8 @@ def jobs_of(
                 out=out(name, view),
                 speech_wav=speech,
                 settings=settings,
-                body_path=ask.body,
-                look=ask.look,
+                body_path=video.body,
+                look=video.look,
                 stage=stage,
                 still_frames=frames,
             )
@@ -127,7 +129,7 @@ def jobs_of(
 
 def draw_rows(
     motions: Mapping[str, Motion],
-    ask: Ask,
+    video: VideoOptions,
     body: Body,
     tip: TipSource,
     on_share: Callable[[float], None],
@@ -147,18 +149,18 @@ def draw_rows(
     """
 
     def out(name: str, view: View) -> Path:
-        return folder.path(video_file(name, view, ask.views))
+        return folder.path(video_file(name, view, video.views))
 
     def on_done(key: tuple[str, View]) -> None:
         name, view = key
-        on_file(out(name, view), row=name if view == ask.views[0] else "", kind="video")
+        on_file(out(name, view), row=name if view == video.views[0] else "", kind="video")
 
-    draw_jobs(jobs_of(motions, ask, body, tip, out, speech), on_share, on_done)
+    draw_jobs(jobs_of(motions, video, body, tip, out, speech), on_share, on_done)
 
 
 def draw_poses(
     motions: Mapping[str, Motion],
-    ask: Ask,
+    video: VideoOptions,
     body: Body,
     on_share: Callable[[float], None],
     frames: tuple[int, ...],
@@ -176,7 +178,7 @@ def draw_poses(
     Raises:
         GLError: if the driver draws no picture.
     """
-    whole = replace(ask, framing="whole", close_ups=(), views=ask.views[:1])
+    whole = replace(video, framing="whole", close_ups=(), views=video.views[:1])
     settings = picture_of(whole, whole.views[0])
     posed = {name: body_motion(motion) for name, motion in motions.items()}
     stage = stage_for(body, [*posed.values()], settings)
@@ -355,18 +357,15 @@ def joined_side_by_side(
     ear.progress("comparison", 1.0)
 
 
-def draw_behind(ask: Ask, ear: Ear) -> None:
-    """Draw videos of a run's motions, all alike, and ``comparison.mp4``.
-
-    Args:
-        ask: has the run's folder in place of its motions: each video comes into that as soon as it
-            is whole; they are drawn in the ask's own.
+def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
+    """Render videos of a run's motions, and ``comparison.mp4``; each is added to the run's folder
+    as soon as it is whole.
 
     Raises:
         Cancelled: when ``ear`` said so.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    (run,) = ask.motions
+    run, video = request.run, request.video
     record = read_run(run)
 
     def add(path: Path, row: str = "", kind: RowKind | None = None) -> None:
@@ -379,11 +378,11 @@ def draw_behind(ask: Ask, ear: Ear) -> None:
         if row.take is None and (file := file_of(run, row.files.get("motion")))
     }
     speech = file_of(run, record.sound) if record.speech_sha256 else None
-    body = get_body(ask.body, ask.look)
-    with ResultFolder(ask.out) as folder:
+    body = get_body(video.body, video.look)
+    with ResultFolder(request.out) as folder:
         draw_rows(
-            *(picture_motions(motions)[0], ask, body),
-            *(choose_tip_source(ask.body, record.point), ear.share("video")),
+            *(picture_motions(motions)[0], video, body),
+            *(choose_tip_source(video.body, record.point), ear.share("video")),
             *(folder, speech, add),
         )
         if len(motions) > 1:

@@ -75,23 +75,30 @@ def asked(words: str):
 
 def test_what_videos_show_is_asked_for_by_flags():
     usual = asked("generate a.wav --out x")
-    assert (usual.close_ups, usual.framing, usual.display) == (("hands",), "knees", Display())
-    assert usual.start_frame == 0
-    assert usual.has_video and not asked("generate a.wav --out x --no-video").has_video
+    assert (usual.video.close_ups, usual.video.framing, usual.video.display) == (
+        ("hands",),
+        "knees",
+        Display(),
+    )
+    assert usual.figures.start_frame == 0
+    assert usual.output.has_video
+    assert not asked("generate a.wav --out x --no-video").output.has_video
     drawn = asked(
         "render a.npz --out x.mp4 --close-up hands,face --framing knees "
         "--exaggerate 20 --trail --color jerk"
     )
-    assert (drawn.close_ups, drawn.framing) == (("hands", "face"), "knees")
-    assert drawn.display == Display(20, True, "jerk")
-    assert asked("generate a.wav --out x --close-up off").close_ups == ()
+    assert (drawn.video.close_ups, drawn.video.framing) == (("hands", "face"), "knees")
+    assert drawn.video.display == Display(20, True, "jerk")
+    assert asked("generate a.wav --out x --close-up off").video.close_ups == ()
     given = asked("diagnose a.npz b.npz --out x --videos --start 5 --panels a,d --show a,b")
-    assert given.motions == (Path("a.npz"), Path("b.npz")) and given.has_video
-    assert (given.start_frame, given.figure_panels, given.shown) == (5, ("a", "d"), ("a", "b"))
+    assert given.motions.motions == (Path("a.npz"), Path("b.npz")) and given.output.has_video
+    assert (given.figures.start_frame, given.figures.figure_panels) == (5, ("a", "d"))
+    assert given.motions.shown == ("a", "b")
     many = asked(
         "generate a.wav --systems all --steps x/a=2 --max-minutes 2 --channel left --out x"
     )
-    assert (many.systems, many.steps, many.max_speech_s, many.channel) == ((), {"x/a": 2}, 120, 0)
+    assert (many.sampling.systems, many.sampling.steps) == ((), {"x/a": 2})
+    assert (many.speech.max_speech_s, many.speech.channel) == (120, 0)
 
 
 def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(

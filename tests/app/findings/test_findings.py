@@ -22,10 +22,9 @@ from app.findings.comparison import (
 from app.findings.measure_rows import JERK, MEASURES, SPEED, numbers_of, parts_apart
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
-from app.run.ask import Ask
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import read_run
-from app.run.pipeline import do
+from app.run.pipeline import run
 from app.run.run_writer import findings_told
 from conventions.names import SampleName, short_names
 from model.diagnostics import Versions
@@ -34,6 +33,7 @@ from model.measures.point import JerkAttribution
 from model.measures.results import BeatMeasures
 from model.measures.seams import Period
 from tests.app.measured import both, diagnostics_of
+from tests.app.requests import diagnose_request
 
 
 def by_depth(root: float, tip: float) -> np.ndarray:
@@ -353,7 +353,9 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
     motions = (FIRST_LOOK / "shown" / "A.npz", FIRST_LOOK / "shown" / "B.npz")
-    do(Ask(motions=motions, out=tmp_path / "out", names=("A", "B"), has_figures=False))
+    run(
+        diagnose_request(motions=motions, out=tmp_path / "out", names=("A", "B"), has_figures=False)
+    )
     record = read_run(tmp_path / "out")
     verdict = record.verdict
     assert verdict is not None and verdict.numbers.endswith("A 190, B 1318.")

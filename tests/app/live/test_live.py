@@ -18,7 +18,7 @@ from app.errors import RunError
 from app.live import child as module
 from app.live import session as limits
 from app.live import sessions as sounds
-from app.live.child import Performers, live_ask
+from app.live.child import Performers, live_options
 from app.live.session import (
     KEPT_FRAMES,
     LastMinute,
@@ -29,9 +29,9 @@ from app.live.session import (
     why_less,
 )
 from app.live.sessions import MAX_SOUND_BYTES, LiveSessions, Microphone, read_sound
-from app.run.ask import Ask
 from app.run.models import get_system
 from app.run.pieces import HEADER, NUM_FACES, frames_message
+from app.run.requests.parts import SamplingOptions
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion
@@ -44,7 +44,7 @@ from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
 NAME = "globaldiff/global"
-ASK = Ask(out=Path(), systems=(NAME,), speaker="ann", seed=2)
+OPTIONS = SamplingOptions(systems=(NAME,), speaker="ann", seed=2)
 TOLD = {"system": NAME, "speaker": "ann", "seed": 2}
 SECOND = bytes(32_000)
 """Of silence."""
@@ -74,14 +74,14 @@ def clock() -> Clock:
 
 @pytest.fixture
 def session(weights: Path, told: list[Any], clock: Clock) -> LiveSession:
-    return LiveSession(get_system(NAME, weights), ASK, told.append, clock)
+    return LiveSession(get_system(NAME, weights), OPTIONS, told.append, clock)
 
 
 @pytest.fixture
 def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSession:
     system = get_system("workbench/planned", planned_weights)
     check_live(system)
-    ask = replace(ASK, systems=("workbench/planned",))
+    ask = replace(OPTIONS, systems=("workbench/planned",))
     return LiveSession(system, ask, told.append, clock)
 
 
@@ -113,11 +113,14 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.keep(tmp_path).take
+    kept = session.keep(tmp_path).live_recording
+    assert kept is not None
     motion = load_motion(kept.motion)
-    assert motion.num_frames == made and kept.facts["first_frame_of_session"] == 0
-    assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0
-    assert kept.why_less == "" and kept.plan is None
+    assert motion.num_frames == made and kept.metadata["first_frame_of_session"] == 0
+    assert (
+        kept.metadata["windows_of_session"] == len(headers) and kept.metadata["window_cpu_ms"] > 0
+    )
+    assert kept.truncation_note == "" and kept.plan is None
 
     live = LiveMotion(get_system(NAME, weights), GenerateOptions("ann", seed=2))
     features, pieces = CausalMel(), []
@@ -190,7 +193,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
     with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
-    slow = LiveSession(get_system(NAME, weights), ASK, lambda _: None, clock)
+    slow = LiveSession(get_system(NAME, weights), OPTIONS, lambda _: None, clock)
     with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
         speak(slow, clock, 3.0)
     assert slow.windows == limits.TRIAL_WINDOWS + 1
@@ -209,14 +212,14 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
 
 def test_what_asks_for_nothing_is_refused(weights, told):
     good = {"system": "globaldiff/global", "speaker": "ann", "seed": 2**31 - 1}
-    assert live_ask(good).seed == 2**31 - 1
+    assert live_options(good).seed == 2**31 - 1
     wrong = [{"system": ["gan/5"]}, *({"seed": seed} for seed in (None, -1, True, 1e300, 2**31))]
     for asked in (None, 3, [], {}, {"system": "gan/5"}, *(good | each for each in wrong)):
         with pytest.raises(RunError):
-            live_ask(asked)
+            live_options(asked)
     with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
         system = get_system(NAME, weights)
-        LiveSession(system, replace(ASK, speaker="eve"), told.append)
+        LiveSession(system, replace(OPTIONS, speaker="eve"), told.append)
 
 
 def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
@@ -464,8 +467,10 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
     sessions.performers.turn()
     sessions.performers.turn()
     kept = sessions.keep(token, "mine", tmp_path)
-    assert kept == replace(ASK, speech=kept.speech, out=kept.out, take=kept.take)
-    assert kept.take is not None and load_motion(kept.take.motion).num_frames > 60
+    assert kept.sampling == OPTIONS
+    assert (
+        kept.live_recording is not None and load_motion(kept.live_recording.motion).num_frames > 60
+    )
     sessions.close(number)
     assert sessions.keep(token, "mine", tmp_path) == kept
     for other, cookie in ((token, "yours"), (token, ""), ("x", "mine"), ("ü", "")):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.run.ask import Ear, Grown, Progress
+from app.run.callbacks import Ear, Grown, Progress
 from app.run.output.result_folder import require_free_space
 
 

@@ -16,15 +16,10 @@ from app.errors import Cancelled, RunError
 from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, follow
 from app.page.visitors.files import Job, Jobs, sweep
-from app.run.ask import (
-    Ask,
-    Ear,
-    Event,
-    Grown,
-    Progress,
-)
+from app.run.callbacks import Ear, Event, Grown, Progress
 from tests.app import fakes
 from tests.app.page.made import browser
+from tests.app.requests import generate_request
 
 VISITOR = browser("cookie")
 Do = Callable[[Ear], str]
@@ -136,7 +131,7 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
     jobs, speech
 ):
     with jobs.opened("one", "generate") as job:
-        asked = Ask(
+        asked = generate_request(
             speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
         )
 
@@ -152,7 +147,7 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
         assert Grown in {type(event) for event in events}
         last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
         assert set(last.values()) == {1.0} and not job.is_cancelled()
-        shutil.rmtree(asked.out)
+        shutil.rmtree(asked.output.out)
     assert job.is_cancelled(), "whatever still works for it stops"
 
 

@@ -11,7 +11,7 @@ import pytest
 from app import text
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
-from app.run.ask import Ear, Event, Grown, Progress
+from app.run.callbacks import Ear, Event, Grown, Progress
 from processes import ended
 from tests.app.page import ends
 from tests.processes.made import kill, run_out_of_memory

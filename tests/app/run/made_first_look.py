@@ -7,11 +7,11 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
-from app.run.ask import TIP, Ask
 from app.run.bodies import TipSource, picture_motions
 from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
 from app.run.output.run_folder import SPEECH, RunRecord
-from app.run.pipeline import do
+from app.run.pipeline import generate
+from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.run_writer import writing_run
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
@@ -20,6 +20,7 @@ from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID
 from model.systems.globaldiff.config import BEST
+from tests.app.requests import generate_request
 
 LOOK_S = 6.7
 """Of the speech, to a pause: whoever opens the page first waits for each second of it."""
@@ -33,19 +34,21 @@ def make_first_look(out: Path) -> None:
         waveform = load_speech(EXAMPLES / "three_reasons.wav").waveform
         write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
         speech = load_speech(beginning)
-        ask = Ask(speech=beginning, out=Path(temporary, "run"), systems=(BEST,), has_figures=False)
-        result = do(ask)
+        ask = generate_request(
+            speech=beginning, out=Path(temporary, "run"), systems=(BEST,), has_figures=False
+        )
+        result = generate(ask)
         motion = load_motion(result.out / f"{file_stem(BEST)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {STEADY: motion, TREMBLING: tremble(motion)}
-    record = RunRecord(kind="given", point=TIP)
+    record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
     with writing_run(out, record) as run:
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
             for name, each in motions.items()
         }
         shown, _ = picture_motions(motions)
-        run.timeline(run.show(shown, speech, tip, ask.weights), NOTHING_SAID)
+        run.timeline(run.show(shown, speech, tip, ask.sampling.weights), NOTHING_SAID)
         run.find_plans(shown)
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
         path = run.folder.path(FACTS)

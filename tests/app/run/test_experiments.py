@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,6 @@ from app.errors import Cancelled, RunError
 from app.run.experiments import (
     MAX_S,
     NAMES,
-    VIDEO,
-    HearingAsk,
-    MechanismAsk,
-    StepsAsk,
     _heard_sentence,
     measure_hearing,
     measure_step_curve,
@@ -28,6 +23,13 @@ from app.run.experiments import (
 )
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import (
+    ROTATION_NOISE_VIDEO,
+    RotationNoiseRequest,
+    SpeechEffectRequest,
+    StepSweepRequest,
+)
 from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
@@ -37,6 +39,7 @@ from model.sampling.samplers import clip_seed
 from model.speech.audio import load_speech, write_wav
 from model.systems.registry import list_systems
 from tests.app.heard import Heard
+from tests.app.requests import rotation_noise_request
 from tests.conftest import MadeOnce
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.made import made_waveform
@@ -61,7 +64,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
-    measure_hearing(HearingAsk(out=out, speeches=speeches, speakers=both, **asked), heard)
+    measure_hearing(SpeechEffectRequest(out=out, speeches=speeches, speakers=both, **asked), heard)
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
     assert sorted(record.results) == [
@@ -89,7 +92,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     (tmp_path / "motions").mkdir()
     for path in out.glob("*.npz"):
         path.rename(tmp_path / "motions" / path.name)
-    measure_hearing(HearingAsk(out=tmp_path / "again", speeches=(tmp_path / "motions",)))
+    measure_hearing(SpeechEffectRequest(out=tmp_path / "again", speeches=(tmp_path / "motions",)))
     (again,) = json.loads((tmp_path / "again" / "hearing.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
 
@@ -159,7 +162,7 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
         asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
         asked["speeches"] = tuple(map(Path, asked["speeches"]))
         with pytest.raises(RunError, match=sentence):
-            HearingAsk(out=tmp_path, **asked).check()
+            SpeechEffectRequest(out=tmp_path, **asked).check()
 
 
 @pytest.mark.parametrize(
@@ -177,20 +180,22 @@ def test_a_folder_that_says_too_little_is_told(
     for number, name in enumerate(names):
         save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
     with pytest.raises(RunError, match=sentence):
-        measure_hearing(HearingAsk(out=tmp_path / "out", speeches=(tmp_path / "motions",)))
+        measure_hearing(SpeechEffectRequest(out=tmp_path / "out", speeches=(tmp_path / "motions",)))
 
 
 @pytest.fixture
-def asked(tmp_path: Path) -> MechanismAsk:
+def asked(tmp_path: Path) -> RotationNoiseRequest:
     save_motion(smooth_motion_example(12), tmp_path / "motion.npz")
-    return MechanismAsk(motions=(tmp_path / "motion.npz",), out=tmp_path / "out", size=256)
+    return rotation_noise_request(motion=tmp_path / "motion.npz", out=tmp_path / "out", size=256)
 
 
 @pytest.mark.gl
-def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismAsk) -> None:
+def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
+    asked: RotationNoiseRequest,
+) -> None:
     heard = Heard()
-    show_mechanism(replace(asked, noise_rad=0.05, has_video=True), heard)
-    frames = decoded_frames(asked.out / VIDEO)
+    show_mechanism(replace_fields(asked, noise_rad=0.05, has_video=True), heard)
+    frames = decoded_frames(asked.out / ROTATION_NOISE_VIDEO)
     assert len(frames) == 12 and frames.shape[2] == 2 * 192
     shares = heard.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
@@ -206,7 +211,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
     assert [row.name for row in record.rows] == list(NAMES) and record.sound and record.timeline
     caption = (asked.out / "error_growth.txt").read_text()
     assert "error_growth.png" in record.files and "0.05 rad" in caption
-    clean = load_motion(asked.motions[0])
+    clean = load_motion(asked.motion)
     on_local, on_global = (load_motion(asked.out / row.files["motion"]) for row in record.rows)
     pelvis = slice(0, 3)
     for motion in (on_local, on_global):
@@ -214,7 +219,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
     assert abs(on_local.poses - on_global.poses)[:, pelvis.stop :].max() > 0.02
 
 
-def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismAsk) -> None:
+def test_a_mechanism_that_cannot_be_is_refused(asked: RotationNoiseRequest) -> None:
     for changes, words in [
         ({"noise_rad": 0.2}, "0.005 to 0.1 rad; got 0.2"),
         ({"noise_rad": 0.0}, "got 0"),
@@ -223,7 +228,7 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismAsk) -> None:
         ({"joint": "pelvis"}, "No rotation moves the pelvis"),
     ]:
         with pytest.raises(RunError, match=words):
-            show_mechanism(replace(asked, **changes))
+            show_mechanism(replace_fields(asked, **changes))
 
 
 def write_noise(folder: Path, seconds: float) -> None:
@@ -243,7 +248,7 @@ def test_points_are_what_generation_and_measures_say(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
     heard = Heard()
-    ask = StepsAsk(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
+    ask = StepSweepRequest(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
     measure_step_curve(ask, heard)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
@@ -284,7 +289,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
 
     monkeypatch.setattr("app.run.experiments.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
-    ask = StepsAsk(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
+    ask = StepSweepRequest(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(Cancelled):
         measure_step_curve(ask)
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
@@ -299,11 +304,13 @@ def test_what_cannot_be_measured_is_refused() -> None:
         (tuple("abcdefg"), (1,), "got 7"),
     ]:
         with pytest.raises(RunError, match=says):
-            StepsAsk(out=Path("out"), systems=systems, counts=counts).check()
+            StepSweepRequest(
+                speech=Path("s.wav"), out=Path("out"), systems=systems, counts=counts
+            ).check()
 
 
 def test_all_means_all_systems_of_the_weights(noise, weights, tmp_path):
-    ask = StepsAsk(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
+    ask = StepSweepRequest(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
     measure_step_curve(ask)
     table = json.loads((ask.out / "steps.json").read_text())
     assert {row["system"] for row in table} == {*list_systems(weights)}

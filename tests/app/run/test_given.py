@@ -3,7 +3,6 @@
 import csv
 import json
 import wave
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,16 @@ import pytest
 from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
-from app.run.ask import Ask, Stage
 from app.run.bodies import TipSource
+from app.run.callbacks import Stage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.output.provenance import names_of_motions
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
-from app.run.pipeline import do
+from app.run.pipeline import run
+from app.run.requests.convert import replace_fields
 from model.diagnostics import diagnose
 from model.faults.evidence import Finding
 from model.faults.table import FAULTS, without
@@ -35,6 +35,7 @@ from model.speech.transcript import Transcript, Word
 from renderer.video.encoder import read_facts
 from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
+from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.formats.made import BODY_JOINTS, FROM_Y, Person, turned
 from tests.model.made import made_waveform
@@ -53,14 +54,14 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     np.savez(reference, poses=poses, trans=100 * theirs.trans, mocap_framerate=np.array(30))
     write_wav(speech, load_speech(EXAMPLES / "three_reasons.wav").waveform[: 16_000 * 3])
     text.write_text("There are three reasons.")
-    request = Ask(
+    request = diagnose_request(
         motions=(motion, motion), out=tmp_path / "out", names=("clip", "again"), speech=speech,
         reference=reference, transcript=text, words="recognise", joint="left_wrist",
         start_frame=20, has_poses=False,
     )  # fmt: skip
     heard = Heard()
-    found = do(request, heard)
-    assert {path.name for path in request.out.iterdir()} == {
+    found = run(request, heard)
+    assert {path.name for path in request.output.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
@@ -72,7 +73,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert len(set(shares["numbers"])) == 7  # each motion as it is and filtered, and all
     assert len(set(shares["figure"])) == 3
 
-    told = json.loads((request.out / "diagnostics.json").read_text())
+    told = json.loads((request.output.out / "diagnostics.json").read_text())
     raw = told["systems"]["clip"]["raw"]
     assert (told["joint"], told["tip"]) == ("left_wrist", None)
     assert len(raw["local_rotation_error_deg"]) == 55
@@ -80,10 +81,14 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert told["words_origin"] == "aligned"  # a text is better than none
     assert [word["text"] for word in told["words"]] == ["There", "are", "three", "reasons"]
     assert len(told["phones"]) > 2 * len(told["words"])
-    rows = {(row["name"], row["measure"]) for row in csv_rows(request.out / "diagnostics.csv")}
+    rows = {
+        (row["name"], row["measure"]) for row in csv_rows(request.output.out / "diagnostics.csv")
+    }
     assert ("clip", "position_error_m") in rows and ("reference", "tip_jerk_m_s3") in rows
-    assert "frames 20 to 39" in (request.out / "figure6.svg").read_text()
-    said = " ".join([*found.notes, *(each.sentence for each in read_run(request.out).findings)])
+    assert "frames 20 to 39" in (request.output.out / "figure6.svg").read_text()
+    said = " ".join(
+        [*found.notes, *(each.sentence for each in read_run(request.output.out).findings)]
+    )
     for words_said in (
         "The reference has 55 frames; the first 40 were measured",
         "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
@@ -104,11 +109,11 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
         one = smooth_motion_example(1)
         poses, trans = (np.repeat(each, frames, axis=0) for each in (one.poses, one.trans))
         np.savez(path, poses=poses, trans=trans, mocap_frame_rate=np.array(30))
-    request = Ask(
+    request = diagnose_request(
         motions=tuple(paths), out=tmp_path / "out", names=("one frame", "still"), joint="pelvis",
         has_poses=False,
     )  # fmt: skip
-    diagnosis = do(request)
+    diagnosis = run(request)
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
     kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
@@ -140,22 +145,24 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
 
 def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path: Path) -> None:
     paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
-    asked = Ask(motions=tuple(paths), out=tmp_path / "o", has_poses=False)
-    assert names_of_motions(asked) == ["ours/a", "theirs/a", "b"]
+    asked = diagnose_request(motions=tuple(paths), out=tmp_path / "o", has_poses=False)
+    assert names_of_motions(asked.motions) == ["ours/a", "theirs/a", "b"]
     with pytest.raises(RunError, match="'theirs'"):
-        do(replace(asked, motions=(CLEAN, CLEAN), names=("theirs", "theirs")))
+        run(replace_fields(asked, motions=(CLEAN, CLEAN), names=("theirs", "theirs")))
     with pytest.raises(RunError, match="procedural_speaker/a_"):
-        do(replace(asked, motions=(CLEAN, CLEAN)))
+        run(replace_fields(asked, motions=(CLEAN, CLEAN)))
 
 
 @pytest.mark.parametrize("stage", ["speech", "numbers", "figure"])
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, stage: Stage
 ) -> None:
-    request = Ask(motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False)
+    request = diagnose_request(
+        motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False
+    )
     with pytest.raises(Cancelled):
-        do(request, Heard(0.3, stage=stage))
-    assert not request.out.exists()
+        run(request, Heard(0.3, stage=stage))
+    assert not request.output.out.exists()
 
 
 def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_chosen(
@@ -164,12 +171,12 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     paths = tuple(tmp_path / f"m{seed}.npz" for seed in range(7))
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(12, seed), path)
-    asked = Ask(
+    asked = diagnose_request(
         motions=paths, out=tmp_path / "out", shown=("m6",), figure_panels=("a",), has_poses=False
     )
-    found = do(asked)
+    found = run(asked)
     assert len(found.diagnostics.systems) == 7
-    drawn = (asked.out / "figure6.svg").read_text()
+    drawn = (asked.output.out / "figure6.svg").read_text()
     assert "m6" in drawn and "m0" not in drawn
     assert not any("say which they are to show" in note for note in found.notes)
     for shown, words in (
@@ -177,7 +184,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
         (tuple(path.stem for path in paths), "at most 6"),
     ):
         with pytest.raises(RunError, match=words):
-            do(replace(asked, shown=shown))
+            run(replace_fields(asked, shown=shown))
 
 
 def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
@@ -254,7 +261,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         wav.setparams((2, 2, 16_000, 0, "NONE", ""))
         wav.writeframes((32_000 * np.stack([left, right], axis=1)).astype("<i2").tobytes())
     heard = Heard()
-    request = Ask(
+    request = diagnose_request(
         motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
         reference=tmp_path / "clean.npz",
@@ -266,14 +273,14 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         display=Display(has_trail=True),
         size=256,
     )
-    do(request, heard)
+    run(request, heard)
     shares = heard.shares_of("video")
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
-    names, told = (name, "reference"), read_run(request.out)
+    names, told = (name, "reference"), read_run(request.output.out)
     kinds = {"motion", "frames", "plan", "video"}
     assert {each.name: set(each.files) for each in told.rows} == dict.fromkeys(names, kinds)
-    assert all((request.out / each).is_file() for each in told.named)
-    videos = [*request.out.glob("*.mp4")]
+    assert all((request.output.out / each).is_file() for each in told.named)
+    videos = [*request.output.out.glob("*.mp4")]
     assert {path.stem for path in videos} == set(names)
     assert all(read_facts(path).num_frames == frames for path in videos)
     heard = load_speech(videos[0]).waveform[: len(left)]
@@ -283,7 +290,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
     path, reference, speech, transcript = planted_files(tmp_path)
-    request = Ask(
+    request = diagnose_request(
         motions=(Path(path),),
         out=tmp_path / "out",
         reference=Path(reference),
@@ -291,7 +298,7 @@ def test_every_planted_fault_is_found(tmp_path: Path) -> None:
         transcript=Path(transcript),
         has_figures=False,
     )
-    result = do(request)
+    result = run(request)
     assert result.notes == ()
     findings = result.diagnostics.findings
     found = {finding.kind: finding for finding in findings[FAULTY]}
@@ -339,12 +346,12 @@ def test_assumptions_are_told_counted_apart_and_overruled(tmp_path: Path) -> Non
     body = poses[:, BODY_JOINTS].reshape(len(poses), -1)
     np.savez(tmp_path / "theirs.npz", poses=body, trans=trans, fps=np.array(30))
     np.savez(tmp_path / "recorded.npz", poses=motion.poses, trans=motion.trans)
-    asked = Ask(
+    asked = diagnose_request(
         motions=(tmp_path / "theirs.npz",), out=tmp_path / "out", has_figures=False,
         reference=tmp_path / "recorded.npz", told=read_told("motions:rate=25,reference:units=m"),
     )  # fmt: skip
-    said = " ".join(do(asked).notes)
-    told = json.loads((asked.out / "diagnostics.json").read_text())
+    said = " ".join(run(asked).notes)
+    told = json.loads((asked.output.out / "diagnostics.json").read_text())
     assumed = {
         name: {each["what"]: (each["value"], each["sure"]) for each in found}
         for name, found in told["assumed"].items()

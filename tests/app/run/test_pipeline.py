@@ -12,34 +12,30 @@ import pytest
 from PIL import Image
 
 from app.errors import Cancelled, RunError, sentence_of
-from app.run.ask import (
-    FIGURE_PANELS,
-    Ask,
-    Done,
-    Ear,
-    Event,
-    Grown,
-    Progress,
-    Take,
-)
 from app.run.bodies import register_of
+from app.run.callbacks import Ear, Event, Grown, Progress
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pieces import HEADER, frames_message
-from app.run.pipeline import do
+from app.run.pipeline import run
+from app.run.requests.convert import replace_fields
+from app.run.requests.parts import FIGURE_PANELS, LiveRecording
+from app.run.requests.requests import AnyRun
+from app.run.tasks import Done
 from model.motion.motion import load_motion, save_motion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import write_wav
 from model.systems.registry import list_systems
 from renderer.draw import probe
+from tests.app.requests import generate_request
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 from tests.renderer.drawn import children_that_draw
 from tests.waiting import wait_for
 
-Asks = Callable[..., Ask]
+Asks = Callable[..., AnyRun]
 LOCAL, WORLD = "globaldiff/local", "globaldiff/global"
 SHORT, LONG = 16, 113
 """Frames: half a second and a little, and two windows with a rest."""
@@ -82,12 +78,12 @@ Whole = tuple[Done, Told]
 def whole(short: Path, weights: Path) -> Whole:
     """One run with everything, and all that it told."""
     events: Told = []
-    request = Ask(
+    request = generate_request(
         speech=short, out=short.with_name("out"), weights=weights, systems=(WORLD,), steps=1,
         seed=5, post_filter="savgol", joint="left_elbow", start_frame=5, has_video=True,
         reference=short.with_name("reference.npz"), size=256,
     )  # fmt: skip
-    return do(request, Ear(noted(events))), events
+    return run(request, Ear(noted(events))), events
 
 
 @pytest.mark.gl
@@ -172,7 +168,7 @@ def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_nu
 ) -> None:
     smooth, _ = whole
     asked = {"seed": 5, "joint": "left_elbow", "reference": short.with_name("reference.npz")}
-    raw = do(ask(speech=short, systems=(WORLD,), **asked))
+    raw = run(ask(speech=short, systems=(WORLD,), **asked))
     assert names_in(raw.out) == WITHOUT_VIDEO
     assert raw.diagnostics.as_json() == smooth.diagnostics.as_json()
     jagged, filtered = (np.diff(poses(run, WORLD), 3, axis=0) for run in (raw, smooth))
@@ -182,14 +178,13 @@ def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_nu
 def test_without_gl_a_run_with_video_leaves_all_but_pictures_and_says_so(
     ask: Asks, without_gl: None
 ) -> None:
-    run = do(ask(systems=(WORLD,), has_video=True, has_figures=True))
+    made = run(ask(systems=(WORLD,), has_video=True, has_figures=True))
     figures = {
         f"{name}.{end}" for name in ("figure6", "jitter") for end in ("png", "svg", "pdf", "txt")
     }
-    assert figures <= names_in(run.out) and not any(
-        name.endswith("mp4") for name in names_in(run.out)
-    )
-    (told,) = [note for note in run.notes if "OpenGL" in note]
+    assert figures <= names_in(made.out)
+    assert not any(name.endswith("mp4") for name in names_in(made.out))
+    (told,) = [note for note in made.notes if "OpenGL" in note]
     assert told.startswith("Videos and snapshots are left out.") and "apt-get install" in told
 
 
@@ -198,19 +193,19 @@ def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(
 ) -> None:
     """The first of several samples is the one that there is alone."""
 
-    def run(name: str, **asked) -> Done:
-        return do(ask(speech=short, out=ask().out / name, **asked))
+    def made(name: str, **asked) -> Done:
+        return run(ask(speech=short, out=ask().output.out / name, **asked))
 
-    both = run("both", steps=2)
+    both = made("both", steps=2)
     assert options_of(both)["steps"] == {LOCAL: 2, WORLD: 2}
-    mixed = run("mixed", steps={WORLD: 2}, samples=2)
+    mixed = made("mixed", steps={WORLD: 2}, samples=2)
     assert options_of(mixed)["steps"] == {LOCAL: 10, WORLD: 2}
     names = [row.name for row in read_run(mixed.out).rows]
     assert names == [LOCAL, f"{LOCAL}.s2", WORLD, f"{WORLD}.s2"]
     np.testing.assert_allclose(poses(mixed, WORLD), poses(both, WORLD), atol=1e-4)
     assert np.abs(poses(mixed, LOCAL) - poses(both, LOCAL)).max() > 1e-3
     assert np.abs(poses(mixed, WORLD) - poses(mixed, f"{WORLD}.s2")).max() > 0.01
-    guided = run("guided", steps=2, systems=(WORLD,), guidance=3.0)
+    guided = made("guided", steps=2, systems=(WORLD,), guidance=3.0)
     assert options_of(guided)["guidance"] == {WORLD: 3.0}
     assert np.abs(poses(guided, WORLD) - poses(both, WORLD)).max() > 1e-3
 
@@ -245,9 +240,9 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
     ]:
         request = ask(**{"speech": short, **changes})
         with pytest.raises(Exception, match=words) as caught:
-            do(request)
+            run(request)
         assert sentence_of(caught.value) == str(caught.value)
-        assert not request.out.exists()
+        assert not request.output.out.exists()
 
 
 @pytest.fixture(scope="module")
@@ -268,7 +263,7 @@ def parts(message: bytes) -> tuple[bytes, ...]:
 def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, long: Path) -> None:
     """All systems begin before any goes on, and files come when they are whole."""
     events: Told = []
-    result = do(ask(speech=long, samples=2), Ear(noted(events)))
+    result = run(ask(speech=long, samples=2), Ear(noted(events)))
     grown = [event for event in events if isinstance(event, RunRecord)]
     each = [
         (row.name, end)
@@ -319,8 +314,8 @@ def test_a_run_that_is_cancelled_leaves_nothing(
     events: Told = []
     asked = ask(speech=long)
     with pytest.raises(Cancelled):
-        do(asked, Ear(noted(events), lambda: is_time(events)))
-    assert not asked.out.exists()
+        run(asked, Ear(noted(events), lambda: is_time(events)))
+    assert not asked.output.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
     shares = [e.fraction for e in events if isinstance(e, Progress) and e.stage == "numbers"]
@@ -337,8 +332,8 @@ def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
         return bool(seen)
 
     with pytest.raises(Cancelled):
-        do(request, Ear(told.append, should_cancel))
-    assert seen and not request.out.exists()
+        run(request, Ear(told.append, should_cancel))
+    assert seen and not request.output.out.exists()
     wait_for(lambda: not children_that_draw())
 
 
@@ -348,8 +343,8 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
     plan = GesturePlan(37 / 30, right=(phase(0.0, 1.0, "stroke", kind="you"),))
     write_plan_file(plan, tmp_path / "live.plan.json")
     facts = {"frames_heard_ahead": 10, "speech_level": "running"}
-    take = Take(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
-    result = do(ask(systems=(WORLD,), take=take))
+    take = LiveRecording(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
+    result = run(ask(systems=(WORLD,), take=take))
     (row,) = read_run(result.out).rows
     assert row.files["plan"] == row.files["performed"], "no other is sought"
     kept = load_motion(result.out / "globaldiff-global.npz")
@@ -359,7 +354,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
     assert any("made while the speech was spoken" in note for note in result.notes)
     left = read_plan_file(result.out / "globaldiff-global.plan.json").plan
     assert left.right[0].kind == "you"
-    bare = do(ask(systems=(WORLD,), take=replace(take, plan=None), out=tmp_path / "bare"))
+    bare = run(ask(systems=(WORLD,), take=replace(take, plan=None), out=tmp_path / "bare"))
     assert not [*bare.out.glob("*.plan.json")]
 
 
@@ -368,17 +363,17 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
 def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> None:
     shown = {"figure_panels": ("b",), "figure_frames": (3, 9), "figure_width": "85mm"}
     asked = ask(speech=short, systems=(WORLD,), has_figures=True, **shown)
-    do(asked)
-    assert not [path for path in asked.out.iterdir() if path.suffix in (".mp4", ".jpg")]
-    drawn = (asked.out / "figure6.svg").read_text()
+    run(asked)
+    assert not [path for path in asked.output.out.iterdir() if path.suffix in (".mp4", ".jpg")]
+    drawn = (asked.output.out / "figure6.svg").read_text()
     assert drawn.count("<image") == 1 and "Snapshots by frame" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
-    late = replace(asked, figure_frames=(3, SHORT), out=asked.out / "late")
+    late = replace_fields(asked, figure_frames=(3, SHORT), out=asked.output.out / "late")
     with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
-        do(late)
-    column = replace(asked, samples=5, figure_panels=tuple(FIGURE_PANELS), figure_frames=())
+        run(late)
+    column = replace_fields(asked, samples=5, figure_panels=tuple(FIGURE_PANELS), figure_frames=())
     with pytest.raises(RunError, match="motions with the panels a,b,c,d is taller than a page"):
-        do(replace(column, out=asked.out / "tall"))
+        run(replace_fields(column, out=asked.output.out / "tall"))
 
 
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:

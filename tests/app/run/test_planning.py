@@ -1,7 +1,6 @@
 """Plans: drawn by a run and by themselves, given back, and refused."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +8,17 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.ask import Ask
 from app.run.made import make_plan
-from app.run.pipeline import do
+from app.run.pipeline import run
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
+from tests.app.requests import generate_request, plan_request
 from tests.model.made import made_waveform
 from tests.model.plan.made import grid, tier
 from tests.model.plan.test_found import made_motion
@@ -27,33 +28,33 @@ WORLD = "globaldiff/global"
 
 
 @pytest.fixture
-def asked(all_weights: Path, tmp_path: Path) -> Ask:
+def asked(all_weights: Path, tmp_path: Path) -> GenerateRequest:
     speech = tmp_path / "speech.wav"
     write_wav(speech, made_waveform(16_000 * 4))
-    return Ask(
+    return generate_request(
         speech=speech, out=tmp_path / "out", weights=all_weights, systems=(PLANNED,), steps=1,
         has_figures=False,
     )  # fmt: skip
 
 
 def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_same(
-    asked: Ask, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
-    do(replace(asked, samples=2))
-    plans = sorted(asked.out.glob("*.plan.json"))
+    run(replace_fields(asked, samples=2))
+    plans = sorted(asked.output.out.glob("*.plan.json"))
     assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
     assert read_plan_file(plans[0]).plan.duration_s == 4.0
-    other = replace(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
-    given = do(other)
+    other = replace_fields(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
+    given = run(other)
     assert f"{WORLD} performs no plans." in given.notes
-    first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.out, given.out))
+    first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.output.out, given.out))
     np.testing.assert_allclose(first, again, atol=2e-3)  # a file of plans has four decimals
     record = json.loads((given.out / "provenance.json").read_text())
     assert record["options"]["plan"] == f"{STEM}.plan.json"
 
 
 def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
-    asked: Ask, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
     plan, style = tmp_path / "plan.json", tmp_path / "style.toml"
     write_plan_file(GesturePlan(4.0), plan)
@@ -61,36 +62,38 @@ def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
     for changes in ({"plan": plan}, {"style": style}):
         words = f"None of these systems performs plans; leave the {next(iter(changes))} out"
         with pytest.raises(RunError, match=words):
-            do(replace(asked, systems=(WORLD,), **changes))
+            run(replace_fields(asked, systems=(WORLD,), **changes))
     plan.write_text("[]")
     with pytest.raises(PlanError, match="is no plan of format 1"):
-        do(replace(asked, plan=plan))
-    assert not asked.out.exists()
+        run(replace_fields(asked, plan=plan))
+    assert not asked.output.out.exists()
 
 
 def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
-    asked: Ask, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
     empty = tmp_path / "plan.eaf"
-    of_nothing = replace(asked, out=empty, weights=tmp_path / "no weights")
-    made = make_plan(of_nothing, is_empty=True).plan
+    nowhere = tmp_path / "no weights"
+    made = make_plan(
+        plan_request(speech=asked.speech.path, out=empty, weights=nowhere, is_empty=True)
+    ).plan
     assert made == GesturePlan(4.0) == read_plan_file(empty).plan
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
     grid_ = tmp_path / "plan.TextGrid"
     grid_.write_text(grid(tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
-    given = do(replace(asked, plan=grid_))
+    given = run(replace_fields(asked, plan=grid_))
     assert any(note.startswith("No places are told for the right hand") for note in given.notes)
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 
 
 def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
-    asked: Ask, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
     plan, said = tmp_path / "plan.json", tmp_path / "said.tsv"
     write_plan_file(GesturePlan(9.0, nods=(Nod(1.0, 4.0), Nod(8.0, 4.0))), plan)
     said.write_text("0.5\t1\tnow\n8\t8.5\tthen\n")
-    given = do(replace(asked, plan=plan, transcript=said))
+    given = run(replace_fields(asked, plan=plan, transcript=said))
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert performed.duration_s == 4.0 and [nod.time_s for nod in performed.nods] == [1.0]
     assert [word.text for word in given.said.words] == ["now"]
@@ -100,27 +103,32 @@ def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
     assert [word["text"] for word in told["words"]] == ["now"]
 
 
-def test_a_style_file_is_done_to_drawn_and_to_given_plans(asked: Ask, tmp_path: Path) -> None:
+def test_a_style_file_is_done_to_drawn_and_to_given_plans(
+    asked: GenerateRequest, tmp_path: Path
+) -> None:
     style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
     more.write_text("gestures_per_min = 90")
     write_plan_file(added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan, given)
     for plan in (None, given):
-        made = do(replace(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style))
+        made = run(replace_fields(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style))
         performed = read_plan_file(made.out / f"{STEM}.plan.json").plan
         assert not [one for side in SIDES for one in gestures(performed, side)]
         record = json.loads((made.out / "provenance.json").read_text())
         assert record["options"]["style"] == "style.toml"
-    made = do(replace(asked, out=tmp_path / "more", plan=given, style=more))
+    made = run(replace_fields(asked, out=tmp_path / "more", plan=given, style=more))
     assert f"{PLANNED}: There is room for 15 gestures a minute." in made.notes
 
 
-def test_words_of_a_transcript_reach_the_plan(asked: Ask, tmp_path: Path) -> None:
+def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: Path) -> None:
     said, plan = tmp_path / "said.TextGrid", tmp_path / "plan.json"
     said.write_text(grid(tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
     words: set[str] = set()
     for seed in range(6):
-        one = replace(asked, out=plan, seed=seed, transcript=said)
+        one = plan_request(
+            speech=asked.speech.path, out=plan, weights=asked.sampling.weights, seed=seed,
+            speaker=asked.sampling.speaker, transcript=said,
+        )  # fmt: skip
         words |= {p.word for side in SIDES for p in make_plan(one).plan.hand(side)}
         if words > {""}:
             break
@@ -160,7 +168,7 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
 
 
 def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
-    asked: Ask, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    asked: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     motion, out, style = (tmp_path / name for name in ("still.npz", "found.eaf", "style.toml"))
     save_motion(made_motion(60), motion)
@@ -175,10 +183,10 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
     assert told(motion, out) == str(out)
     found = read_plan_file(out).plan
     assert found.duration_s == 2.0 and found.left and found.right
-    plan, weights = tmp_path / "plan.json", ("--weights", str(asked.weights))
-    assert told(asked.speech, plan, "--speaker", "bob", *weights) == str(plan)
+    plan, weights = tmp_path / "plan.json", ("--weights", str(asked.sampling.weights))
+    assert told(asked.speech.path, plan, "--speaker", "bob", *weights) == str(plan)
     assert gestures(read_plan_file(plan).plan, "right")
-    told(asked.speech, plan, "--style", str(style), *weights)
+    told(asked.speech.path, plan, "--style", str(style), *weights)
     assert not gestures(read_plan_file(plan).plan, "right")
 
     many = ("--seed", "3", "--guidance", "0", "--channel", "left", "--words", "recognise")
@@ -196,13 +204,18 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
     style.write_text("more = 1")
     for source, to, flags, words in (
         (motion, out, (), "still.npz"),
-        (asked.speech, tmp_path / "plan.txt", (), "plan.txt ends in '.txt'; a plan is written as"),
-        (asked.speech, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
-        (asked.speech, plan, ("--seed", "-1"), "must not be negative; got -1"),
-        (asked.speech, plan, ("--empty", "--style", str(style)), "An empty plan has no style"),
-        (asked.speech, plan, ("--empty", "--seed", "3"), "not drawn; leave --seed out"),
-        (asked.speech, plan, ("--assume", "up=z"), "leave --assume out"),
-        (asked.speech, plan, ("--style", str(style), *weights), "a style has no 'more'"),
-        (asked.speech, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
+        (
+            asked.speech.path,
+            tmp_path / "plan.txt",
+            (),
+            "plan.txt ends in '.txt'; a plan is written as",
+        ),
+        (asked.speech.path, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
+        (asked.speech.path, plan, ("--seed", "-1"), "must not be negative; got -1"),
+        (asked.speech.path, plan, ("--empty", "--style", str(style)), "An empty plan has no style"),
+        (asked.speech.path, plan, ("--empty", "--seed", "3"), "not drawn; leave --seed out"),
+        (asked.speech.path, plan, ("--assume", "up=z"), "leave --assume out"),
+        (asked.speech.path, plan, ("--style", str(style), *weights), "a style has no 'more'"),
+        (asked.speech.path, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
     ):
         assert words in told(source, to, *flags, status=1)

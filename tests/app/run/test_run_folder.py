@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
-from app.run.ask import Ask, Ear, Event, Grown
+from app.run.callbacks import Ear, Event, Grown
 from app.run.many.opened import LIMITS, copied_run, opened, run_folder
 from app.run.output.run_folder import (
     RUN,
@@ -27,7 +27,7 @@ from app.run.output.run_folder import (
     zip_run,
 )
 from app.run.pieces import HEADER
-from app.run.pipeline import do, record_of
+from app.run.pipeline import record_of, run
 from app.run.run_writer import findings_told, writing_run
 from app.run.timeline import said_in
 from model.faults.evidence import WRONG, Finding
@@ -39,6 +39,7 @@ from model.speech.audio import load_speech
 from model.speech.transcript import Accent, Transcript, Word
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
+from tests.app.requests import diagnose_request
 from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
 
@@ -68,7 +69,7 @@ def row(**changes: Any) -> dict[str, Any]:
     [
         b"", b"{}", b"[]", b"null", b"\xff", b"[" * 200_000, b'{"format":' * 5_000,
         json.dumps({**RECORD, "point": "\ud800"}), json.dumps(found(10**400)),
-        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 2}),
+        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 3}),
         json.dumps({**RECORD, "html": "<script>"}), json.dumps({**RECORD, "title": "x" * 3_000}),
         json.dumps({**RECORD, "rows": [ROW] * 2}), json.dumps({**RECORD, "rows": [ROW] * 600}),
         json.dumps({**RECORD, "speech_sha256": "../x"}), json.dumps(row(color="red;x")),
@@ -84,6 +85,23 @@ def test_anything_else_is_refused_with_a_sentence(told, tmp_path):
     (tmp_path / RUN).write_bytes(told if isinstance(told, bytes) else told.encode())
     with pytest.raises(RunError, match=r"holds no run that can be shown \(run\.json is damaged"):
         read_run(tmp_path)
+
+
+def test_a_record_of_format_1_opens_with_its_request_in_parts(tmp_path):
+    asked = {
+        "speech": "talk.wav", "motions": [], "systems": ["gan/5"], "seed": 4, "steps": {"gan/5": 2},
+        "told": {"says": [["", "up", "z"]]}, "display": {"has_trail": True}, "joint": "left_index",
+        "sampler": None, "gone since": 1,
+    }  # fmt: skip
+    old = {**RECORD, "format": 1, "kind": "generated", "asked": asked}
+    (tmp_path / RUN).write_text(json.dumps(old))
+    read = read_run(tmp_path)
+    assert (read.format, read.kind) == (2, "generated")
+    assert read.request["sampling"] == {
+        "systems": ["gan/5"], "seed": 4, "steps": {"gan/5": 2}, "sampler": None,
+    }  # fmt: skip
+    assert read.request["speech"] == {"path": "talk.wav"} and read.request["joint"] == "left_index"
+    assert read.request["imports"] == {"import_overrides": {"says": [["", "up", "z"]]}}
 
 
 def test_names_are_harmless_and_no_link_leads_out(tmp_path):
@@ -205,17 +223,17 @@ def make_results(speech: Path, folder: Path) -> None:
     out = folder / "made"
     for number, name in enumerate(("a", "recorded")):
         save_motion(smooth_motion_example(60, number), folder / f"{name}.npz")
-    asked = Ask(
+    asked = diagnose_request(
         motions=(folder / "a.npz",), out=out, names=("gan/5",), speech=speech,
         reference=folder / "recorded.npz", title="made elsewhere", has_figures=False,
     )  # fmt: skip
-    do(asked)
-    with writing_run(out, read_run(out), is_kept=True) as run:
-        run.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
-        run.timeline(json.loads((out / "timeline.json").read_text()), SAID)
-        run.folder.path("jitter.png").touch()
-        run.file(run.folder.path("jitter.png"))
-        run.finish("Done.")
+    run(asked)
+    with writing_run(out, read_run(out), is_kept=True) as writer:
+        writer.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
+        writer.timeline(json.loads((out / "timeline.json").read_text()), SAID)
+        writer.folder.path("jitter.png").touch()
+        writer.file(writer.folder.path("jitter.png"))
+        writer.finish("Done.")
 
 
 def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_words_and_plans(
@@ -223,16 +241,17 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
 ):
     packed = zip_run(results, tmp_path / "x.zip")
     assert is_run_zip(packed)
-    asked = Ask(motions=(packed,), out=tmp_path / "again", has_figures=False)
+    asked = diagnose_request(motions=(packed,), out=tmp_path / "again", has_figures=False)
     anew = opened(asked, tmp_path / "opened")[""]
-    assert anew.names == ("gan/5",) and anew.opened is not None and said_in(anew.opened) == SAID
-    assert anew.speech is not None and load_speech(anew.speech).num_frames >= 60
+    assert anew.motions.names == ("gan/5",)
+    assert anew.motions.source_run is not None and said_in(anew.motions.source_run) == SAID
+    assert anew.speech.path is not None and load_speech(anew.speech.path).num_frames >= 60
     told = record_of(anew)
     assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
     old = read_run(results)
     assert (told.title, told.settings) == ("made elsewhere", old.settings)
     assert told.speech_sha256 == old.speech_sha256 != ""
-    result = do(anew)
+    result = run(anew)
     shown = read_run(tmp_path / "again")
     assert [each.name for each in shown.rows] == ["gan/5", "reference"]
     assert "performed" in shown.rows[0].files and "measured anew" in shown.sentence
@@ -267,7 +286,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
     }
     assert [name for name, is_run in found.items() if not is_run] == ["too many", "deep", "other"]
     assert not is_run_zip(tmp_path / "none.zip") and not is_run_zip(results / RUN)
-    hollow = Ask(motions=(packed("hollow.zip", RUN),), out=tmp_path / "out")
+    hollow = diagnose_request(motions=(packed("hollow.zip", RUN),), out=tmp_path / "out")
     with pytest.raises(RunError, match="it has no motion"):
         opened(hollow, tmp_path / "hollow")
     for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):
@@ -311,8 +330,8 @@ def test_rows_that_would_share_their_files_are_refused(tmp_path, weights):
     for seed, path in enumerate(files):
         path.parent.mkdir(exist_ok=True)
         save_motion(smooth_motion_example(12, seed), path)
-    ask = Ask(motions=tuple(files), out=tmp_path / "out", has_figures=False)
+    request = diagnose_request(motions=tuple(files), out=tmp_path / "out", has_figures=False)
     with pytest.raises(RunError, match="'a/x' and 'a-x' would both be written as a-x; rename one"):
-        do(ask)
-    assert not ask.out.exists()
+        run(request)
+    assert not request.output.out.exists()
     assert rows_of(["a/x", "b/x", "comparison"])

@@ -2,19 +2,20 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
-from app.run.ask import DEAF, Ask, Ear, Event, Grown
+from app.run.callbacks import DEAF, Ear, Event, Grown
 from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
-from app.run.pipeline import do
+from app.run.pipeline import generate
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import AnyRun
 from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
-from app.run.takes.take import MadeTake, TakeAsk, make_take
+from app.run.takes.take import MadeTake, PlanEditRequest, make_take
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures
@@ -24,6 +25,7 @@ from model.plan.style import style_of
 from model.speech.audio import write_wav
 from model.speech.transcript import Word
 from model.systems.planned.config import PLANNED
+from tests.app.requests import generate_request
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
@@ -200,27 +202,27 @@ def test_there_is_an_end_to_how_much_comes_at_once():
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> Ask:
+def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> AnyRun:
     """Of a run that is there."""
     folder = tmp_path_factory.mktemp("take")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
     still = (phase(0.0, SPOKEN, "rest"),)
     plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
     write_plan_file(plan, folder / "plan.json")
-    run = Ask(
+    request = generate_request(
         speech=folder / "talk.wav", out=folder / "run", weights=planned_weights,
         systems=(PLANNED,), seed=4, plan=folder / "plan.json", steps=2, has_figures=False,
     )  # fmt: skip
-    do(run)
-    return run
+    generate(request)
+    return request
 
 
 def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_goes(
-    run: Ask, tmp_path: Path
+    run: AnyRun, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
-    shutil.copytree(run.out, folder)
-    asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED)
+    shutil.copytree(run.output.out, folder)
+    asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED)
     assert make_take(asked, DEAF) == MadeTake(0)
     rows: list[Row] = []
 
@@ -229,7 +231,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
             rows.append(read_run(event.folder).rows[-1])
 
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
-    take = make_take(replace(asked, edits=(edit,)), Ear(noted))
+    take = make_take(replace_fields(asked, edits=(edit,)), Ear(noted))
     record = read_run(folder)
     assert (take.number, record.state) == (1, "done") and record.sentence
     own, made = record.rows
@@ -256,7 +258,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
     assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
-    again = replace(asked, out=elsewhere, start=made.name, edits=(back,))
+    again = replace_fields(asked, run=elsewhere, start=made.name, edits=(back,))
     assert make_take(again, DEAF).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
@@ -264,11 +266,11 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
 
 
-def test_what_cannot_be_leaves_nothing(run: Ask, tmp_path: Path) -> None:
+def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    shutil.copytree(run.out, folder)
+    shutil.copytree(run.output.out, folder)
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
-    asked = TakeAsk(out=folder, weights=run.weights, start=PLANNED, edits=(late,))
+    asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED, edits=(late,))
     before = read_run(folder)
     with pytest.raises(Cancelled):
         make_take(asked, Ear(should_cancel=lambda: True))

@@ -11,13 +11,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import Cancelled, RunError
-from app.run.ask import DEAF, Ask, Ear, Progress
 from app.run.bodies import SOLE_M, TipSource, body_motion, in_register, picture_motions, register_of
+from app.run.callbacks import DEAF, Ear, Progress
 from app.run.display import MAX_SHOWN, Look, Mode, Seen, SeenBody, SeenPanel
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
 from app.run.pipeline import _draw_poses, _draw_videos
-from app.run.tasks import SeenAsk
+from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import seen_video, videos
 from app.run.videos.seen_video import NAME, draw_seen
 from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, names_that_fit
@@ -33,6 +33,7 @@ from renderer.video.compose import band_height
 from renderer.video.render import RenderSettings, draw_frames, stage_for
 from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
+from tests.app.requests import diagnose_request, generate_request
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.renderer.video.test_encoder import decoded_frames
@@ -119,7 +120,10 @@ def test_all_bodies_of_a_run_are_in_register(
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    ask, tip = Ask(out=tmp_path / "out", views=("front", "side")), TipSource()
+    tip = TipSource()
+    asked = generate_request(
+        speech=tmp_path / "s.wav", out=tmp_path / "out", views=("front", "side"), has_video=True
+    )
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
     rows: Any = SimpleNamespace(
         staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
@@ -128,7 +132,7 @@ def test_all_bodies_of_a_run_are_in_register(
     run: Any = Ear()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
         run.folder, run.file = folder, None
-        _draw_videos(ask, rows, run)
+        _draw_videos(asked, rows, run)
     mine, theirs = (
         body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
     )
@@ -146,10 +150,11 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     walking = replace(motion, trans=motion.trans + np.linspace(0, 3, 40)[:, None] * [1, 0, 0])
     other = replace(motion, betas=np.ones(300, np.float32), expression_basis="flame100")
     drawn = {"a": motion, "b": walking, "c": other}
-    body, ask = load_body(), Ask(out=tmp_path, figure_frames=(3, 30))
+    body = load_body()
+    asked = diagnose_request(motions=(), out=tmp_path, figure_frames=(3, 30))
     rows: Any = SimpleNamespace(drawn=drawn, body=body, is_made=False)
     shares: list[Any] = []
-    snapshots = _draw_poses(ask, rows, Ear(shares.append))
+    snapshots = _draw_poses(asked, rows, Ear(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
     settings = RenderSettings(512, 512)
     stage = stage_for(body, [*map(body_motion, drawn.values())], settings)
@@ -233,15 +238,17 @@ def with_arms_down(num_frames: int = 1) -> Motion:
     return motion
 
 
-def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None) -> SeenAsk:
+def asked(
+    tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None
+) -> ViewerVideoRequest:
     paths = []
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
         paths.append(tmp_path / f"{i}.npz")
         save_motion(motion, paths[-1])
-    return SeenAsk(seen=seen, motions=tuple(paths), out=tmp_path / "out", speech=speech)
+    return ViewerVideoRequest(seen=seen, motions=tuple(paths), out=tmp_path / "out", speech=speech)
 
 
-def drawn(request: SeenAsk) -> np.ndarray:
+def drawn(request: ViewerVideoRequest) -> np.ndarray:
     """The pictures under the band with the names."""
     video = draw_seen(request, DEAF)
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]

@@ -9,7 +9,7 @@ import pytest
 from app.config import EXAMPLES
 from app.errors import Cancelled
 from app.run.examples import CLEAN
-from app.run.pipeline import do
+from app.run.pipeline import run
 from app.run.timeline import SpokenWords
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
@@ -61,14 +61,14 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
 def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path) -> None:
     write_wav(tmp_path / "begin.wav", load_speech(SAID).waveform[: 16_000 * 3])
     asked = ask(speech=tmp_path / "begin.wav", systems=("globaldiff/local",), words="recognise")
-    result = do(asked)
+    result = run(asked)
     assert result.said.origin == "recognised" and len(result.said.words) > 5
-    told = json.loads((asked.out / "diagnostics.json").read_text())
+    told = json.loads((asked.output.out / "diagnostics.json").read_text())
     assert told["words_origin"] == "recognised"
     assert "reasons" in [word["text"] for word in told["words"]]
     assert 0 < min(word["confidence"] for word in told["words"]) < 1
     assert len(told["phones"]) > len(told["words"])
-    provenance = json.loads((asked.out / "provenance.json").read_text())
+    provenance = json.loads((asked.output.out / "provenance.json").read_text())
     count = len(result.said.words)
     assert provenance["speech"]["words"] == {"origin": "recognised", "count": count}
     options = provenance["options"]

@@ -13,7 +13,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
-from app.run.ask import Ear
+from app.run.callbacks import Ear
 from app.study.design.blinding import NOT_MADE
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan, read_plan

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import wavfile
 
 from app.errors import RunError
-from app.run.ask import read_channel
+from app.run.requests.parts import parse_channel
 from conventions.rates import SAMPLE_RATE
 from model.speech import audio
 from model.speech.audio import SpeechError, SpeechLimits, load_speech, write_wav
@@ -266,7 +266,7 @@ def dialogue(tmp_path: Path) -> Path:
 
 def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
     for written, wanted in (("left", 440), ("right", 880), ("2", 880)):
-        speech = load_speech(dialogue, SpeechLimits(channel=read_channel(written)))
+        speech = load_speech(dialogue, SpeechLimits(channel=parse_channel(written)))
         assert hertz_of(speech.waveform) == wanted
         assert np.abs(speech.waveform).max() == pytest.approx(0.5, abs=0.01)  # not halved
         (note,) = speech.notes
@@ -274,7 +274,7 @@ def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
     assert_refused(dialogue, "2 channels", "number 3", limits=SpeechLimits(channel=2))
     for written in ("middle", "0", "-1", "65"):
         with pytest.raises(RunError, match="left, right, or a number"):
-            read_channel(written)
+            parse_channel(written)
 
 
 def test_the_first_track_that_is_not_silent_is_heard(tmp_path, dialogue):

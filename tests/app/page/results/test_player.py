@@ -5,12 +5,13 @@ import pytest
 from app.errors import RunError
 from app.page.results.player import first_look
 from app.page.routes.media import Media
-from app.run.ask import Ask, Ear, Event, Grown
+from app.run.callbacks import Ear, Event, Grown
 from app.run.examples import STEADY, TREMBLING
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
 from tests.app.fakes import made_motion, make_generate
 from tests.app.page.results.made_run import made_run, showing_in
+from tests.app.requests import generate_request
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
 
@@ -20,7 +21,9 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     save_motion(made_motion(60), reference)
     (tmp_path / "job").mkdir()
     out = tmp_path / "job/results"
-    asked = Ask(speech=speech, out=out, systems=NAMES[:2], reference=reference, is_kept=True)
+    asked = generate_request(
+        speech=speech, out=out, systems=NAMES[:2], reference=reference, is_kept=True
+    )
     showing = showing_in(tmp_path / "job", media, "mine")
     values: list[dict] = []
 

@@ -22,15 +22,16 @@ from app.page.results.player import Showing
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.page.results.tables import measures_table
-from app.run.ask import Ask
 from app.run.output.provenance import NONE, differing, settings_of
 from app.run.output.run_folder import RunRecord
+from app.run.requests.requests import AnyRun
 from app.run.run_writer import writing_run
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
 from model.speech.transcript import Transcript, Word
 from tests.app.measured import both
 from tests.app.page.results.made_run import keep, made_run, numbers
+from tests.app.requests import diagnose_request, generate_request
 
 OTHER = "cd" * 32
 EVIL = "<script>alert(1)</script>"
@@ -165,9 +166,9 @@ def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
     assert runs.html("of a stranger") == ""
 
 
-def asked(**changes) -> Ask:
+def asked(**changes) -> AnyRun:
     values = {"systems": ("globaldiff/local", "gan/5"), **changes}
-    return Ask(speech=Path("/up/talk.wav"), out=Path("out"), **values)
+    return generate_request(speech=Path("/up/talk.wav"), out=Path("out"), **values)
 
 
 def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
@@ -184,7 +185,7 @@ def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     assert settings_of(given)["words"] == "said.txt"
     first, second = settings_of(asked(seed=3)), settings_of(asked(seed=7, steps=25))
     assert differing(first, second) == {"seed": ("3", "7"), "steps": ("usual", "25")}
-    own = settings_of(Ask(motions=(Path("a.npz"),), out=Path("out"), names=("a",)))
+    own = settings_of(diagnose_request(motions=(Path("a.npz"),), out=Path("out"), names=("a",)))
     assert differing(first, own)["seed"] == ("3", "none") and "speech" not in differing(first, own)
 
 

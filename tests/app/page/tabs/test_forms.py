@@ -18,14 +18,16 @@ from app.page.tabs.motion_run import StageLine
 from app.page.tabs.own_motion import MAX_NAME, build_own_form, display_names, has_sets, own_ask
 from app.page.tabs.runner import Services
 from app.page.tabs.study import QUESTIONS, build_study_tab, collect_files, plan_text
-from app.run.ask import Ask, Progress
+from app.run.callbacks import Progress
 from app.run.display import Display
 from app.run.made import row_names
+from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish
 from model.systems.globaldiff.config import BEST, SYSTEMS
 from model.systems.planned.config import PLANNED
 from tests.app import fakes
+from tests.app.requests import generate_request
 
 FORM: dict[str, Any] = {
     "speech": "/speech.wav",
@@ -72,18 +74,18 @@ def study_form(services: Services) -> Fields:
         return build_study_tab(services)
 
 
-def told(form: Fields, asked: type = Ask, **sent: Any) -> dict[str, Any]:
+def told(form: Fields, asked: type = GenerateRequest, **sent: Any) -> dict[str, Any]:
     """As the page has it, but for what was sent."""
     return values_of(asked, form, [sent.get(name, part.value) for name, part in form.items()])
 
 
-def read(form: Fields, catalogue: Catalogue = fakes.CATALOGUE, **changes: Any) -> Ask:
+def read(form: Fields, catalogue: Catalogue = fakes.CATALOGUE, **changes: Any) -> GenerateRequest:
     return ask_from_form(told(form, **FORM | changes), Path("/job"), catalogue, CONFIG)
 
 
 def test_every_field_of_the_form_reaches_the_run(form):
     request = read(form)
-    assert request == Ask(
+    assert request == generate_request(
         speech=Path("/speech.wav"),
         out=Path("/job/results"),
         weights=Path("/weights"),
@@ -102,17 +104,22 @@ def test_every_field_of_the_form_reaches_the_run(form):
         figure_panels=("a", "b"),
         figure_frames=(0, 40, 80),
         figure_width="85mm",
+        figure_forms=("png",),
         close_ups=("face", "hands"),
         size=640,
         display=Display(has_trail=True),
         has_video=False,
     )
-    assert tuple(row_names(request, request.systems)) == (
+    assert tuple(row_names(request, request.sampling.systems)) == (
         *("globaldiff/local", "globaldiff/local.s2"),
         *("globaldiff/global", "globaldiff/global.s2"),
         "reference",
     )
-    assert [read(form, guidance=value).guidance for value in ("", 1.0, 2.5)] == [None, 1.0, 2.5]
+    assert [read(form, guidance=value).sampling.guidance for value in ("", 1.0, 2.5)] == [
+        None,
+        1.0,
+        2.5,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -141,8 +148,10 @@ def test_a_form_that_cannot_be_done_gives_a_sentence(form, changes, words):
 
 
 def test_steps_go_to_the_systems_that_have_them(form):
-    assert read(form).steps == 7
-    assert read(form, steps="global=5").steps == {"globaldiff/global": 5}, "as the form calls it"
+    assert read(form).sampling.steps == 7
+    assert read(form, steps="global=5").sampling.steps == {"globaldiff/global": 5}, (
+        "as the form calls it"
+    )
 
 
 def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(form, tmp_path):
@@ -166,8 +175,8 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
         path.write_text(path.stem)
     first, *others = map(str, speeches)
     asked = read(form, **alone, speech=first, clips=others, has_video=True)
-    assert asked.speech == Path("/job/form") and not asked.has_video
-    assert read(form, **alone, speech=None, clips=others[:1]).speech == speeches[1]
+    assert asked.speech.path == Path("/job/form") and not asked.output.has_video
+    assert read(form, **alone, speech=None, clips=others[:1]).speech.path == speeches[1]
     sent = {name: part.value for name, part in form.items()}
     kept = kept_values(form, list((sent | {"speech": first, "clips": others}).values()), tmp_path)
     assert kept["speech"] is None and [Path(path).stem for path in kept["clips"]] == list("abc")
@@ -205,33 +214,41 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
 MOTIONS = [f"{letter}.npz" for letter in "abcdefghijklmnopqrstuvwxy"]
 
 
-def own(form: Fields, *motions: str, **changes: Any) -> Ask:
-    return own_ask(told(form, motions=list(motions), **changes), Path("job"), CONFIG)
+def own(form: Fields, *motions: str, **changes: Any) -> DiagnoseRequest:
+    return own_ask(
+        told(form, DiagnoseRequest, motions=list(motions), **changes), Path("job"), CONFIG
+    )
 
 
 def test_the_form_of_own_motion_becomes_the_ask(own_form):
     given = "/up/1/a.npz", "/up/2/a.npz", "/up/r.npz", "/up/said.txt"
     files = own(own_form, *given, recorded="r", start_frame=30.0)
-    assert files.names == ("a", "a (2)")
-    assert files.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
-    assert (files.reference, files.speech) == (Path("/up/r.npz"), None)
-    assert files.transcript == Path("/up/said.txt")
-    assert (files.start_frame, files.joint, files.out) == (30, "right_middle", Path("job/results"))
-    assert files.has_video and (files.window, files.overlap) == (None, 0)
+    assert files.motions.names == ("a", "a (2)")
+    assert files.motions.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
+    assert (files.imports.reference, files.speech.path) == (Path("/up/r.npz"), None)
+    assert files.speech.transcript == Path("/up/said.txt")
+    assert (files.figures.start_frame, files.joint, files.output.out) == (
+        30,
+        "right_middle",
+        Path("job/results"),
+    )
+    assert files.output.has_video and (files.motions.window, files.motions.overlap) == (None, 0)
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
-    assert own(own_form, *MOTIONS[:8], shown=["b", "h"], recorded="h").shown == ("b",)
-    assert own(own_form, *MOTIONS[:3], shown=["b"]).shown == (), "all of them fit"
+    assert own(own_form, *MOTIONS[:8], shown=["b", "h"], recorded="h").motions.shown == ("b",)
+    assert own(own_form, *MOTIONS[:3], shown=["b"]).motions.shown == (), "all of them fit"
 
 
 def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone(own_form):
     said = {"told": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
     asked = own(own_form, "/up/a.npz", "/up/s.wav", **said)
-    assert asked.speech == Path("/up/s.wav")
-    assert [each[0] for each in asked.told.says] == ["a", ""] and asked.channel == 1
+    assert asked.speech.path == Path("/up/s.wav")
+    assert [each[0] for each in asked.imports.import_overrides.says] == ["a", ""]
+    assert asked.speech.channel == 1
     sets = own(own_form, "/up/a.tar.gz", **said)
-    assert has_sets(sets.motions) and not has_sets(asked.motions)
-    assert sets.names == ("a",) and len(sets.told.says) == 4 and sets.channel == 1
+    assert has_sets(sets.motions.motions) and not has_sets(asked.motions.motions)
+    assert sets.motions.names == ("a",) and sets.speech.channel == 1
+    assert len(sets.imports.import_overrides.says) == 4
 
 
 @pytest.mark.parametrize(
@@ -260,7 +277,7 @@ def test_a_zip_of_sounds_goes_beside_zips_only(own_form, tmp_path):
         archive.writestr("a.wav", b"")
     with pytest.raises(RunError, match="A zip goes beside zips"):
         own(own_form, "a.npz", str(path))
-    assert own(own_form, "a.zip", str(path)).speech == path
+    assert own(own_form, "a.zip", str(path)).speech.path == path
 
 
 STUDY: dict[str, Any] = {

@@ -29,10 +29,12 @@ from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
 from app.page.tabs.stage import Remaining, VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
-from app.run.ask import Ask, Ear, Progress
+from app.run.callbacks import Ear, Progress
 from app.run.many.opened import OPENED
 from app.run.many.unpacked import UNPACKED
 from app.run.output.run_folder import RUN, zip_run
+from app.run.requests.parts import VideoOptions
+from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import Sets
 from app.study.make.workspace import ExportRequest
 from conventions.views import CLOSE_UPS
@@ -141,8 +143,8 @@ def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path
     left: list[Path] = []
 
     def unpack(place: str) -> Any:
-        def do(ask: Ask, ear: Ear) -> None:
-            left.append(ask.out.parent / place / "a.npz")
+        def do(ask: Any, ear: Ear) -> None:
+            left.append(ask.output.out.parent / place / "a.npz")
             left[-1].parent.mkdir(parents=True)
             left[-1].touch()
             raise RunError("It is too large.")
@@ -161,14 +163,14 @@ class Measured:
     """Sets that somebody has brought."""
 
     def __init__(self, folder: Path) -> None:
-        self.asked: list[Ask] = []
+        self.asked: list[DiagnoseRequest] = []
         self._folder = folder
 
-    def __call__(self, request: Ask, ear: Ear) -> Sets:
+    def __call__(self, request: DiagnoseRequest, ear: Ear) -> Sets:
         self.asked.append(request)
         ear.hear(Progress("numbers", 0.5))
-        request.out.mkdir()
-        table = request.out / "many.csv"
+        request.output.out.mkdir()
+        table = request.output.out / "many.csv"
         table.write_text("0")
         row = {"measure": "Followed point: Jerk", "unit": "m/s³", "clips": 2, "difference_to": ""}
         rows = [
@@ -187,9 +189,9 @@ class Measured:
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
-    opened: list[Ask] = []
+    opened: list[DiagnoseRequest] = []
 
-    def noted(request: Ask, *how: Any) -> None:
+    def noted(request: DiagnoseRequest, *how: Any) -> None:
         opened.append(request)
         fakes.diagnose(request, *how)
 
@@ -201,7 +203,7 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     first, *_, last = updates_of(own.runner, own.parts, *asked, visitor=mine)
     assert first[own.sets_shown] == {"value": "", "visible": False, "__type__": "update"}
     (request,) = measured.asked
-    assert (request.names, request.reference) == (("<i>mine",), Path("/up/gt.zip"))
+    assert (request.motions.names, request.imports.reference) == (("<i>mine",), Path("/up/gt.zip"))
     html = last[own.sets_shown]["value"]
     assert "foot slide, jerk; jerk 2,400 m/s³" in html and "<b>b&lt;u&gt;</b>" in html
     assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
@@ -213,9 +215,12 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     assert worst == "b<u>: foot slide, jerk" and good.endswith("/a")
     *updates, end = updates_of(own.opener, own.parts, good, visitor=mine)
     (one,) = opened
-    assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
-    assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
-    assert (one.told.says, one.channel) == ((("motions", "up", "z"),), 0)
+    assert (one.motions.names, one.motions.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
+    assert (one.imports.reference, one.speech.path) == (
+        tmp_path / "reference a.npz",
+        tmp_path / "a.wav",
+    )
+    assert (one.imports.import_overrides.says, one.speech.channel) == ((("motions", "up", "z"),), 0)
     assert all(own.sets_shown not in update for update in (*updates, end)), "the sets stay"
     assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 
@@ -284,17 +289,23 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     job = Job("me", "live", tmp_path / "kept", "mine")
     job.folder.mkdir()
     asked = keeps.asked(job, (own,))
-    assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
-    assert asked.speech.parent == job.folder and asked.take is not None
-    assert asked.close_ups == CLOSE_UPS  # as any other run on the page
-    assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
-    speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
+    assert (asked.sampling.systems, asked.sampling.speaker, asked.sampling.seed) == (
+        ("globaldiff/global",),
+        "bob",
+        7,
+    )
+    assert asked.speech.path.parent == job.folder and asked.live_recording is not None
+    assert asked.video.close_ups == CLOSE_UPS  # as any other run on the page
+    assert (
+        asked.live_recording.motion.parent == job.folder and asked.output.out.parent == job.folder
+    )
+    speech, motion = load_speech(asked.speech.path), load_motion(asked.live_recording.motion)
     assert speech.num_frames == motion.num_frames > 60
     for token, cookie in ((own, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live minute"):
             keeps.asked(Job("me", "live", job.folder, cookie), (token,))
 
-    assert asked.take.why_less == "", "it follows as closely as it can"
+    assert asked.live_recording.truncation_note == "", "it follows as closely as it can"
     for block in blocks[len(blocks) // 2 :]:
         live.put(number, block)
     updates = list(keeps.run(browser("mine", "me"), own))
@@ -347,7 +358,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
         ear.hear(Progress("motion", 0.5))
         wait_for(ear.should_cancel)
         assert may_end.wait(60)
-        for path in (asked.out, *asked.zips):
+        for path in (asked.output.out, *asked.zips):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
         raise Cancelled
@@ -530,7 +541,7 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.showing.folder / row.files["video"]).unlink()
-        self.videos.want(self.run, Ask(out=Path("out")))
+        self.videos.want(self.run, VideoOptions())
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)

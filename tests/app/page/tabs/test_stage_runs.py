@@ -12,12 +12,13 @@ from app.errors import RunError
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
 from app.page.visitors.files import Job
-from app.run.ask import Ear, Grown, Progress
+from app.run.callbacks import Ear, Grown, Progress
 from app.run.display import Display, Seen
 from app.run.output.run_folder import TakeOf, changed, read_run
+from app.run.requests.requests import ViewerVideoRequest
 from app.run.run_writer import writing_run
-from app.run.takes.edits import MadeTake, TakeAsk, edits_of
-from app.run.tasks import SeenAsk, SeenVideo
+from app.run.takes.edits import MadeTake, PlanEditRequest, edits_of
+from app.run.tasks import SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import made_services
@@ -107,7 +108,7 @@ class Stage:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
 
 
-def draw(request: SeenAsk, ear: Ear) -> SeenVideo:
+def draw(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
     ear.hear(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
@@ -116,9 +117,9 @@ def draw(request: SeenAsk, ear: Ear) -> SeenVideo:
 
 
 def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
-    got: list[SeenAsk] = []
+    got: list[ViewerVideoRequest] = []
 
-    def noted(request: SeenAsk, *how: Any) -> SeenVideo:
+    def noted(request: ViewerVideoRequest, *how: Any) -> SeenVideo:
         got.append(request)
         return draw(request, *how)
 
@@ -159,9 +160,9 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: TakeAsk, ear: Ear) -> MadeTake:
+def make(request: PlanEditRequest, ear: Ear) -> MadeTake:
     number = 0
-    with changed(request.out) as record:
+    with changed(request.run) as record:
         start = record.row(request.start)
         if start is None:
             raise RunError(text.EDITS_GONE)
@@ -173,10 +174,10 @@ def make(request: TakeAsk, ear: Ear) -> MadeTake:
             row.files.pop("told", None)
             record.put(row)
     if number:
-        ear.hear(Grown(request.out))
-    with changed(request.out) as record:
+        ear.hear(Grown(request.run))
+    with changed(request.run) as record:
         row.files["told"] = "told.json"
-        (request.out / "told.json").write_text("{}")
+        (request.run / "told.json").write_text("{}")
         record.put(row)
     return MadeTake(number, ("It was mended.",) if number else ())
 
@@ -230,9 +231,9 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: TakeAsk, ear: Ear) -> MadeTake:
+    def fails(request: PlanEditRequest, ear: Ear) -> MadeTake:
         made = make(request, ear)
-        with changed(request.out) as record:  # as where its process is killed
+        with changed(request.run) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")
         raise PlanError(f"The hand has no time for {made.number}.")
 

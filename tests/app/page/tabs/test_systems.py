@@ -8,10 +8,11 @@ import gradio as gr
 import pytest
 
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
-from app.run.ask import Ask, Ear, Grown, Progress
+from app.run.callbacks import Ear, Grown, Progress
 from app.run.examples import CLEAN
-from app.run.experiments import NAMES, MechanismAsk, show_mechanism
+from app.run.experiments import NAMES, show_mechanism
 from app.run.output.run_folder import RunRecord, changed
+from app.run.requests.requests import RotationNoiseRequest
 from app.run.run_writer import writing_run
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
@@ -37,7 +38,7 @@ class Measured:
         self.parts = parts_of(self.runner, "message", "figure")
         self.asked: list[Any] = []
 
-    def measure(self, request: Ask, ear: Ear) -> None:
+    def measure(self, request: Any, ear: Ear) -> None:
         self.asked.append(request)
         ear.hear(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
@@ -99,9 +100,9 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 
 
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
-    asked: list[MechanismAsk] = []
+    asked: list[RotationNoiseRequest] = []
 
-    def show(request: MechanismAsk, ear: Ear) -> None:
+    def show(request: RotationNoiseRequest, ear: Ear) -> None:
         asked.append(request)
         made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
         ear.hear(Grown(request.out))
@@ -111,7 +112,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
     *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
-    assert (one.motions, one.noise_rad) == ((CLEAN,), 0.05) and CLEAN.is_file()
+    assert (one.motion, one.noise_rad) == (CLEAN, 0.05) and CLEAN.is_file()
     assert one.is_kept and not one.has_video
     rows = last["player"]["rows"]
     assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)

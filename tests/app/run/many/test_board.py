@@ -11,11 +11,11 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.findings.measure_rows import written
-from app.run.ask import Ask
 from app.run.many.board import Entry, Value, board_page, entries_of, merged, read_board, write_board
 from app.run.many.motions import diagnose_folders
 from app.run.many.table import worst_clips
 from model.motion.motion import save_motion
+from tests.app.requests import diagnose_request
 from tests.helpers import smooth_motion_example
 
 
@@ -38,8 +38,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             save_motion(motion, root / name / f"clip{clip}.npz")
     recorded = root / "recorded"
     both = (root / "calm", root / "other")
-    diagnose_folders(Ask(motions=both, out=root / "both", reference=recorded))
-    diagnose_folders(Ask(motions=both[:1], out=root / "one", reference=recorded))
+    diagnose_folders(diagnose_request(motions=both, out=root / "both", reference=recorded))
+    diagnose_folders(diagnose_request(motions=both[:1], out=root / "one", reference=recorded))
     return root
 
 
@@ -61,7 +61,7 @@ def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -
     for clip in range(2):
         save_motion(smooth_motion_example(70, seed=clip), tmp_path / "recorded" / f"clip{clip}.npz")
     motions, reference = (measured / "calm",), tmp_path / "recorded"
-    diagnose_folders(Ask(motions=motions, out=tmp_path / "out", reference=reference))
+    diagnose_folders(diagnose_request(motions=motions, out=tmp_path / "out", reference=reference))
     (calm, _) = entries_of(tmp_path / "out")
     (known, *_) = entries_of(measured / "one")
     assert calm.test != known.test and calm.files == known.files
@@ -97,7 +97,7 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
 
 
 def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Path) -> None:
-    diagnose_folders(Ask(motions=(measured / "calm",), out=tmp_path / "alone"))
+    diagnose_folders(diagnose_request(motions=(measured / "calm",), out=tmp_path / "alone"))
     with pytest.raises(RunError, match="without a recorded set"):
         entries_of(tmp_path / "alone")
     with pytest.raises(RunError, match=r"no 'nobody'; it has calm"):

@@ -9,12 +9,14 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
-from app.run.ask import Ask
 from app.run.many.distances import EMAGE_TITLE, distance_rows, keep_codes, least_codes
 from app.run.many.motions import diagnose_folders
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import AnyRun
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.helpers.emage import CODE_DIM, emage_codes, load_emage_encoder
+from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.systems.helpers.made_emage import emage_tensors
 
@@ -84,10 +86,12 @@ def _save_sets(top: Path) -> None:
             save_motion(motion, top / name / f"{clip}.npz")
 
 
-def _asked(top: Path, weights: Path) -> Ask:
+def _asked(top: Path, weights: Path) -> AnyRun:
     folders = (top / "lively", top / "calm")
     reference = top / "reference"
-    return Ask(motions=folders, out=top / "out", reference=reference, emage_weights=weights)
+    return diagnose_request(
+        motions=folders, out=top / "out", reference=reference, emage_weights=weights
+    )
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -96,19 +100,19 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)
-    rows = _rows(request.out)
+    rows = _rows(request.output.out)
     means = {row["system"]: row["mean"] for row in rows if row["mean"]}
     assert list(means) == ["lively", "calm"] and float(means["lively"]) > float(means["calm"]) > 0
     assert any(row["difference_to"] == "calm" for row in rows)
-    assert "EMAGE's encoder" in (request.out / "sheet.md").read_text()
-    assert "EMAGE's encoder" in (request.out / "table.tex").read_text()
-    kept = request.out / "clips" / "b.json"
+    assert "EMAGE's encoder" in (request.output.out / "sheet.md").read_text()
+    assert "EMAGE's encoder" in (request.output.out / "table.tex").read_text()
+    kept = request.output.out / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
-    (request.out / "clips" / "a.codes.npz").unlink()
-    again = diagnose_folders(replace(request, motions=request.motions[::-1]))
+    (request.output.out / "clips" / "a.codes.npz").unlink()
+    again = diagnose_folders(replace_fields(request, motions=request.motions.motions[::-1]))
     assert any("1 clips had been measured before" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
-    swapped = {row["system"]: row["mean"] for row in _rows(request.out) if row["mean"]}
+    swapped = {row["system"]: row["mean"] for row in _rows(request.output.out) if row["mean"]}
     assert swapped == means
 
 
@@ -127,7 +131,7 @@ def test_wrong_weights_are_told_before_anything_is_measured(tmp_path: Path):
     with pytest.raises(CheckpointError, match=r"encoder.layers.0.0.residual.0.weight is missing"):
         diagnose_folders(request)
     with pytest.raises(RunError, match="--reference FOLDER"):
-        diagnose_folders(replace(request, reference=None))
+        diagnose_folders(replace_fields(request, reference=None))
     assert not (tmp_path / "out").exists()
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.ask import Ask
-from app.run.many.speeches import asks_of, do_clips
+from app.run.many.speeches import clip_requests, do_clips
 from app.run.output.run_folder import RUN, read_run
+from app.run.requests.requests import AnyRun
 from model.speech.audio import write_wav
 from processes.pool import JobPool
+from tests.app.requests import generate_request
 from tests.model.made import made_waveform
 from tests.waiting import wait_for
 
@@ -35,8 +36,8 @@ def test_a_labs_day(tmp_path: Path) -> None:
     for number in range(CLIPS):
         write_wav(speech / f"clip{number:03}.wav", made_waveform(16_000 * SECONDS, number))
 
-    def asked(out: Path) -> Ask:
-        return Ask(speech=speech, out=out, systems=SYSTEMS, has_figures=False)
+    def asked(out: Path) -> AnyRun:
+        return generate_request(speech=speech, out=out, systems=SYSTEMS, has_figures=False)
 
     apart, here = tmp_path / "cluster", tmp_path / "here"
     told: list[str] = []
@@ -48,14 +49,14 @@ def test_a_labs_day(tmp_path: Path) -> None:
 
         threading.Thread(target=strike, daemon=True).start()
         runs = do_clips(
-            asks_of(asked(apart)),
+            clip_requests(asked(apart)),
             JobPool(scheduler=file),
             lambda path, share: told.append(path.name),
         )
         assert struck.wait(10) == -signal.SIGKILL
     clips = [f"clip{number:03}" for number in range(CLIPS)]
     assert list(runs.clips) == sorted(told) == clips and runs.failed == {}
-    do_clips(asks_of(asked(here)), JobPool(2 if CLIPS > 20 else 1))
+    do_clips(clip_requests(asked(here)), JobPool(2 if CLIPS > 20 else 1))
     for clip in clips:
         assert names_in(apart / clip) == names_in(here / clip)
         for system in ("gan-5", "asynfusion-lcm-async"):

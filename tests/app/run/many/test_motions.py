@@ -10,10 +10,11 @@ import pytest
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES
-from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders
 from app.run.many.table import LEAST_CLIPS, cells_of, draw_spread, interval
-from app.run.pipeline import do
+from app.run.pipeline import run
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import AnyRun
 from conventions.names import REFERENCE_NAME
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
@@ -22,6 +23,7 @@ from model.motion.motion import save_motion
 from model.networks.autoencoder import load_encoder
 from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
+from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 
 CLIPS = ("a", "b", "c")
@@ -43,9 +45,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return top
 
 
-def asked(folders: Path, out: Path) -> Ask:
+def asked(folders: Path, out: Path) -> AnyRun:
     motions = (folders / "lively", folders / "same")
-    return Ask(motions=motions, out=out, reference=folders / "gt")
+    return diagnose_request(motions=motions, out=out, reference=folders / "gt")
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +131,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         for seed, clip in enumerate(CLIPS):
             motion = smooth_motion_example(180, seed + (50 if name == "gt" else 0))
             save_motion(motion, folder / f"{clip}.npz")
-    request = Ask(
+    request = diagnose_request(
         motions=(long["lively"],),
         out=tmp_path / "out",
         reference=long["gt"],
@@ -140,8 +142,8 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
     by_clip = csv_rows(tmp_path / "out" / "clips.csv")
     rows = {(row["clip"], row["system"]): row for row in by_clip}
     for clip in CLIPS[:1]:
-        alone = do(
-            Ask(
+        alone = run(
+            diagnose_request(
                 motions=(long["lively"] / f"{clip}.npz",),
                 out=tmp_path / f"alone-{clip}",
                 reference=long["gt"] / f"{clip}.npz",
@@ -160,9 +162,9 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         assert found == set(filter(None, rows[clip, "lively"]["findings"].split("; ")))
     assert rows["c", "lively"]["Beat alignment: BeatAlign (0 to 1)"] == ""
     with pytest.raises(RunError, match="no folder"):
-        diagnose_folders(replace(request, speech=tmp_path / "sound" / "a.wav"))
+        diagnose_folders(replace_fields(request, speech=tmp_path / "sound" / "a.wav"))
     with pytest.raises(RunError, match="--speech"):
-        diagnose_folders(replace(request, speech=None, mean_speeds=tmp_path / "speeds.npy"))
+        diagnose_folders(replace_fields(request, speech=None, mean_speeds=tmp_path / "speeds.npy"))
 
 
 def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refused(
@@ -176,9 +178,13 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
     assert "FGD" not in (tmp_path / "out" / "sheet.md").read_text()
     (tmp_path / "other").mkdir()
     with pytest.raises(RunError, match="paired by name"):
-        diagnose_folders(Ask(motions=(folders / "gt", tmp_path / "other"), out=tmp_path / "x"))
+        diagnose_folders(
+            diagnose_request(motions=(folders / "gt", tmp_path / "other"), out=tmp_path / "x")
+        )
     with pytest.raises(RunError, match="is no folder"):
-        diagnose_folders(Ask(motions=(folders / "gt", tmp_path / "none"), out=tmp_path / "x"))
+        diagnose_folders(
+            diagnose_request(motions=(folders / "gt", tmp_path / "none"), out=tmp_path / "x")
+        )
 
 
 def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, tmp_path):
@@ -191,7 +197,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
         (theirs / f"gt_{clip}.npz").write_bytes((folders / "gt" / f"{clip}.npz").read_bytes())
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
-    result = diagnose_folders(Ask(motions=(top,), out=out, reference=top))
+    result = diagnose_folders(diagnose_request(motions=(top,), out=out, reference=top))
     assert tuple(result.told["clips"]) == CLIPS[:2]
     told = json.loads((out / "many.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
@@ -203,7 +209,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
         assert (deep["emage"], deep["reference"]) == (flat["lively"], flat["reference"])
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
-    result = diagnose_folders(Ask(motions=(top,), out=tmp_path / "two", reference=top))
+    result = diagnose_folders(diagnose_request(motions=(top,), out=tmp_path / "two", reference=top))
     assert result.told["clips"] == ["epoch_400/a", "epoch_400/b"]
 
 

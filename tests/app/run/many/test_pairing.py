@@ -8,12 +8,13 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.ask import Ask
 from app.run.many.check import check_sets
 from app.run.many.motions import diagnose_folders
 from app.run.many.pairing import paired_files
+from app.run.requests.requests import AnyRun
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion
+from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 
 NPZ = (".npz",)
@@ -87,8 +88,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return top
 
 
-def asked(top: Path, out: Path, *systems: Path) -> Ask:
-    return Ask(motions=systems or (top / "mine",), out=out, reference=top / "gt")
+def asked(top: Path, out: Path, *systems: Path) -> AnyRun:
+    return diagnose_request(motions=systems or (top / "mine",), out=out, reference=top / "gt")
 
 
 def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.ask import Ask
 from app.run.many.motions import diagnose_folders, measure_sets
+from app.run.requests.convert import replace_fields
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
 from tests.app.heard import Heard
+from tests.app.requests import diagnose_request
 from tests.helpers import smooth_motion_example
 
 CLIPS = ("a", "b", "c", "d", "e")
@@ -50,7 +51,7 @@ def zipped(folder: Path, out: Path, **more: bytes) -> Path:
 def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     heard = Heard()
     found = measure_sets(
-        Ask(
+        diagnose_request(
             motions=(zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
             names=("My system",),
             out=tmp_path / "out",
@@ -75,7 +76,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             (source,) = folders.rglob(f"{kind}{clip}.npz")
             assert path.read_bytes() == source.read_bytes()
 
-    asked = Ask(
+    asked = diagnose_request(
         motions=(folders / "mine",),
         out=tmp_path / "plain",
         reference=folders / "gt",
@@ -94,14 +95,14 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     mine, theirs = (zipped(folders / "mine", tmp_path / f"{name}.zip") for name in ("mine", "gt"))
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.many.motions.MAX_BYTES", round(1.5 * held))
-    asked = Ask(motions=(mine,), names=("mine",), out=tmp_path / "one")
+    asked = diagnose_request(motions=(mine,), names=("mine",), out=tmp_path / "one")
     assert measure_sets(asked).told["clips"] == list(CLIPS)
     with pytest.raises(RunError, match="would unpack to"):
-        measure_sets(replace(asked, out=tmp_path / "two", reference=theirs))
+        measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.many.motions.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.many.motions.MAX_BYTES", 10 * held)
     with pytest.raises(RunError, match="at most 1 are read"):
-        measure_sets(replace(asked, out=tmp_path / "three", reference=theirs))
+        measure_sets(replace_fields(asked, out=tmp_path / "three", reference=theirs))
     for out in ("two", "three"):
         assert not list((tmp_path / out).glob(".*")), "what was unpacked is gone"
 
@@ -112,6 +113,12 @@ def test_zips_of_one_name_and_without_a_common_clip_are_refused(folders, tmp_pat
         archive.write(next(folders.rglob("res_a.npz")), "x.npz")
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
     with pytest.raises(RunError, match="No file name is in all of mine, other"):
-        measure_sets(Ask(motions=(mine, other), names=("mine", "other"), out=tmp_path / "second"))
+        measure_sets(
+            diagnose_request(
+                motions=(mine, other), names=("mine", "other"), out=tmp_path / "second"
+            )
+        )
     with pytest.raises(RunError, match="same name"):
-        measure_sets(Ask(motions=(mine, mine), names=("mine", "mine"), out=tmp_path / "third"))
+        measure_sets(
+            diagnose_request(motions=(mine, mine), names=("mine", "mine"), out=tmp_path / "third")
+        )

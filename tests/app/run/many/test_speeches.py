@@ -2,7 +2,6 @@
 
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +12,13 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run import pipeline
-from app.run.ask import DEAF, Ask, Ear, Event, Progress
+from app.run.callbacks import DEAF, Ear, Event, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
-from app.run.many.speeches import asks_of, do_clips, find_speeches, is_many
+from app.run.many.speeches import clip_requests, do_clips, find_speeches, is_many
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
 from app.run.output.telling import Bars
+from app.run.requests.convert import replace_fields
+from app.run.requests.requests import GenerateRequest
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, Nod
@@ -26,6 +27,7 @@ from model.speech.audio import SpeechError, write_wav
 from model.storage.files import file_sha256
 from model.systems.planned.config import PLANNED
 from processes.pool import JobPool
+from tests.app.requests import diagnose_request, generate_request
 from tests.model.made import made_waveform
 
 HERE = JobPool(1)
@@ -41,15 +43,15 @@ def speeches(tmp_path: Path) -> Path:
     return folder
 
 
-def request_of(source: Path, out: Path, weights: Path, **changes) -> Ask:
-    return Ask(speech=source, out=out, weights=weights, steps=1, **changes)
+def request_of(source: Path, out: Path, weights: Path, **changes) -> GenerateRequest:
+    return generate_request(speech=source, out=out, weights=weights, steps=1, **changes)
 
 
 def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, tmp_path):
     out = tmp_path / "out"
     told: list[tuple[str, float]] = []
     asked = request_of(speeches, out, weights, has_figures=False)
-    runs = do_clips(asks_of(asked), HERE, lambda path, share: told.append((path.name, share)))
+    runs = do_clips(clip_requests(asked), HERE, lambda path, share: told.append((path.name, share)))
     assert runs.clips == ("a", "b", "c") and runs.kept == 0 and runs.failed == {}
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
     for clip in runs.clips:
@@ -78,17 +80,17 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     (out / "a" / RUN).write_text("{")
     (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
-    runs = do_clips(asks_of(asked), HERE)
+    runs = do_clips(clip_requests(asked), HERE)
     assert runs.kept == 1 and runs.clips == ("a", "b", "c")
     after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
     assert not list(out.glob("*/.unfinished*"))
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
     write_wav(speeches / "c.wav", made_waveform(16_000, 9))
-    assert do_clips(asks_of(asked), HERE).kept == 2
+    assert do_clips(clip_requests(asked), HERE).kept == 2
     for clip in "ab":
         (speeches / f"{clip}.wav").unlink()
-    assert do_clips(asks_of(asked), HERE).kept == 1
-    assert do_clips(asks_of(replace(asked, seed=1)), HERE).kept == 0
+    assert do_clips(clip_requests(asked), HERE).kept == 1
+    assert do_clips(clip_requests(replace_fields(asked, seed=1)), HERE).kept == 0
 
 
 @pytest.mark.parametrize("pool", [HERE, pytest.param(JobPool(2), marks=pytest.mark.slow)])
@@ -99,17 +101,17 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
         with np.load(folder / "globaldiff-local.npz") as motion:
             return motion["poses"]
 
-    def asked(source: Path, out: str) -> Ask:
+    def asked(source: Path, out: str) -> GenerateRequest:
         systems = ("globaldiff/local",)
         return request_of(source, tmp_path / out, weights, systems=systems, has_figures=False)
 
     alone = asked(speeches.with_name("under another name.wav"), "alone")
-    (alone.speech or Path()).write_bytes((speeches / "b.wav").read_bytes())
-    expected = poses(pipeline.do(alone).out)
-    assert do_clips(asks_of(asked(speeches, "among")), HERE).failed == {}
+    alone.speech.path.write_bytes((speeches / "b.wav").read_bytes())
+    expected = poses(pipeline.run(alone).out)
+    assert do_clips(clip_requests(asked(speeches, "among")), HERE).failed == {}
     listed = tmp_path / "list.txt"
     listed.write_text("speech/c.wav\nspeech/b.wav\n")
-    assert do_clips(asks_of(asked(listed, "processes")), pool).failed == {}
+    assert do_clips(clip_requests(asked(listed, "processes")), pool).failed == {}
     for out in ("among", "processes"):
         np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
     assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
@@ -147,36 +149,38 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
     for speech in (elsewhere, tmp_path):
         with pytest.raises(SpeechError):  # whoever's files it names
-            do_in_folder(replace(asked, speech=speech, out=tmp_path / "0"), DEAF)
+            do_in_folder(replace_fields(asked, speech=speech, out=tmp_path / "0"), DEAF)
     with pytest.raises(SpeechError, match=r"b\.wav"):
         do_in_folder(asked, DEAF)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(RunError, match=r"may last 0\.02 minutes together; these last 0\.0"):
-        do_in_folder(replace(asked, max_speech_s=1.2), DEAF)
+        do_in_folder(replace_fields(asked, max_speech_s=1.2), DEAF)
     with pytest.raises(Cancelled):
         do_in_folder(asked, Ear(should_cancel=lambda: True))
     events: list[Event] = []
     do_in_folder(asked, Ear(events.append))
     told = [event.clip for event in events if isinstance(event, Progress)]
     assert list(dict.fromkeys(told)) == ["a, 1 of 2", "b, 2 of 2"]
-    runs = runs_in(asked.out)
+    runs = runs_in(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
-    do_clips(asks_of(replace(asked, out=tmp_path / "2", is_kept=False)), HERE)
+    do_clips(clip_requests(replace_fields(asked, out=tmp_path / "2", is_kept=False)), HERE)
     with np.load(tmp_path / "2/b/globaldiff-local.npz") as elsewhere:
-        here = np.load(asked.out / "b/globaldiff-local.npz")
+        here = np.load(asked.output.out / "b/globaldiff-local.npz")
         np.testing.assert_array_equal(here["poses"], elsewhere["poses"])
 
-    packed = zip_run(asked.out, tmp_path / "all.zip")
+    packed = zip_run(asked.output.out, tmp_path / "all.zip")
     assert is_run_zip(packed)
     (tmp_path / "anew").mkdir()
-    again = Ask(motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True)
+    again = diagnose_request(
+        motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True
+    )
     do_in_folder(again, DEAF)
     measured = [
         by_measure(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
             for run in runs_in(out).values()
         )[JERK]
-        for out in (asked.out, again.out)
+        for out in (asked.output.out, again.output.out)
     ]
     for name, clips in measured[0].items():
         assert measured[1][name] == pytest.approx(clips, rel=1e-3)
@@ -229,7 +233,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
     assert list(find_speeches(speeches)) == ["a", "b", "c"]
     listed, out = tmp_path / "list.txt", tmp_path / "out"
     listed.write_text("speech/...wav\n")  # whoever names it means it
-    runs = do_clips(asks_of(request_of(listed, out, weights, has_figures=False)), HERE)
+    runs = do_clips(clip_requests(request_of(listed, out, weights, has_figures=False)), HERE)
     assert runs.clips == ("_",) and (out / "_" / RUN).is_file()
     assert not (tmp_path / RUN).exists() and not (out / RUN).exists()
 
@@ -237,7 +241,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
 def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
     asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
     with pytest.raises(RunError, match="belong to one piece of speech"):
-        do_clips(asks_of(asked), HERE)
+        do_clips(clip_requests(asked), HERE)
     assert not (tmp_path / "out").exists()
 
 
@@ -248,27 +252,28 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     style, plans = tmp_path / "style.toml", tmp_path / "plans"
     style.write_text("[times]\ngestures_per_min = 0\nsmile = 0\n")
     plans.mkdir()
-    asked = Ask(
+    asked = generate_request(
         speech=speeches, out=tmp_path / "out", weights=planned_weights, systems=(PLANNED,), steps=1,
         has_figures=False, style=style, plan=plans,
     )  # fmt: skip
     with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):
-        do_clips(asks_of(asked), HERE)
+        do_clips(clip_requests(asked), HERE)
     with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
-        do_clips(asks_of(replace(asked, plan=style)), HERE)
+        do_clips(clip_requests(replace_fields(asked, plan=style)), HERE)
     write_plan_file(GesturePlan(1.0, nods=(Nod(0.5, 4.0),)), plans / "a.json")
     busy = added(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
     write_plan_file(busy, plans / "d.TextGrid")
-    runs = do_clips(asks_of(asked), HERE)
+    runs = do_clips(clip_requests(asked), HERE)
     assert runs.failed == {} and runs.clips == ("a", "d")
     performed = [
-        read_plan_file(asked.out / clip / "workbench-planned.plan.json").plan for clip in "ad"
+        read_plan_file(asked.output.out / clip / "workbench-planned.plan.json").plan
+        for clip in "ad"
     ]
     assert [plan.nods[0].time_s for plan in performed] == [0.5, 1.5]
     assert not gestures(performed[1], "right")
 
-    assert do_clips(asks_of(asked), HERE).kept == 2
+    assert do_clips(clip_requests(asked), HERE).kept == 2
     style.write_text("[times]\nsmile = 0\n")  # another style makes other motion
-    assert do_clips(asks_of(asked), HERE).kept == 0
-    (left,) = asked.out.glob("d/*.plan.json")
+    assert do_clips(clip_requests(asked), HERE).kept == 0
+    (left,) = asked.output.out.glob("d/*.plan.json")
     assert len(gestures(read_plan_file(left).plan, "right")) == 1

@@ -1,0 +1,77 @@
+"""What a task reports while it works, and how it is cancelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from app.errors import Cancelled
+
+Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
+STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of one stage."""
+
+    stage: Stage
+    fraction: float
+    """0 to 1 of this stage."""
+    detail: str = ""
+    """What is being worked on, such as a system's name."""
+    clip: str = ""
+    """Name and number of the clip, if there are several."""
+
+
+@dataclass(frozen=True)
+class Grown:
+    """A run's folder holds more than before, as its `run.json` says."""
+
+    folder: Path
+
+
+Event = Progress | Grown
+
+
+class Ear:
+    """Callbacks of the caller of a task: progress events and cancellation."""
+
+    def __init__(
+        self,
+        hear: Callable[[Event], None] = lambda event: None,
+        should_cancel: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """
+        Args:
+            hear: called with each progress event, and when the folder holds more.
+            should_cancel: called many times a second.
+        """
+        self.hear = hear
+        self.should_cancel = should_cancel
+
+    def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
+        """Report the progress of a stage."""
+        self.hear(Progress(stage, fraction, detail))
+
+    def share(
+        self, stage: Stage, part: float = 1.0, before: float = 0.0
+    ) -> Callable[[float], None]:
+        """Return a callback for the fraction done of a part of a stage, which reports it and raises
+        `Cancelled` when the caller has cancelled."""
+
+        def on_share(share: float) -> None:
+            self.stop_if_asked()
+            self.progress(stage, before + part * share)
+
+        return on_share
+
+    def stop_if_asked(self) -> None:
+        """Raise `Cancelled` if the caller has cancelled; for steps that cannot be interrupted."""
+        if self.should_cancel():
+            raise Cancelled
+
+
+DEAF = Ear()

@@ -1,0 +1,244 @@
+"""Requests from flat names, as forms, notebooks and old files have them, and to JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from app.errors import RunError
+from app.flags import Switch, TextType
+from app.run.requests.parts import LiveRecording
+from conventions.names import listed, printable
+
+Request = TypeVar("Request")
+OLD_NAMES: Mapping[str, str] = {
+    "told": "import_overrides",
+    "take": "live_recording",
+    "opened": "source_run",
+}
+"""Names that fields had before, by which programs and files may still give them."""
+PRIVATE_FIELDS = frozenset(
+    ("out", "weights", "body", "is_kept", "source_run", "live_recording", "title", "max_frames")
+)
+"""Fields that no file of a run tells: they say where files lie, or are no choice of the user."""
+
+
+def _is_part(kind: object) -> bool:
+    return (
+        isinstance(kind, type)
+        and is_dataclass(kind)
+        and kind.__module__.startswith(__package__ or "")
+        and kind is not LiveRecording
+    )
+
+
+def all_names(kind: type) -> frozenset[str]:
+    """Return the names by which fields of a request can be given."""
+    paths = field_paths(kind)
+    return frozenset((*paths, *(old for old, name in OLD_NAMES.items() if name in paths)))
+
+
+@cache
+def field_paths(kind: type) -> Mapping[str, tuple[str, ...]]:
+    """Return the path of each field of a request through its parts, by the field's name; the field
+    ``path`` of a part has the part's name."""
+    paths: dict[str, tuple[str, ...]] = {}
+    for name, hint in get_type_hints(kind).items():
+        if not _is_part(hint):
+            paths[name] = (name,)
+            continue
+        for inner, path in field_paths(hint).items():
+            paths[name if inner == "path" else inner] = (name, *path)
+    return paths
+
+
+def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
+    """Make a request of values by the names of its fields, whichever part they are in; what is not
+    given is as the request has it by default.
+
+    Raises:
+        RunError: if there is no field of a name.
+    """
+    _check_names(kind, values)
+    return _made(kind, nested_fields(kind, values))
+
+
+def _check_names(kind: type, names: Iterable[str]) -> None:
+    known = all_names(kind)
+    for name in names:
+        if name not in known:
+            there = ", ".join(sorted(field_paths(kind)))
+            raise RunError(f"There is no {name!r} to ask for; there are {there}.")
+
+
+def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by the names of a request's fields, each in the part that has it; those that no
+    part has are left out."""
+    paths = field_paths(kind)
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        *parts, last = paths.get(OLD_NAMES.get(name, name), ("",))
+        place = nested
+        for part in parts:
+            place = place.setdefault(part, {})
+        if last:
+            place[last] = value
+    return nested
+
+
+def replace_fields(request: Request, **values: Any) -> Request:
+    """Return the request with other values of fields, by their names, whichever part has them.
+    Raises `RunError` if there is no field of a name."""
+    _check_names(type(request), values)
+    return _replaced(request, nested_fields(type(request), values))
+
+
+def _replaced(request: Any, values: Mapping[str, Any]) -> Any:
+    changed = {
+        name: _replaced(getattr(request, name), value)
+        if _is_part(type(getattr(request, name)))
+        else value
+        for name, value in values.items()
+    }
+    return replace(request, **changed)
+
+
+def flat_json(request: object) -> dict[str, Any]:
+    """Return what `request_json` tells, by the names of the fields alone."""
+    nested = request_json(request)
+    flat: dict[str, Any] = {}
+    for name, path in field_paths(type(request)).items():
+        if path[-1] in PRIVATE_FIELDS:
+            continue
+        value: Any = nested
+        for part in path:
+            value = value[part]
+        flat[name] = value
+    return flat
+
+
+def _made(kind: Any, values: Mapping[str, Any]) -> Any:
+    hints, made = get_type_hints(kind), dict(values)
+    for of in fields(kind):
+        if not _is_part(hints[of.name]) or (of.name not in made and _has_default(of)):
+            continue
+        inner = made.get(of.name, {})
+        default = of.default if of.default_factory is MISSING else of.default_factory()
+        made[of.name] = (
+            _made(hints[of.name], inner) if default is MISSING else replace(default, **inner)
+        )
+    return kind(**made)
+
+
+def _has_default(of: Any) -> bool:
+    return of.default is not MISSING or of.default_factory is not MISSING
+
+
+def default_of(kind: type, name: str) -> Any:
+    """Return the default of a field of a request, None if it has none."""
+    *parts, last = field_paths(kind)[OLD_NAMES.get(name, name)]
+    default: Any = kind
+    for part in (*parts, last):
+        default = _default(default, part)
+    return default
+
+
+def _default(of: Any, name: str) -> Any:
+    """Return the default of a field of a class, or the value of an instance's."""
+    if not isinstance(of, type):
+        return getattr(of, name)
+    field = next(each for each in fields(of) if each.name == name)
+    if field.default is not MISSING:
+        return field.default
+    if field.default_factory is not MISSING:
+        return field.default_factory()
+    hint = get_type_hints(of)[name]
+    return hint if _is_part(hint) else None
+
+
+@cache
+def field_type(kind: type, name: str) -> Any:
+    """Return the type of a field of a request, with what marks it."""
+    *parts, last = field_paths(kind)[OLD_NAMES.get(name, name)]
+    for part in parts:
+        kind = get_type_hints(kind)[part]
+    return get_type_hints(kind, include_extras=True)[last]
+
+
+def parse_field(kind: type, name: str, value: object) -> Any:
+    """Return the value of one field of a request for what a form holds: text is read as on the
+    command line, a check box as one of two values; anything else is returned as it is.
+
+    Raises:
+        RunError: if the field cannot have it.
+    """
+    hint = field_type(kind, name)
+    for mark in getattr(hint, "__metadata__", ()):
+        if isinstance(value, str) and isinstance(mark, TextType):
+            return mark.instance_from_str([value.strip()])
+        if isinstance(value, bool) and isinstance(mark, Switch):
+            return mark.on if value else mark.off
+    return value
+
+
+def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any) -> None:
+    """Refuse fields that a command would ignore, if they differ from their defaults.
+
+    Args:
+        names: fields that the command does not use.
+        why: first clause of the refusal.
+        usual: values that are not refused, in addition to the defaults.
+
+    Raises:
+        RunError: naming the flags.
+    """
+    given = []
+    for name in names:
+        value: Any = request
+        for part in field_paths(type(request))[name]:
+            value = getattr(value, part)
+        default = default_of(type(request), name)
+        if value not in (default, usual.get(name, default)):
+            marks = getattr(field_type(type(request), name), "__metadata__", ())
+            flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
+            given.append(f"--{flag.replace('_', '-')}")
+    if given:
+        raise RunError(f"{why}; leave {listed(given)} out.")
+
+
+def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:
+    """Return the request with each of its paths changed."""
+    changed: dict[str, Any] = {}
+    for of in fields(request):  # type: ignore[arg-type]
+        value = getattr(request, of.name)
+        if isinstance(value, Path):
+            changed[of.name] = change(value)
+        elif isinstance(value, tuple) and value and all(isinstance(each, Path) for each in value):
+            changed[of.name] = tuple(map(change, value))
+        elif is_dataclass(value):
+            changed[of.name] = with_paths(value, change)
+    return replace(request, **changed)  # type: ignore[type-var]
+
+
+def request_json(request: object) -> dict[str, Any]:
+    """Return a request ready for JSON, without private fields, and of paths only their names."""
+    return {
+        of.name: _json_value(getattr(request, of.name))
+        for of in fields(request)  # type: ignore[arg-type]
+        if of.name not in PRIVATE_FIELDS
+    }
+
+
+def _json_value(value: Any) -> Any:
+    if isinstance(value, Path):
+        return printable(value.name)
+    if isinstance(value, Mapping):
+        return {str(key): _json_value(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_value(each) for each in value]
+    if is_dataclass(value):
+        return request_json(value)
+    return value if isinstance(value, int | float | None) else printable(str(value))

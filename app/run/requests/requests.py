@@ -1,0 +1,443 @@
+"""The request of each task: what it reads, checked before any file is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, Suppress, arg
+
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import RunError
+from app.flags import File, Names, Text, parse_count, text_type
+from app.run.display import Display, Seen
+from app.run.requests.parts import (
+    DEFAULT_TRACKED_POINT,
+    MAX_STEPS,
+    FigureForms,
+    FigureOptions,
+    GuidanceScale,
+    Height,
+    ImportOptions,
+    ImportOverrides,
+    LiveRecording,
+    MeasurementOutput,
+    MetricOptions,
+    MotionInput,
+    OutputOptions,
+    PlanOptions,
+    PlanSource,
+    SamplingOptions,
+    SpeechInput,
+    SpeechToMove,
+    VideoOptions,
+    check_size,
+)
+from conventions.names import file_stem
+from conventions.views import CLOSE_UPS
+from model.formats.read import Assumptions
+from model.storage.cards import two_speakers
+from model.systems.registry import list_systems, usual_systems
+from renderer.figures.style import FORMS, MAX_SYSTEMS
+
+Joint = Annotated[str, arg(help="Fingertip or joint to follow, such as left_index or right_wrist.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRequest:
+    """What generated and imported motions have in common: they are measured, shown and drawn in the
+    same way."""
+
+    speech: SpeechInput
+    imports: ImportOptions = field(default_factory=ImportOptions)
+    joint: Joint = DEFAULT_TRACKED_POINT
+    figures: FigureOptions = field(default_factory=FigureOptions)
+    video: VideoOptions = field(default_factory=VideoOptions)
+    output: OutputOptions
+
+    def check(self) -> None:
+        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        self.speech.check()
+        self.video.check()
+        if self.output.has_video:
+            check_size(self.video.size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateRequest(RunRequest):
+    """Motion of several systems for one piece of speech."""
+
+    speech: SpeechToMove
+    sampling: SamplingOptions = field(default_factory=SamplingOptions)
+    planning: PlanOptions = field(default_factory=PlanOptions)
+    live_recording: Suppress[LiveRecording | None] = None
+    """Motion of the one system, used instead of generating it."""
+
+    def check(self) -> None:
+        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        super().check()
+        self.sampling.check()
+
+
+def _measured_video() -> VideoOptions:
+    return VideoOptions(size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseRequest(RunRequest):
+    """Metrics and figures of imported motions; of folders or zips, over their clips."""
+
+    speech: SpeechInput = field(default_factory=SpeechInput)
+    motions: MotionInput
+    metrics: MetricOptions = field(default_factory=MetricOptions)
+    video: VideoOptions = field(default_factory=_measured_video)
+    output: MeasurementOutput
+
+
+AnyRun = GenerateRequest | DiagnoseRequest
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRequest:
+    """A gesture plan of speech, or of a motion; nothing is moved."""
+
+    speech: PlanSource
+    out: Path
+    """File of the plan: .json, .TextGrid or .eaf."""
+    weights: Path = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    speaker: Text = None
+    """Speaker whose style the plan has."""
+    seed: int = 0
+    """Seed of the noise."""
+    guidance: GuidanceScale = None
+    """Classifier-free guidance scale, 0 (speech is ignored) to 10; 1 is as trained."""
+    style: File = None
+    """How often, how large, how high, how fast (.toml): applied to the plan (docs/plans.md)."""
+    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    is_empty: Annotated[bool, arg(name="empty")] = False
+    """Sample nothing: write the tiers to be annotated by hand."""
+
+    @property
+    def sampling(self) -> SamplingOptions:
+        """How the plan is sampled."""
+        return SamplingOptions(
+            weights=self.weights, speaker=self.speaker, seed=self.seed, guidance=self.guidance
+        )
+
+    def check(self) -> None:
+        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        self.speech.check()
+        self.sampling.check()
+
+
+Background = Literal["studio", "transparent"]
+MAX_STILLS = 64
+MARKERS_SUFFIX = ".markers.csv"
+"""Suffix of the table beside a BVH file."""
+SHEET_POSES = 8
+"""Poses of a contact sheet by default."""
+RENDER_SUFFIXES = (".mp4", ".png", ".glb", ".bvh", ".blender.npz", ".obj", ".ply")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StillOptions:
+    """Single pictures and meshes of a motion."""
+
+    num_stills: Annotated[int | None, text_type(int, "N", "none"), arg(name="stills")] = None
+    """Number of single pictures as .png, evenly spread over the motion."""
+    sheet_every: Annotated[int | None, text_type(int, "N", "none"), arg(name="sheet")] = None
+    """One picture with every N-th frame above its time, as .png."""
+    frame: int = 0
+    """Frame of a .obj or .ply, counted from 0."""
+    background: Background = "studio"
+    """transparent: the body alone, in a .png."""
+
+    def check(self) -> None:
+        """Raise `RunError` for pictures that cannot be drawn."""
+        if self.num_stills is not None and not 1 <= self.num_stills <= MAX_STILLS:
+            raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {self.num_stills}.")
+        if self.sheet_every is not None and self.sheet_every < 1:
+            raise RunError(f"A sheet shows every frame or fewer; got one in {self.sheet_every}.")
+
+
+def _render_video() -> VideoOptions:
+    return VideoOptions(close_ups=(), framing="whole", size=720)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderRequest:
+    """A video, pictures or a file for 3D software, made of one motion file."""
+
+    motion: Annotated[
+        Positional[Path],
+        arg(metavar="MOTION", help="One, in BEAT2's form, or any that is read."),
+    ]
+    out: Path
+    """File whose suffix says what is made: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply."""
+    speech: File = None
+    """Sound of the video."""
+    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    joint: Joint = DEFAULT_TRACKED_POINT
+    plan: File = None
+    """Plan whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as markers;
+    by default the .plan.json that a run has left beside the motion, if there is one."""
+    video: VideoOptions = field(default_factory=_render_video)
+    stills: StillOptions = field(default_factory=StillOptions)
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the output file, one of `RENDER_SUFFIXES`. Raises `RunError` for another."""
+        name = self.out.name.lower()
+        for suffix in RENDER_SUFFIXES:
+            if name.endswith(suffix) and name != suffix:
+                return suffix
+        raise RunError(f"{self.out.name} must end in one of {', '.join(RENDER_SUFFIXES)}.")
+
+    @property
+    def is_picture(self) -> bool:
+        """Whether the output is a video or a picture."""
+        return self.suffix in (".mp4", ".png")
+
+    def check(self) -> None:
+        """Raise `RunError` for what cannot be drawn."""
+        self.video.check()
+        display = self.video.display
+        is_transparent = self.stills.background == "transparent"
+        if not self.is_picture and not display.is_plain:
+            raise RunError(
+                f"A {self.suffix} file holds the motion as it is; trails, colours and exaggeration "
+                "are for a .png or .mp4."
+            )
+        if not self.out.parent.is_dir():
+            raise RunError(f"The folder {self.out.parent} does not exist; create it first.")
+        self.stills.check()
+        if not self.is_picture and (self.stills.num_stills or self.stills.sheet_every):
+            raise RunError(
+                f"A {self.suffix} file holds no pictures; write stills to a .png or .mp4."
+            )
+        if is_transparent and self.suffix != ".png":
+            raise RunError(
+                f"A {self.suffix} file cannot have a transparent background; write a .png."
+            )
+        if is_transparent and not display.is_plain:
+            raise RunError("Trails, colours and exaggeration are shown in the studio only.")
+        if is_transparent and self.video.close_ups:
+            raise RunError("Close-ups are shown in the studio only; leave the background out.")
+        if self.speech is not None and not self.speech.is_file():
+            raise RunError(f"There is no speech file at {self.speech}.")
+
+
+MAX_SPEECHES, MAX_SEEDS = 8, 8
+TwoSpeakers = Annotated[
+    tuple[str, str] | None, text_type(two_speakers, "CALM,LIVELY", "none", ",".join)
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeechEffectRequest:
+    """Motions for several pieces of speech with several noise seeds, to be compared."""
+
+    speeches: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")]
+    """Two sound files or more; or one folder of anyone's motions, whose files are called
+    ``[SYSTEM__]SPEECH__SEED.npz``."""
+    out: Path
+    """Folder of results."""
+    weights: Path = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    systems: Names = field(default_factory=lambda: usual_systems("hearing"))
+    """Names of systems."""
+    speaker: Text = None
+    """Speaker whose style the motion has."""
+    guidance: GuidanceScale = None
+    """Classifier-free guidance scale, 0 (speech is ignored) to 10; 1 is as trained."""
+    seeds: int = 2
+    """Number of noise seeds, from 0 on."""
+    speakers: TwoSpeakers = None
+    """Two speakers who are compared on the first speech, too, such as hana,june."""
+    figure_forms: FigureForms = FORMS
+    """File formats of the figure."""
+    max_speech_s: Suppress[float] = 600.0
+    """Longest speech that is accepted (s)."""
+    is_kept: Suppress[bool] = False
+    """Whether files appear as soon as they are whole, and stay if the task fails."""
+
+    @property
+    def sampling(self) -> SamplingOptions:
+        """How motions are sampled, but for the seed."""
+        return SamplingOptions(
+            systems=self.systems,
+            weights=self.weights,
+            speaker=self.speaker,
+            guidance=self.guidance,
+        )
+
+    @property
+    def is_of_motions(self) -> bool:
+        """Whether motions of a folder are compared, and none generated."""
+        return len(self.speeches) == 1 and self.speeches[0].is_dir()
+
+    def check(self) -> None:
+        """Raise `RunError` for what cannot be compared."""
+        self.sampling.check()
+        if self.is_of_motions:
+            if self.speakers:
+                raise RunError("A folder of motions tells no speakers.")
+            return
+        if not 2 <= len(self.speeches) <= MAX_SPEECHES:
+            raise RunError(
+                f"Two to {MAX_SPEECHES} speeches are compared; got {len(self.speeches)}."
+            )
+        if len({file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
+            raise RunError("Two of the speeches have one name; rename one of the files.")
+        if not 2 <= self.seeds <= MAX_SEEDS:
+            raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
+        _check_count(self)
+
+
+MIN_NOISE_RAD, MAX_NOISE_RAD = 0.005, 0.1
+ROTATION_NOISE_VIDEO = "mechanism.mp4"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotationNoiseRequest:
+    """Equal noise on the local and on the global rotations of one motion."""
+
+    motion: Annotated[Positional[Path], arg(metavar="MOTION", help="One motion file.")]
+    out: Path
+    """Folder of results."""
+    speech: File = None
+    """Sound of the video."""
+    seed: int = 0
+    """Seed of the noise."""
+    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    joint: Joint = DEFAULT_TRACKED_POINT
+    body: File = field(default_factory=default_body)
+    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    size: Height = 512
+    """Height of a body in the video (pixels)."""
+    noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
+    """Standard deviation of the random turns about each axis (rad), .005 to .1."""
+    figure_forms: FigureForms = FORMS
+    """File formats of the figure."""
+    has_video: Suppress[bool] = True
+    """Whether the bodies are rendered to a video."""
+    is_kept: Suppress[bool] = False
+    """Whether files appear as soon as they are whole, and stay if the task fails."""
+
+    @property
+    def video(self) -> VideoOptions:
+        """How the bodies are shown."""
+        return VideoOptions(body=self.body, size=self.size, display=Display(has_trail=True))
+
+    def check(self) -> None:
+        """Raise `RunError` for what cannot be shown."""
+        if self.seed < 0:
+            raise RunError(f"The seed must not be negative; got {self.seed}.")
+        if not MIN_NOISE_RAD <= self.noise_rad <= MAX_NOISE_RAD:
+            raise RunError(
+                f"Noise must be {MIN_NOISE_RAD:g} to {MAX_NOISE_RAD:g} rad; got {self.noise_rad:g}."
+            )
+        if self.has_video:
+            check_size(self.size)
+        if self.out.suffix.lower() == ".mp4":
+            raise RunError(
+                f"--out is a folder, in which the video is called {ROTATION_NOISE_VIDEO}."
+            )
+
+
+STEP_COUNTS = (1, 2, 4, 8, 25)
+"""Steps that are tried by default; the motion of the most is what the others are compared with."""
+
+
+def _parse_counts(value: str) -> tuple[int, ...]:
+    return tuple(map(parse_count, value.split(",")))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepSweepRequest:
+    """The same motion generated with different numbers of sampling steps."""
+
+    speech: Annotated[
+        Positional[Path], arg(metavar="SPEECH", help="Of which ten seconds are used.")
+    ]
+    out: Path
+    """Folder of results."""
+    weights: Path = BUNDLED_WEIGHTS
+    """Folder of trained systems."""
+    systems: Annotated[Names, arg(help="At most six.")] = ()
+    speaker: Text = None
+    """Speaker whose style the motion has."""
+    seed: int = 0
+    """Seed of the noise."""
+    counts: Annotated[
+        tuple[int, ...],
+        text_type(_parse_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
+        arg(name="steps"),
+    ] = STEP_COUNTS
+    """Numbers of steps."""
+    figure_forms: FigureForms = FORMS
+    """File formats of the figure."""
+    max_speech_s: Suppress[float] = 600.0
+    """Longest speech that is accepted (s)."""
+    is_kept: Suppress[bool] = False
+    """Whether files appear as soon as they are whole, and stay if the task fails."""
+
+    @property
+    def sampling(self) -> SamplingOptions:
+        """How motions are sampled, but for the steps."""
+        return SamplingOptions(
+            systems=self.systems, weights=self.weights, speaker=self.speaker, seed=self.seed
+        )
+
+    def check(self) -> None:
+        """Raise `RunError` for what cannot be measured."""
+        self.sampling.check()
+        if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
+            raise RunError(
+                f"Steps must be whole numbers from 1 to {MAX_STEPS}; got "
+                f"{', '.join(map(str, self.counts)) or 'none'}."
+            )
+        _check_count(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerVideoRequest:
+    """A video of what the page's viewer shows."""
+
+    seen: Seen
+    """State of the viewer: bodies, camera, displays."""
+    motions: tuple[Path, ...]
+    """Motion file of each body."""
+    out: Path
+    """Folder of the video."""
+    speech: Path | None = None
+    """Sound of the video."""
+    body: Path | None = None
+    """Licensed SMPL-X file; None is the open body."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunVideosRequest:
+    """Videos of all motions of a run that has ended."""
+
+    run: Path
+    """Folder of the run, to which each video is added as soon as it is whole."""
+    out: Path
+    """Folder in which they are rendered."""
+    video: VideoOptions
+
+
+def systems_of(request: SpeechEffectRequest | StepSweepRequest) -> tuple[str, ...]:
+    """Return the names of the requested systems, all if none is named."""
+    return tuple(dict.fromkeys(request.systems)) or list_systems(request.weights)
+
+
+def _check_count(request: SpeechEffectRequest | StepSweepRequest) -> None:
+    systems = systems_of(request)
+    if not 1 <= len(systems) <= MAX_SYSTEMS:
+        raise RunError(
+            f"One to {MAX_SYSTEMS} systems are compared at once; got {len(systems)}"
+            f"{': ' if systems else ''}{', '.join(systems)}."
+        )
