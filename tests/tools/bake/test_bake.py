@@ -173,11 +173,12 @@ def test_the_meshes_beside_the_body_have_its_surface_and_none_of_its_faces_turne
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     limits = (
         (0.98, 0.01),
+        (0.98, 0.01),
         (0.97, 0.01),
         (0.95, 0.01),
         (0.92, 0.01),
-        (0.85, 0.02),
-    )  # the last casts shadows
+        (0.85, 0.02),  # casts shadows
+    )
     for count, faces, (least, most) in zip(NUM_FACES, meshes, limits, strict=True):
         assert 0.9 * count < len(faces) <= count
         of_faces = areas(vertices, faces)
