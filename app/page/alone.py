@@ -13,6 +13,7 @@ import json
 import re
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from app import text
 from app.errors import RunError
@@ -22,8 +23,9 @@ from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.output.provenance import ARE, PROVENANCE
-from app.run.output.run_folder import RowKind, runs_in
+from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowKind, file_of, runs_in
 from app.run.pieces import MAX_FRAMES
+from model.storage.checked import FieldError, read_checked
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
@@ -102,8 +104,9 @@ def player_alone(folder: Path) -> str:
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
         head += markup.verdict(first.verdict.numbers, first.verdict.judgement)
-    if (path := next(iter(runs.values())) / PROVENANCE).is_file():
-        head += f"<p>{text.WEIGHTS.format(are=escape(str(json.loads(path.read_bytes())[ARE])))}</p>"
+    if path := file_of(next(iter(runs.values())), PROVENANCE):
+        are = str(_object_in(path).get(ARE, ""))
+        head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""
     files |= {name: make() for name, (make, _) in OF_STAGES.items()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
     modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}
@@ -122,6 +125,14 @@ def player_alone(folder: Path) -> str:
             "</body></html>\n",
         ]
     )
+
+
+def _object_in(path: Path) -> dict[str, Any]:
+    """Return the JSON object of a file. Raises `RunError` if it holds none."""
+    try:
+        return read_checked(path, dict[str, Any], MAX_RUN_BYTES)
+    except FieldError as error:
+        raise RunError(DAMAGED.format(name=path.name, why=error)) from None
 
 
 def _needed(module: str) -> list[str]:

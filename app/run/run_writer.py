@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from app.run.output.run_folder import (
     RUN,
     SPEECH,
     TIMELINE,
+    AssumedTold,
     Row,
     RowKind,
     RunRecord,
@@ -330,7 +331,7 @@ class RunWriter(Ear):
             )
         record.says = {key: cut(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
-            row.assumed = diagnostics.assumed.get(row.name, [])
+            row.assumed = cast(list[AssumedTold], diagnostics.assumed.get(row.name, []))
         self.tell()
 
 

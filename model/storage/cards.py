@@ -4,14 +4,16 @@ offers.
 Nothing here imports torch."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from conventions.names import file_stem
+from model.storage.files import bytes_within
 
+MAX_CARD_BYTES = 10**7
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
 CALM_AND_LIVELY = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
@@ -66,7 +68,7 @@ class Card(dict[str, Any]):
     def speakers(self) -> dict[str, int]:
         """Whose manners the weights know, by their place in the network's table."""
         with self.reading():
-            return {str(name): int(place) for name, place in self["speakers"].items()}
+            return {str(name): _number(place, int) for name, place in self["speakers"].items()}
 
     @property
     def encoder(self) -> str:
@@ -95,7 +97,8 @@ class Card(dict[str, Any]):
     @property
     def training_hours(self) -> float:
         """0 where that is not known."""
-        return float(self.get("training_hours") or 0.0)
+        with self.reading():
+            return _number(self.get("training_hours") or 0.0, float)
 
     @property
     def steps(self) -> int | None:
@@ -108,6 +111,14 @@ class Card(dict[str, Any]):
         return self.get("weights_are")
 
 
+def _number(told: Any, kind: Callable[[Any], T]) -> T:
+    """Return a value as a number; raises `TypeError` if it is none."""
+    try:
+        return kind(told)
+    except (ValueError, OverflowError) as error:
+        raise TypeError(str(error)) from None
+
+
 def load_card(folder: Path, system: str) -> Card:
     """The card of a system.
 
@@ -115,11 +126,12 @@ def load_card(folder: Path, system: str) -> Card:
         CheckpointError: if it is missing or no JSON object.
     """
     path = folder / f"{file_stem(system)}.json"
+    if not path.exists():
+        raise CheckpointError(f"{path} is missing; train {system} or pass --weights.")
+    content = bytes_within(path, MAX_CARD_BYTES, CheckpointError)
     try:
-        card = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise CheckpointError(f"{path} is missing; train {system} or pass --weights.") from None
-    except (OSError, ValueError) as error:
+        card = json.loads(content)
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from None
     if not isinstance(card, dict) or "sha256" not in card:
         raise CheckpointError(f"{path} is no weights card: it has no sha256.")

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from conventions.names import file_stem
 from model.storage.cards import Card, CheckpointError, load_card
-from model.storage.files import write_atomically
+from model.storage.files import bytes_within, write_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
 
@@ -46,10 +46,7 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
     """
     card = load_card(folder, system)
     path = folder / f"{file_stem(system)}.safetensors"
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be read: {error.strerror}.") from None
+    content = bytes_within(path, MAX_BYTES, CheckpointError)
     found = hashlib.sha256(content).hexdigest()
     if found != card.sha256:
         raise CheckpointError(

@@ -82,6 +82,8 @@ def write_atomically(path: str | Path, content: str | bytes) -> None:
 
 def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
     """What a file holds; an ``error`` with one sentence if it is missing or larger."""
+    if path.exists() and not path.is_file():  # a pipe would never end, nor a device
+        raise error(f"{path.name} could not be read: it is no regular file.")
     try:
         with path.open("rb") as file:
             data = file.read(most + 1)

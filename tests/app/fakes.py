@@ -40,6 +40,7 @@ from model.speech.audio import load_speech
 from model.speech.transcript import Transcript, Word
 from tests.app.measured import diagnostics_of, measured
 
+ASSUMED = {"what": "up", "value": "z", "why": "so (--up)", "sure": "likely", "others": ["y"]}
 CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),
     speakers=("wayne", "scott"),
@@ -240,7 +241,7 @@ def diagnose(request: AnyRun, ear: Ear) -> None:
             run.motion(name, motion)
         run.note("A <note>.")
         found = diagnostics_of(**{name: measures(120.0) for name in request.motions.names})
-        assumed = {name: [{"what": "up", "why": "so (--up)"}] for name in request.motions.names}
+        assumed = {name: [dict(ASSUMED)] for name in request.motions.names}
         for row, path in zip(run.record.rows, request.motions.motions, strict=True):
             row.ending = path.suffix
         run.measured(replace(found, assumed=assumed))

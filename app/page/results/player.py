@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app import text
-from app.errors import page_sentence
+from app.errors import RunError, page_sentence
 from app.page.routes.media import Address, Media
 from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
 from app.run.output.run_folder import (
+    DAMAGED,
+    MAX_RUN_BYTES,
     RUN,
+    TIMELINE,
     Row,
     RowKind,
     RunRecord,
@@ -26,6 +29,7 @@ from app.run.output.run_folder import (
     runs_in,
 )
 from conventions.names import REFERENCE_NAME, file_stem
+from model.storage.checked import FieldError, read_checked
 
 if TYPE_CHECKING:
     from app.run.takes.edits import Offer
@@ -76,7 +80,10 @@ class Showing:
     def timeline(self) -> dict[str, Any]:
         """What stands under the bodies; empty where nothing has come."""
         path = file_of(self.folder, self.record.timeline)
-        return {} if path is None else json.loads(path.read_text(encoding="utf-8"))
+        try:
+            return {} if path is None else read_checked(path, dict[str, Any], MAX_RUN_BYTES)
+        except FieldError as error:
+            raise RunError(DAMAGED.format(name=TIMELINE, why=error)) from None
 
     def say(
         self,
@@ -162,7 +169,7 @@ def showings_in(
 
 def _assumed(row: Row) -> dict[str, Any]:
     """What chips are told: the kind of its file, as `Assumptions` has it, and its reading."""
-    read = [{**each, "why": page_sentence(str(each.get("why", "")))} for each in row.assumed]
+    read = [{**each, "why": page_sentence(each["why"])} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from typing_extensions import TypedDict
 
 from app.errors import RunError
 from app.run.output.result_folder import zip_files
@@ -40,6 +41,7 @@ NO_RUN = (
     "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
     "this version has written, or its zip."
 )
+DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
 MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
@@ -94,6 +96,16 @@ class TakeOf(_Strict):
     """Seconds that were made anew."""
 
 
+class AssumedTold(TypedDict):
+    """How a file was understood in one respect; see `model.formats` and Assumption in told.d.ts."""
+
+    what: Text
+    value: Text
+    why: Text
+    sure: Literal["told", "stated", "sure", "likely", "unsure"]
+    others: Annotated[list[Text], Field(max_length=40)]
+
+
 class Row(_Strict):
     """One motion."""
 
@@ -103,7 +115,7 @@ class Row(_Strict):
     files: dict[RowKind, FileName] = {}
     there: There | None = None
     take: TakeOf | None = None
-    assumed: Annotated[list[dict[Name, Any]], Field(max_length=40)] = []
+    assumed: Annotated[list[AssumedTold], Field(max_length=40)] = []
     """As what its file was understood, where it came from one."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
     """Of that file's name; see `ending_of`."""

@@ -1,6 +1,8 @@
 """Weights and their cards, settings told as text, and errors of writing."""
 
 import errno
+import json
+import os
 import pickle
 from dataclasses import replace
 
@@ -8,7 +10,7 @@ import pytest
 import torch
 
 from model.networks.config import MatchingConfig
-from model.storage.cards import Card, CheckpointError, with_setting
+from model.storage.cards import Card, CheckpointError, load_card, with_setting
 from model.storage.checkpoint import load_into, load_weights, save_weights
 from model.storage.files import WriteError, written_atomically
 from model.systems.asynfusion.config import presets
@@ -95,3 +97,24 @@ def test_a_write_error_is_one_sentence_and_knows_its_cause_in_another_process_to
             f"{tmp_path / 'a.npz'} could not be written: the disk is full; free some space or "
             "choose another folder."
         )
+
+
+def test_a_stranger_s_folder_of_weights_is_told_of_whatever_lies_in_it(tmp_path):
+    card, weights = tmp_path / "a.json", tmp_path / "a.safetensors"
+    for content in ("[" * 10**5, '{"sha256": ' + "[" * 10**5, "\0"):
+        card.write_text(content)
+        with pytest.raises(CheckpointError, match="cannot be read"):
+            load_card(tmp_path, "a")
+    told = {"sha256": "", "speakers": {"ann": "x", "bea": 1e999}, "training_hours": "many"}
+    card.write_text(json.dumps(told))
+    for name in ("speakers", "training_hours"):
+        with pytest.raises(CheckpointError, match="lacks or misstates"):
+            getattr(load_card(tmp_path, "a"), name)
+    os.mkfifo(weights)
+    with pytest.raises(CheckpointError, match="no regular file"):
+        load_weights(tmp_path, "a")
+    for make in (os.mkfifo, lambda path: os.symlink("/dev/zero", path)):
+        card.unlink()
+        make(card)
+        with pytest.raises(CheckpointError, match="no regular file"):
+            load_card(tmp_path, "a")

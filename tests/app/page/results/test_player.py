@@ -1,15 +1,20 @@
 """What the page's player is told of a run while its folder grows; the first example."""
 
+import json
+
 import pytest
 
 from app.errors import RunError
-from app.page.results.player import first_look
+from app.page.alone import player_alone
+from app.page.results.player import Showing, first_look
 from app.page.routes.media import Media
 from app.run.callbacks import Ear, Event, Grown
 from app.run.examples import STEADY, TREMBLING
+from app.run.output.provenance import ARE, PROVENANCE
+from app.run.output.run_folder import RUN, TIMELINE, RunRecord, read_run, rows_of
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
-from tests.app.fakes import made_motion, make_generate
+from tests.app.fakes import ASSUMED, made_motion, make_generate
 from tests.app.page.results.made_run import made_run, showing_in
 from tests.app.requests import generate_request
 
@@ -75,3 +80,27 @@ def test_the_example_is_shown_to_every_visitor_without_a_cookie():
     assert "Which hand trembles?" in told, "the answer is folded away and has the numbers"
     assert TREMBLING not in before.split("<p>")[0] and "1,318" not in before
     assert "1,318" in after and "190" in after
+
+
+def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
+    (row,) = rows_of(["a"])
+    record = RunRecord(kind="given", point="right_wrist", rows=[row], timeline=TIMELINE)
+    record.write(tmp_path / RUN)
+    showing = Showing(tmp_path, str)
+    for content in ("[" * 10**5, "[1]", "{"):
+        (tmp_path / TIMELINE).write_text(content)
+        with pytest.raises(RunError, match=r"timeline\.json of this run is damaged"):
+            showing.timeline()
+    told = json.loads((tmp_path / RUN).read_text())
+    for assumed in ({"what": "up"}, {**ASSUMED, "others": 3}, {**ASSUMED, "sure": "<b>"}):
+        told["rows"][0]["assumed"] = [assumed]
+        (tmp_path / RUN).write_text(json.dumps(told))
+        with pytest.raises(RunError, match="is damaged"):
+            read_run(tmp_path)
+    told["rows"][0] |= {"assumed": [ASSUMED], "files": {"frames": "a.frames"}}
+    (tmp_path / RUN).write_text(json.dumps(told))
+    (tmp_path / "a.frames").touch()
+    secret = tmp_path.parent / "secret.json"
+    secret.write_text(json.dumps({ARE: "a secret"}))
+    (tmp_path / PROVENANCE).symlink_to(secret)
+    assert "a secret" not in player_alone(tmp_path)

@@ -83,7 +83,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
     assert saved(last["downloads"]) == ["diagnostics.json", "jitter.png"]
     assert 'href="media/run/' in last["downloads"]["value"]
-    read = [{"what": "up", "why": "so"}]
+    read = [{**fakes.ASSUMED, "why": "so"}]
     assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
 
 
