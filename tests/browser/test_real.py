@@ -448,6 +448,10 @@ def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_s
     page.unroute("**/run/predict?run=*")
     ready(page)
     expect(form).not_to_have_attribute("inert", "")
+    fold = page.locator("#player .fold")  # once it is there it has made room for many takes
+    fold.wait_for()
+    if fold.get_attribute("aria-expanded") == "false":
+        fold.click()
     speech = page.locator("#speech")
     for _ in range(2):
         speech.get_by_label("Clear").click()
