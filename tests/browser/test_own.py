@@ -268,7 +268,6 @@ DROPPED = """async (content) => {
 }"""
 
 
-@pytest.mark.slow  # their results are held in tests/app/page/tabs/test_runs.py
 def test_several_clips_are_one_run_each_is_seen_and_all_are_kept_as_one_page(
     page: Page, tmp_path: Path
 ) -> None:

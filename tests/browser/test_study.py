@@ -377,7 +377,6 @@ def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_ret
     expect(preview.get_by_label(WORDS["consent"]["agree"])).not_to_be_checked()
 
 
-@pytest.mark.slow  # their answers are held in tests/app/study
 def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_quiet_tone(
     take_part: Callable[..., Page], host: Host, tmp_path: Path
 ) -> None:
