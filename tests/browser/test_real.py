@@ -5,11 +5,11 @@ import json
 import re
 import tomllib
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Route, expect
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, Route, expect
 
 from app import text
 from app.page.tabs import live as live_tab
@@ -32,6 +32,7 @@ from tests.browser.conftest import (
     ready,
     saved,
     staged,
+    start,
     tick,
     turn_to,
     watched,
@@ -60,10 +61,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def generated(
-    browser: Browser, real_address: str, files: dict[str, Path]
-) -> Iterator[tuple[Page, str]]:
-    """A run that moves by the plan, done by the real pipeline, without videos; and its link."""
+def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> Iterator[Page]:
+    """A run that moves by the plan, done by the real pipeline, without videos."""
     context = browser.new_context(
         viewport={"width": 1280, "height": 900},
         reduced_motion="reduce",
@@ -78,17 +77,16 @@ def generated(
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press(page, text.GENERATE)
     staged(page, 1).locator("#downloads .bundle").wait_for()
-    yield page, page.url
+    yield page
     context.close()
 
 
 @pytest.fixture
-def page(generated: tuple[Page, str]) -> Page:
+def page(generated: Page) -> Page:
     """The page of all journeys here, with its first tab open."""
-    page, _ = generated
-    turn_to(page, (1280, 900, "light"))
-    page.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
-    return page
+    turn_to(generated, (1280, 900, "light"))
+    generated.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
+    return generated
 
 
 IN_ONE_VIEW = """() => {
@@ -436,11 +434,16 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
 
 
 def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_swept(
-    page: Page, generated: tuple[Page, str], page_files: Path
+    visitor: Callable[..., BrowserContext], real_address: str, page_files: Path, speech: Path
 ) -> None:
+    page = opened(visitor(), real_address)
+    tick(page, ["global"])
+    page.get_by_label(text.VIDEOS_LABEL).uncheck()
+    start(page, speech)
+    page.locator("#downloads .bundle").wait_for()
     held: list[Route] = []
     page.route("**/run/predict?run=*", lambda route: held.append(route))  # noqa: PLW0108
-    page.goto(generated[1])
+    page.goto(page.locator("#runs .link a").evaluate("link => link.href"))
     form = page.locator("#motion-form")  # which the run of the link would fill in anew
     expect(form).to_have_attribute("inert", "")
     for route in held:
@@ -448,17 +451,13 @@ def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_s
     page.unroute("**/run/predict?run=*")
     ready(page)
     expect(form).not_to_have_attribute("inert", "")
-    fold = page.locator("#player .fold")  # once it is there it has made room for many takes
-    fold.wait_for()
-    if fold.get_attribute("aria-expanded") == "false":
-        fold.click()
-    speech = page.locator("#speech")
+    field = page.locator("#speech")
     for _ in range(2):
-        speech.get_by_label("Clear").click()
+        field.get_by_label("Clear").click()
         with page.expect_response("**/examples/*.wav") as sound:
             page.locator("#examples button").first.click()
         assert sound.value.ok
-        expect(speech.locator("time").last).not_to_have_text("0:00")  # it was read
-        expect(speech.get_by_label("Play", exact=True)).to_be_visible()
+        expect(field.locator("time").last).not_to_have_text("0:00")  # it was read
+        expect(field.get_by_label("Play", exact=True)).to_be_visible()
         for file in page_files.rglob("*.wav"):
             file.unlink()

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import secrets
 from collections.abc import Callable
 from dataclasses import replace
@@ -362,6 +363,7 @@ def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:
 
 def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
     assert len(screen(signed(), LINKED).kept) == 4
+    assert re.fullmatch("17-[0-9a-f]{32}", LINKED.token(17)), "128 bits, or it can be guessed"
     assert len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).kept) == 4
 
 
