@@ -1,4 +1,4 @@
-"""Settings of the page: from flags and environment, checked once."""
+"""Settings of the page, read from flags and the environment and validated once."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
 EXAMPLES = PROJECT / "examples"
 LOCAL_PROXIES = ("127.0.0.1", "::1")
-"""Their X-Forwarded-For and -Proto are believed without a word."""
+"""Addresses whose X-Forwarded-For and X-Forwarded-Proto headers are trusted by default."""
 ASKED_BACKEND = os.environ.get("MPLBACKEND", "")
-"""matplotlib's backend that the environment names."""
+"""matplotlib backend named by MPLBACKEND when the program started."""
 _MODULE = "module://"
 _ROOT_PATH = re.compile(r"(https?://[\w.:-]+)?(/[\w.~-]+)*/?")
 _ORIGIN = re.compile(r"https?://(\*\.)?[a-z0-9.-]+(:[0-9]{1,5})?", re.IGNORECASE)
@@ -33,7 +33,7 @@ Several = UseAppendAction[tuple[str, ...]]
 
 
 def use_file_backend() -> None:
-    """Have matplotlib draw into files alone, before it or Gradio is imported.
+    """Make matplotlib draw into files only; call this before it or Gradio is imported.
 
     Colab and Jupyter name a backend in MPLBACKEND that only their own Python has, shells one with
     windows: either ends every figure, and every click of Gradio, in an ImportError.
@@ -49,7 +49,7 @@ def drop_missing_backend() -> None:
 
 
 def backend_fault() -> str:
-    """Return why the backend that the environment names cannot be used; empty if it can."""
+    """Return why the matplotlib backend of MPLBACKEND cannot be used; empty if it can."""
     from matplotlib.backends.registry import backend_registry
 
     try:
@@ -71,15 +71,16 @@ _NO_PROXIES = {"NO_PROXY": "*", "no_proxy": "*"}
 
 
 def ask_without_proxies() -> None:
-    """Have this process ask others, above all itself, without http_proxy and ALL_PROXY, before
-    Gradio is imported: a page behind a firewall could not reach itself, and a SOCKS proxy needs a
-    package."""
+    """Disable http_proxy and ALL_PROXY in this process; call this before Gradio is imported.
+
+    A page behind a firewall could not reach itself, and a SOCKS proxy needs a package.
+    """
     os.environ |= _NO_PROXIES
 
 
 @contextmanager
 def without_proxies() -> Iterator[None]:
-    """As `ask_without_proxies`, for the block."""
+    """Disable http_proxy and ALL_PROXY within the block, as `ask_without_proxies` does."""
     before = {name: os.environ.get(name) for name in _NO_PROXIES}
     os.environ |= _NO_PROXIES
     try:
@@ -93,8 +94,7 @@ def without_proxies() -> Iterator[None]:
 
 
 def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
-    """Names and passwords, one of each a line, with a colon between. Raises `RunError` if there are
-    none."""
+    """Read (name, password) pairs from a file; raises RunError if it has none or cannot be read."""
     try:
         lines = [line.strip() for line in Path(path).read_text("utf-8").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
@@ -106,12 +106,12 @@ def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
 
 
 def default_host() -> str:
-    """Hosted Gradio spaces set GRADIO_SERVER_NAME; elsewhere only this machine is served."""
+    """Return GRADIO_SERVER_NAME, which hosted Gradio spaces set; otherwise 127.0.0.1."""
     return os.environ.get("GRADIO_SERVER_NAME") or "127.0.0.1"
 
 
 def default_port() -> int:
-    """GRADIO_SERVER_PORT, else 7860."""
+    """Return GRADIO_SERVER_PORT, or 7860 without one."""
     value = os.environ.get("GRADIO_SERVER_PORT") or "7860"
     if not value.isdigit():
         raise RunError(f"GRADIO_SERVER_PORT must be a whole number; got {value!r}.")
@@ -119,60 +119,60 @@ def default_port() -> int:
 
 
 def default_root_path() -> str:
-    """GRADIO_ROOT_PATH, else none."""
+    """Return GRADIO_ROOT_PATH, or an empty path without one."""
     return os.environ.get("GRADIO_ROOT_PATH") or ""
 
 
 def default_body() -> Path | None:
-    """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
+    """Return the path of the licensed SMPL-X file in SMPLX_MODEL, or None."""
     value = os.environ.get("SMPLX_MODEL")
     return Path(value) if value else None
 
 
 @dataclass(frozen=True)
 class AppConfig:
-    """Where the page listens, what it works with and what it allows."""
+    """Settings of the page: address, models and limits."""
 
     host: str = field(default_factory=default_host)
     """Address to listen on."""
     port: int = field(default_factory=default_port)
-    """0 takes the first free one from 7860 on."""
+    """Port to listen on; 0 takes the first free one from 7860 on."""
     body: File = field(default_factory=default_body)
     """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
     weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
-    """A name under which the page is reached, as people type it, besides this machine's own and
-    --host; may be given again."""
+    """Further name under which people reach the page, besides the names of this machine and --host;
+    may be repeated."""
     proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
-    """Address of a proxy whose X-Forwarded headers are believed; may be given again. By default
-    one on this machine, without X-Forwarded-Host."""
+    """Address of a proxy whose X-Forwarded headers are trusted; may be repeated. By default a proxy
+    on this machine is trusted, except for X-Forwarded-Host."""
     root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
-    """Path below which a proxy serves the page, as /lab, whether it removes it or not; by default
-    $GRADIO_ROOT_PATH."""
+    """Path below which a proxy serves the page, such as /lab, whether or not the proxy removes it;
+    by default $GRADIO_ROOT_PATH."""
     embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
-    """A site that may show the page in a frame, as https://lab.example; may be given again. By
-    default none but the page itself; for a hosted space its host's too."""
+    """Site that may show the page in a frame, such as https://lab.example; may be repeated. By
+    default only the page itself may, and in a hosted space also the host's site."""
     accounts: Annotated[
         tuple[tuple[str, str], ...], text_type(read_accounts, "FILE", "none"), arg(name="auth")
     ] = ()
-    """Lines of NAME:PASSWORD; visitors must log in."""
+    """File with lines of NAME:PASSWORD; visitors must log in with one of them."""
     opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
-    """Results of `generate` or `diagnose`, or their zip: shown when the page opens."""
+    """Run folder of `generate` or `diagnose`, or its zip, to show when the page opens."""
     max_speech_s: Minutes = 600.0
-    """Longest speech accepted."""
+    """Maximum length of a speech."""
     min_speech_s: Suppress[float] = 0.5
     max_upload: Suppress[str] = "250mb"
-    """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
+    """Upload limit of Gradio. Ten minutes of 48 kHz stereo are 115 MB."""
     max_waiting: Suppress[int] = 32
-    """For their turn, videos behind a stage among them, checks of uploads not."""
+    """Maximum length of the queue, including background videos and excluding checks of uploads."""
     keep_results_s: Suppress[float] = 3600.0
-    """Results and uploads are deleted this long after they were made."""
+    """Age (s) at which results and uploads are deleted."""
     max_run_s: Suppress[float] = 2 * 3600.0
     max_run_bytes: Suppress[int] = 4 * 10**9
-    """Of memory that a run may take beyond the models."""
+    """Memory (bytes) that a run may use in addition to the models."""
     min_free_bytes: Suppress[int] = 10**9
-    """Of the disk, which is never filled further."""
+    """Disk space (bytes) that always stays free."""
     temp: Suppress[Path] = field(
         default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}"
     )
@@ -202,7 +202,7 @@ class AppConfig:
 
     @property
     def private_folder(self) -> Path:
-        """What waits for one visitor alone and is never served as a file."""
+        """Folder of files that wait for a single visitor and are never served by path."""
         return self.temp / "private"
 
     @property

@@ -1,4 +1,4 @@
-"""Errors a person meets, and how any other is turned into a sentence or kept apart."""
+"""Errors with a sentence for the user, and the conversion of other exceptions to such sentences."""
 
 from __future__ import annotations
 
@@ -17,31 +17,33 @@ log = logging.getLogger(__name__)
 
 
 class RunError(ValueError):
-    """A run that cannot be done, with the one sentence that says why and what to do."""
+    """Error of a run that cannot be done; its message is one sentence with the reason and what to
+    do."""
 
 
 class DiskFullError(RunError):
-    """A run for which the disk has too little room."""
+    """Error of a run that needs more disk space than there is."""
 
 
 class FaultElsewhere(Exception):
-    """A fault of the program in another process, with its traceback; no sentence for anyone."""
+    """Program fault in another process; its message is a traceback and is never shown to users."""
 
 
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _OUR_PACKAGES = ("app", "model", "renderer", "processes")
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\"]+/)+")
-"""Of a file named with its whole path."""
+"""Folder part of an absolute path in a sentence."""
 _OPTIONS = re.compile(r" \([^()]*--[a-z][^()]*\)")
-"""How sentences name an option of the command line."""
+"""Bracketed mention of a command-line option in a sentence."""
 
 
 def sentence_of(error: BaseException) -> str | None:
-    """The sentence to show a person, or None when the error is a fault of the program.
+    """Return the sentence to show for an error, or None for a fault of the program.
 
-    Errors that this project raises carry their sentence. Of the system's errors only those are
-    put into words that a person can do something about.
+    Errors that this project raises carry their sentence. Among the system's errors only a full
+    disk, missing permissions and missing memory get one, because a user can do something about
+    them.
     """
     if isinstance(error, FaultElsewhere):
         return None
@@ -56,8 +58,10 @@ def sentence_of(error: BaseException) -> str | None:
 
 
 def visitor_sentence(error: BaseException) -> str:
-    """What a visitor is told of an error: no folder of this machine, and of faults of the program,
-    which are logged, a number."""
+    """Return the sentence that a visitor sees for an error, without folders of this machine.
+
+    A fault of the program is logged and shown as a number.
+    """
     if is_disk_full(error):
         return text.DISK_FULL
     sentence = sentence_of(error)
@@ -69,25 +73,24 @@ def visitor_sentence(error: BaseException) -> str:
 
 
 def without_folders(sentence: str) -> str:
-    """A sentence without the folders of files that it names."""
+    """Remove the folders of file paths from a sentence."""
     return _FOLDERS.sub("", sentence)
 
 
 def page_sentence(sentence: str) -> str:
-    """A sentence without what it tells users of the command line, which stands in brackets, and
-    without signs that only a document turns into letters of code."""
+    """Remove bracketed command-line options and backticks from a sentence for the page."""
     return _OPTIONS.sub("", sentence).replace("`", "")
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Whether there is no room to write, as the system or this program says."""
+    """Check whether an error, of the system or of this program, means that the disk is full."""
     return isinstance(error, DiskFullError) or (
         isinstance(error, OSError) and error.errno in _DISK_FULL
     )
 
 
 def disk_full_sentence(folder: Path | None) -> str:
-    """What to do about it."""
+    """Return the sentence for a full disk, with the folder if there is one."""
     where = f" at {folder}" if folder else ""
     return f"The disk{where} is full; free some space or write to another folder."
 
@@ -104,7 +107,7 @@ def _file_sentence(error: OSError) -> str:
 
 
 def _is_unreadable(path: Path) -> bool:
-    """Whether a file is there, or behind a folder that may not be entered, and cannot be read."""
+    """Check whether a file exists, or is behind a closed folder, and cannot be read."""
     try:
         path.stat()
     except PermissionError:

@@ -1,5 +1,5 @@
-"""How what is asked for is written on a command line: tyro makes flags of the fields of a frozen
-dataclass, by their types, and says of them what their docstrings say."""
+"""Command-line flags of request dataclasses: types, parsers and error messages for tyro. Flags
+follow from field types, and their help from field docstrings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from model.systems.registry import families
 
 
 class TextType(PrimitiveConstructorSpec[Any]):
-    """A type that tyro and pydantic read from text in the same way."""
+    """Type that tyro and pydantic parse from text in the same way."""
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -49,11 +49,11 @@ def text_type(
     default: str = "",
     show: Callable[[Any], str] = str,
 ) -> PrimitiveConstructorSpec[Any]:
-    """Mark a type whose values are read from one word, on the command line, in forms and in files.
+    """Make the annotation of a type that is parsed from one word, in flags, forms and files.
 
     Args:
-        parse: may raise `RunError` with a sentence that says why a word cannot be read.
-        default: shown in help in place of a default that is None or empty.
+        parse: parser of a word, which may raise `RunError` with the reason.
+        default: text in help for a default that is None or empty.
     """
     return TextType(
         nargs=1,
@@ -66,7 +66,7 @@ def text_type(
 
 @dataclass(frozen=True)
 class Switch:
-    """Mark a type of which a check box gives one of two values."""
+    """Annotation of a type for which a check box selects one of two values."""
 
     on: str
     off: str
@@ -81,10 +81,10 @@ class Switch:
 
 
 def parse_names(told: str) -> tuple[str, ...]:
-    """``A,B``; the empty tuple of ``all``.
+    """Parse ``A,B`` into a tuple of names; ``all`` gives the empty tuple.
 
     Raises:
-        RunError: if there is none.
+        RunError: if there is no name.
     """
     names = tuple(name.strip() for name in told.split(",") if name.strip())
     if not names:
@@ -93,7 +93,7 @@ def parse_names(told: str) -> tuple[str, ...]:
 
 
 def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
-    """Marks a type of which a person may ask for these alone."""
+    """Make the annotation of a type that accepts only the listed values."""
 
     def read(told: str) -> Any:
         for choice in choices:
@@ -107,11 +107,11 @@ def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
 def subset_type(
     choices: tuple[str, ...], refusal: str, metavar: str, none: str = ""
 ) -> PrimitiveConstructorSpec:
-    """Marks a tuple of which a person may name these alone, each once.
+    """Make the annotation of a tuple that accepts only the listed names, each once.
 
     Args:
-        refusal: says that there is no such ``name``, and the ``names`` that there are.
-        none: the word for none of them; without it one must be named.
+        refusal: error message with placeholders for the unknown ``name`` and the known ``names``.
+        none: word for the empty tuple; without it at least one name is required.
     """
 
     def read(told: str) -> tuple[str, ...]:
@@ -125,12 +125,16 @@ def subset_type(
 
 
 def negative_flag(name: str, about: str) -> Any:
-    """Mark a switch that is on by default, whose flag ``--no-NAME`` leaves something out."""
+    """Make the annotation of a switch that is on by default and has the flag ``--no-NAME``."""
     return arg(name=name, help=about, help_behavior_hint="")
 
 
 def parse_count(told: str) -> int:
-    """Raises `RunError` if it is none."""
+    """Parse a whole number of at least 1.
+
+    Raises:
+        RunError: if it is none.
+    """
     if not told.isdecimal() or int(told) < 1:
         raise RunError(f"{told!r} is no number from 1 on")
     return int(told)
@@ -145,11 +149,11 @@ Minutes = Annotated[
     text_type(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
     arg(name="max-minutes"),
 ]
-"""Seconds."""
+"""Duration in seconds that is entered in minutes."""
 
 
 def family_files() -> Any:
-    """Marks what has a flag for each file that a family needs."""
+    """Make the annotation of an argument with one flag for each file that a system family needs."""
     files = [file for family in families() for file in family.files]
     kind = Annotated[Path | None, text_type(Path, "FILE", "none")]
     named = [
@@ -160,10 +164,10 @@ def family_files() -> Any:
 
 
 def use_family_files(named: Mapping[str, Any]) -> None:
-    """Let this process and its children know what was named; see at once that it is all there.
+    """Export the paths of family files to this process and its children, and check the files.
 
     Raises:
-        CheckpointError, EncoderError: if something is named, but not there, or not enough.
+        CheckpointError, EncoderError: if a named file is missing or incomplete.
     """
     for family in families():
         for file in family.files:
@@ -189,10 +193,10 @@ _NO_NUMBER = (
 
 
 def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
-    """A function with the arguments that the words of a command line give it.
+    """Return a function bound to the arguments of a command line.
 
     Raises:
-        SystemExit: 2 after a sentence, where they give none; 0 after help.
+        SystemExit: status 2 after an error message for wrong arguments; status 0 after help.
     """
 
     @functools.wraps(does)
@@ -214,7 +218,7 @@ def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> C
 
 
 def _sentence(box: str, program: str) -> str:
-    """What tyro says in a box, as a line of text."""
+    """Convert tyro's boxed error message to one line of text."""
     title, *lines = [line.strip("│ ") for line in box.splitlines()]
     lines = lines if title.startswith("╭") else lines[1:]  # in ASCII the title is underlined
     said = " ".join(takewhile(lambda line: not line.startswith(("─", "-----")), lines))

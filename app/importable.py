@@ -1,8 +1,8 @@
-"""The installed form from Python, where this file is ``co_speech_motion/__init__.py``; a checkout
-has ``app.notebook`` instead.
+"""Python interface of the installed package, where this file is ``co_speech_motion/__init__.py``; a
+checkout has ``app.notebook`` instead.
 
-The folders ``app``, ``model`` and the other roots lie beside it, and are searched after everything
-else once something of it is used.
+The folders ``app``, ``model`` and the other roots lie next to it, and are added to the end of the
+search path at the first use of an attribute.
 """
 
 import sys

@@ -1,9 +1,9 @@
-"""The command of the installed form, where this file stands above ``app``, ``model`` and
-the other roots as ``co_speech_motion/__main__.py``; a checkout has ``python -m app`` instead.
+"""Command line entry point of the installed package, where this file is
+``co_speech_motion/__main__.py`` above ``app``, ``model`` and the other roots; a checkout has
+``python -m app`` instead.
 
-Installed under names of their own, they would be ``app`` and ``model`` to every other program
-of the environment. So they lie in one folder, which is searched by this program and its children
-alone.
+Installed at the top level, they would be ``app`` and ``model`` to every other program of the
+environment. So they lie in one folder, which only this program and its children search.
 """
 
 import runpy
@@ -17,12 +17,12 @@ MODULES = {
     "train": "model.train",
     "evaluate": "model.evaluate",
 }
-"""Words of the command that are programs of their own, as the page is; every other is one of
-``python -m app``."""
+"""Commands that are programs with a module each; all others but ``page`` are commands of ``python
+-m app``."""
 
 
 def main() -> int:
-    """Run one command; without any, say which there are."""
+    """Run one command; without a command, write the list of commands."""
     sys.path.insert(0, str(Path(__file__).resolve().parent))
     word = sys.argv[1] if len(sys.argv) > 1 else ""
     if word == "page":

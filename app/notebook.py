@@ -1,7 +1,7 @@
-"""The program from Python: speech and motion as arrays in, motion, plans and numbers out, bodies
-that play in a notebook's cell. It may import the page's player; nothing of the program imports it.
+"""Python interface of the program for notebooks: speech and motion as arrays, motion, plans and
+metrics as results, and a player for a cell. It may import the page's player; no module imports it.
 
-``docs/notebook.ipynb`` walks through it. What cannot be done is a ValueError with one sentence.
+``docs/notebook.ipynb`` walks through it. Errors are ValueErrors with one sentence.
 """
 
 from __future__ import annotations
@@ -69,24 +69,24 @@ __all__ = [
     "systems",
 ]
 SpeechLike = str | Path | Speech | tuple[np.ndarray, int]
-"""A sound file; speech that was read; or samples, (N,) or (N, channels), and their rate in Hz."""
+"""Audio file, loaded speech, or samples (N,) or (N, channels) with their sample rate (Hz)."""
 MotionLike = str | Path | Motion
 PlanLike = str | Path | GesturePlan
 HEIGHT_PX = 880
 RUN = "run"
-"""Folder of a run, beside what was handed over."""
+"""Folder of the run, next to the input files."""
 
 
 def systems() -> dict[str, str]:
-    """The bundled systems by name, with a sentence on each."""
+    """Return the bundled systems by name, each with a sentence about it."""
     return {name: family_of(name).about[name] for name in list_systems(BUNDLED_WEIGHTS)}
 
 
 def read_speech(speech: SpeechLike) -> Speech:
-    """Sound as the systems hear it: 16 kHz, mono.
+    """Load speech as the input of the systems: 16 kHz, mono.
 
     Raises:
-        SpeechError: with one sentence, if it cannot be used.
+        SpeechError: if the speech cannot be used.
     """
     if isinstance(speech, Speech):
         return speech
@@ -95,17 +95,17 @@ def read_speech(speech: SpeechLike) -> Speech:
 
 
 def read_motion(motion: MotionLike, assume: str = "") -> Motion:
-    """Anyone's motion: BEAT2, AMASS and SMPL-X files (.npz), rotations (.npy), .bvh.
+    """Read a motion: BEAT2, AMASS and SMPL-X files (.npz), rotations (.npy), .bvh.
 
     Args:
-        assume: how it is to be read, such as "up=z,rate=25".
+        assume: how to interpret a file that lacks metadata, such as "up=z,rate=25".
 
     Returns:
         ``poses`` (T, 165), local axis-angle of the 55 SMPL-X joints in radians; ``trans`` (T, 3) in
-        metres, y up; ``expressions`` (T, 100); at 30 frames per second.
+            metres, y up; ``expressions`` (T, 100); at 30 frames per second.
 
     Raises:
-        MotionError: with one sentence, if it cannot be read.
+        MotionError: if the motion cannot be read.
     """
     if isinstance(motion, Motion):
         return motion
@@ -115,11 +115,14 @@ def read_motion(motion: MotionLike, assume: str = "") -> Motion:
 def named_motions(
     motions: MotionLike | Mapping[str, MotionLike], reference: MotionLike | None = None
 ) -> dict[str, Motion]:
-    """By name; a file alone is called as it is, a motion alone "motion", a reference so.
+    """Read motions by name: a single file under its stem, a single motion as "motion".
+
+    Args:
+        reference: recorded motion, added under the name "reference".
 
     Raises:
-        RunError: of none.
-        MotionError: as `read_motion`.
+        RunError: if there is no motion.
+        MotionError: as in `read_motion`.
     """
     if isinstance(motions, str | Path):
         motions = {Path(motions).stem: motions}
@@ -132,7 +135,7 @@ def named_motions(
 
 
 def in_file(folder: Path, given: SpeechLike | MotionLike | PlanLike | None) -> Path | None:
-    """What was handed over as a file, which is made in the folder where it is none."""
+    """Return the path of an input; an input that is no file is written into the folder first."""
     match given:
         case None:
             return None
@@ -164,19 +167,15 @@ def _write_samples(path: Path, samples: np.ndarray, rate: int) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Player:
-    """A cell shows it; `save` keeps it as a file for any browser, about 3 MB and 50 kB a second of
-    each body."""
+    """Player of a run as HTML, shown by a notebook cell. `save` writes a file for any browser,
+    about 3 MB and 50 kB a second for each body."""
 
     html: str
     height: int = HEIGHT_PX
-    """Of the cell, in pixels."""
+    """Height of the cell in pixels."""
 
     def save(self, path: str | Path) -> Path:
-        """Write it whole or not at all.
-
-        Raises:
-            WriteError: with the reason.
-        """
+        """Write the player to a file atomically; raises WriteError if that fails."""
         write_atomically(Path(path), self.html)
         return Path(path)
 
@@ -198,12 +197,12 @@ def show(
     joint: str = DEFAULT_TRACKED_POINT,
     height: int = HEIGHT_PX,
 ) -> Player:
-    """Motions in lock-step under the sound, with the stage's displays and the time line.
+    """Play motions in sync with the sound, with the viewer's display options and the timeline.
 
     Args:
-        motions: one, or several by name; or the folder of a run, or of those of several clips,
-            which is shown as it is.
-        joint: whose jerk and speed the time line shows.
+        motions: one motion, several by name, or the folder of a run or of a run of several clips,
+            which is played unchanged.
+        joint: tracked point for the timeline's jerk and speed curves.
     """
     if isinstance(motions, str | Path) and Path(motions).is_dir():
         return Player(player_alone(Path(motions)), height)
@@ -226,16 +225,16 @@ def diagnose(
     joint: str = DEFAULT_TRACKED_POINT,
     progress: bool = True,
 ) -> Diagnostics:
-    """Measure motions, raw and filtered, and name their faults.
+    """Compute the metrics of motions, raw and filtered, and report their faults.
 
     Args:
-        motions: one, or several by name.
-        reference: recorded motion to compare with; all are then cut to the shortest.
-        speech: the sound that all of them belong to, for BeatAlign.
-        joint: the fingertip or joint that the ``tip_`` measures follow.
+        motions: one motion, or several by name.
+        reference: recorded motion to compare with; all motions are then cut to the shortest.
+        speech: sound that all motions belong to, for BeatAlign.
+        joint: tracked fingertip or joint of the ``tip_`` metrics.
 
     Returns:
-        ``systems`` and ``findings`` by name; ``as_json()`` is what ``diagnostics.json`` holds.
+        ``systems`` and ``findings`` by name; ``as_json()`` is the content of ``diagnostics.json``.
     """
     named = named_motions(motions, reference)
     tip = TipSource(joint)
@@ -251,21 +250,22 @@ def diagnose(
 
 
 def find_plan(motion: MotionLike) -> GesturePlan:
-    """Phases of both hands, nods, looks and steps, as they seem to be in a motion."""
+    """Detect the gesture plan of a motion: phases of both hands, nods, gaze and steps."""
     return found_plan(read_motion(motion), open_body_skeleton())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Measures of several motions, a table in a cell."""
+    """Metrics of several motions, shown as a table in a notebook cell."""
 
     table: DataFrame
-    """A row for each measure, a column for each motion; None where there is no such number."""
+    """Table with a row for each metric and a column for each motion; None if a metric does not
+    apply."""
     nearest: Mapping[str, Sequence[str]]
-    """By measure the motions that are nearest to the reference."""
+    """Names of the motions nearest to the reference, by metric."""
     apart_deg: Mapping[tuple[str, str], Mapping[str, float]]
-    """Of each two motions, by part of the body: mean angle between the rotations of its joints, the
-    part that differs most first."""
+    """Mean angle (degrees) between the joint rotations of two motions, by pair and body part, the
+    largest first."""
 
     def __repr__(self) -> str:
         return self.table.map(written).to_string()
@@ -281,7 +281,7 @@ class Comparison:
 
 
 def _explained(title: str) -> str:
-    """With what the measure is of, under the pointer."""
+    """Format the title of a metric as HTML with its description as a tooltip."""
     about = next(measure.about for measure in MEASURES if titled(measure) == title)
     return f'<span title="{escape(about)}">{escape(title)}</span>'
 
@@ -294,12 +294,12 @@ def compare(
     diagnostics: Diagnostics | None = None,
     kind: Version = "raw",
 ) -> Comparison:
-    """Measure motions beside each other.
+    """Compare the metrics of motions.
 
     Args:
-        reference: recorded motion; one called "reference" among the motions is taken for it, too.
-        diagnostics: of these very motions, where they have been measured.
-        kind: as generated ("raw") or behind the Savitzky-Golay filter ("savgol").
+        reference: recorded motion; a motion named "reference" is used as one, too.
+        diagnostics: existing results of `diagnose` for these motions.
+        kind: as generated ("raw") or after the Savitzky-Golay filter ("savgol").
     """
     named = named_motions(motions, reference)
     if diagnostics is None:
@@ -322,30 +322,30 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """What several systems made of one piece of speech, with the same noise."""
+    """Motions of several systems for one speech, generated with the same noise."""
 
     speech: Speech
     motions: dict[str, Motion]
-    """By system, and ``SYSTEM.s2`` and on of further samples; a recorded one as "reference"."""
+    """Motions by system, with ``SYSTEM.s2`` and on for further samples and "reference" for a
+    recorded one."""
     plans: dict[str, GesturePlan]
-    """Of the systems that plan."""
+    """Gesture plans, by name, of the systems that use one."""
     said: Transcript
-    """Words with their times, where they were given or found."""
+    """Transcript with word times, if it was provided or recognised."""
     diagnostics: Diagnostics
     notes: tuple[str, ...]
-    """What a person should know, such as what was done to the speech."""
+    """Notes for the user, such as how the speech was changed."""
     _folder: TemporaryDirectory[str]
-    """Holds the run's."""
+    """Temporary folder of the run, deleted with this object."""
 
     def __getitem__(self, name: str) -> Motion:
         return self.motions[name]
 
     def show(self, height: int = HEIGHT_PX) -> Player:
-        """All bodies in lock-step with the sound, in a cell or as a file."""
+        """Play all motions in sync with the sound, in a cell or as a file."""
         return show(Path(self._folder.name) / RUN, height=height)
 
     def compare(self) -> Comparison:
-        """The measures beside each other."""
         return compare(self.motions, diagnostics=self.diagnostics)
 
 
@@ -358,16 +358,15 @@ def generate(
     progress: bool = True,
     **asked: Any,
 ) -> Performance:
-    """Generate motion of one or more systems, with the same noise.
+    """Generate the motion of one or more systems, with the same noise.
 
     Args:
-        systems: a name or several (`systems`); "all" are all there are, None is the
-            one that plans.
-        plan: what the systems that plan are to perform; None lets them plan.
-        reference: recorded motion of the same speech, to be measured and shown beside.
+        systems: one name or several of `systems`; "all" for all of them, None for the default one,
+            which uses a plan.
+        plan: gesture plan for the systems that use one; None samples a plan from the speech.
+        reference: recorded motion of the same speech, to be measured and shown with the others.
         asked: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such as
-            ``seed``, ``speaker``,
-            ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
+            ``seed``, ``speaker``, ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
     """
     systems = usual_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
@@ -401,10 +400,10 @@ def generate(
 
 
 def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
-    """Draw what the system that plans is going to do with the speech; see `model.plan.plan`.
+    """Sample the gesture plan that a system would follow for a speech; see `model.plan.plan`.
 
     Args:
-        asked: as of `generate`.
+        asked: further fields, as in `generate`.
     """
     with TemporaryDirectory() as held:
         sound, out = in_file(Path(held), speech), Path(held, "drawn.json")
@@ -413,7 +412,6 @@ def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
 
 
 def _paths(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """With files named by text, too."""
     if "recognise_words" in asked:
         raise RunError('recognise_words=True is words="recognise" now.')
     files = ("weights", "transcript", "style", "body")
@@ -431,9 +429,10 @@ def render(
     progress: bool = True,
     **asked: Any,
 ) -> tuple[Path, ...]:
-    """Draw a motion; the ending of ``out`` says what is made: .mp4, .png, .glb, .bvh, .blender.npz.
+    """Render a motion, or export it, in the format of the suffix of ``out``.
 
     Args:
+        out: file with the suffix .mp4, .png, .glb, .bvh or .blender.npz.
         speech: sound of the video.
         asked: further fields of `app.run.requests.requests.RenderRequest`, such as ``size``,
             ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.

@@ -1,5 +1,5 @@
-"""Words that several rooms say of the page and its runs, or that tests hold on to; what is said in
-one place stands there."""
+"""User-visible texts that are used in several modules or checked by tests. Texts with a single use
+are defined where they are used."""
 
 from dataclasses import dataclass
 
@@ -63,7 +63,7 @@ ENLARGE_FIGURE = "Show large: {title}"
 
 @dataclass(frozen=True)
 class FigureText:
-    """What stands around one figure."""
+    """Title, help text and findings of a figure."""
 
     title: str
     help: str

@@ -1,1 +1,1 @@
-"""The command line; may import all of app but the page."""
+"""Commands of the command line; may import all of app but the page."""

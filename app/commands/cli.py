@@ -1,6 +1,7 @@
-"""The command line: what each command is called, and how its words are read.
+"""Command line: names of the commands and parsing of their arguments.
 
-Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments, with one too.
+Exit status: 0 for success, 1 for a failure and 2 for wrong arguments, each with one sentence on
+standard error.
 """
 
 from __future__ import annotations
@@ -71,10 +72,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parse(argv: Sequence[str]) -> Callable[[], None]:
-    """The command that the words ask for, with its arguments.
+    """Parse a command line into the command, bound to its arguments.
 
     Raises:
-        SystemExit: 2 after a sentence, where they ask for none; 0 after help.
+        SystemExit: status 2 after an error message if there is no such command; 0 after help.
     """
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)
     if name is None:
@@ -83,7 +84,7 @@ def parse(argv: Sequence[str]) -> Callable[[], None]:
 
 
 def _overview(argv: Sequence[str]) -> NoReturn:
-    """What commands there are; of a word that is none it is said so.
+    """Write the list of commands, or an error message for an unknown command.
 
     Raises:
         SystemExit: always.

@@ -1,4 +1,4 @@
-"""The command ``convert``: anyone's motion files as they were understood, in another form."""
+"""Command ``convert``: motion files of any supported format, converted to another one."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ FORMS = (".npz", ".bvh", ".glb")
 
 @dataclass(frozen=True)
 class ConvertRequest:
-    """Which files become what, and where."""
+    """Input files, output and options of a conversion."""
 
     files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
-    """Motion files of any form that is read, folders or zips of them."""
+    """Motion files of any supported format, or folders or zips of them."""
     out: Path
-    """A file (.npz, .bvh, .glb), or a folder for all."""
+    """Output file (.npz, .bvh, .glb), or a folder for all outputs."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
-    """What a folder gets."""
+    """File format for a folder of outputs."""
     told: ImportOverrides = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz: its mean hand is used, and its bones in .bvh and .glb."""
+    """Licensed SMPLX_NEUTRAL*.npz: its mean hand pose is used, and its bones in .bvh and .glb."""
     is_json: Annotated[bool, arg(name="json")] = False
-    """What was assumed, for programs."""
+    """Write the assumptions made for each file as JSON."""
 
 
 def convert(asked: ConvertRequest) -> None:
-    """Anyone's motion file to BEAT2 npz, BVH or glTF.
+    """Convert motion files to BEAT2 npz, BVH or glTF.
 
-    Write motion files as they were understood: at 30 frames a second, in metres, y up, hands from
-    the flat hand, 55 joints; and say what was assumed. A file that cannot be read is named, and
-    costs itself only (exit status 1).
+    Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
+    relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
+    are named and skipped (exit status 1).
     """
     told = converted(asked)
     failed = [each for each in told if "error" in each]
@@ -68,7 +68,7 @@ def convert(asked: ConvertRequest) -> None:
 
 
 def converted(request: ConvertRequest) -> list[dict[str, Any]]:
-    """Write all that can be read, and tell of each file what was assumed or why it was refused.
+    """Convert all readable files, and return for each the assumptions or the reason of the refusal.
 
     Raises:
         RunError, BodyError, WriteError: each with one sentence.
@@ -106,7 +106,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
 def _found(
     files: Sequence[Path], folders: dict[Path, Path], endings: tuple[str, ...]
 ) -> Iterator[tuple[Path, Path]]:
-    """Each motion file, and its name below the folder or zip that it was found in."""
+    """Yield the path of each motion file and its name below its folder or zip."""
     for given in files:
         folder = folders.get(given, given)
         if not folder.is_dir():
@@ -118,7 +118,7 @@ def _found(
 
 
 def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
-    """Where each goes; a second one of a name gets its number."""
+    """Return the output path of each name; repeated names get a number."""
     outs: list[Path] = []
     for name in names:
         stem = request.out.joinpath(*map(file_stem, (*name.parent.parts, name.stem)))

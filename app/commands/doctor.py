@@ -1,4 +1,4 @@
-"""What works on this machine, what is missing, and what to do about it."""
+"""Command ``doctor``: a check of the installation, with advice for each problem."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ RATE_FRAMES = 60
 
 @dataclass(frozen=True)
 class Examined:
-    """One thing that was looked at."""
+    """Result of one check of the installation."""
 
     name: str
     works: bool
     detail: str
     advice: str = ""
     is_needed: bool = True
-    """Whether the app is broken without it."""
+    """True if the app does not work when this check fails."""
 
     @property
     def is_broken(self) -> bool:
@@ -41,10 +41,10 @@ class Examined:
 
 
 def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> None:
-    """What works on this machine, what is missing, what to do.
+    """Check the installation and say how to fix problems.
 
-    Try OpenGL, body, weights, ffmpeg, memory and disk. Exit status 1 when something needed does not
-    work.
+    OpenGL, body, weights, ffmpeg, memory and disk are tested. The exit status is 1 if something
+    that is needed does not work.
 
     Args:
         body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
@@ -59,7 +59,7 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
 
 
 def examine(weights: Path, body: Path | None) -> list[Examined]:
-    """Look at everything; nothing here raises, a failure is a finding."""
+    """Run all checks; a failure is a result and raises nothing."""
     return [
         _python(),
         *_backends(),
@@ -75,7 +75,7 @@ def examine(weights: Path, body: Path | None) -> list[Examined]:
 
 
 def report(findings: list[Examined]) -> str:
-    """The findings as lines for a terminal."""
+    """Format the results as lines for a terminal."""
     width = max(len(finding.name) for finding in findings)
     lines = []
     for finding in findings:
@@ -99,7 +99,7 @@ def _python() -> Examined:
 
 
 def _backends() -> list[Examined]:
-    """By which OpenGL pyrender draws here, and what the other one would do."""
+    """Check each OpenGL backend, and report which one pyrender uses."""
     from renderer.draw.offscreen import BACKENDS, GLError
     from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backend
 
@@ -121,7 +121,7 @@ def _backends() -> list[Examined]:
 
 
 def _video_rate() -> Examined:
-    """How many frames of video pyrender and ffmpeg make in a second, once they have begun."""
+    """Measure the speed of rendering a video (frames per second), without its start."""
     from conventions.joints import JOINT_INDEX
     from renderer.body.body import BodyMotion
     from renderer.video.workers import RenderJob, draw_jobs
@@ -170,8 +170,7 @@ def _weights(folder: Path) -> Examined:
 
 
 def _family_files() -> list[Examined]:
-    """Families of other packages that cannot be had, and what is found of the files that families
-    need of a person, where some were named."""
+    """Check family packages that failed to load, and the files that users provide for families."""
     from model.systems.registry import families, left_out
 
     advice = "repair the package, or pip uninstall it"
@@ -203,7 +202,7 @@ def _ffmpeg() -> Examined:
 
 
 def _matplotlib() -> list[Examined]:
-    """Whether its backend that the environment names can be had; nothing here uses it."""
+    """Check the matplotlib backend of MPLBACKEND, if there is one; no figure depends on it."""
     if not ASKED_BACKEND:
         return []
     fault = backend_fault()

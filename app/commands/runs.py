@@ -1,5 +1,5 @@
-"""Commands that make motion or measure it: generate, diagnose, steps, hearing, mechanism, plan,
-render; and the leaderboard of what was measured."""
+"""Commands that generate or measure motion: generate, diagnose, steps, hearing, mechanism, plan,
+render; and those of the leaderboard."""
 
 from __future__ import annotations
 
@@ -34,29 +34,31 @@ from processes.pool import JobPool
 
 _FIGURE = ("joint", "start_frame", "figure_forms", "figure_panels", "figure_frames", "figure_width")
 _DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
-"""What decides a plan that is sampled from speech."""
+"""Options that determine a plan sampled from speech."""
 _FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
 _OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "shown", "has_video")
-"""Options of `diagnose` for single motions, and not for sets."""
+"""Options of `diagnose` that apply to single motions and not to sets."""
 Files = Annotated[Any, family_files()]
 Flat = arg(name="")
-"""Groups of flags are named after the parts of a request alone."""
+"""Annotation that names flags after the fields of a request's parts, without the request's own
+name."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Who works on many clips."""
+    """Workers for runs of many clips: local processes or a Dask cluster."""
 
     processes: Count = None
-    """Of many clips: on this machine, one thread each."""
+    """Number of processes on this machine for many clips, with one thread each."""
     scheduler: Annotated[str | None, text_type(str, "ADDRESS", "none")] = None
-    """Of many clips: of Dask, such as tcp://head:8786, whose workers see the same files
-    (docs/many-clips.md)."""
+    """Address of a Dask scheduler for many clips, such as tcp://head:8786; its workers must have
+    access to the same files (docs/many-clips.md)."""
 
     def jobs(self) -> JobPool:
-        """
+        """Return the pool of workers.
+
         Raises:
-            RunError: if both are named.
+            RunError: if processes and scheduler are both set.
         """
         if self.processes is not None and self.scheduler is not None:
             raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
@@ -64,11 +66,11 @@ class Pool:
 
 
 def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool) -> None:
-    """Speech to motion, videos, numbers and Figure 6.
+    """Generate motion from speech, with videos, metrics and Figure 6.
 
-    Several systems move to one piece of speech, with the same noise, and are compared: npz, mp4,
-    comparison.mp4, figure6, diagnostics, provenance. Of many pieces each gets a folder of its own;
-    started again, it goes on with what is not done.
+    Several systems generate motion for the same speech with the same noise, and are compared: npz,
+    mp4, comparison.mp4, figure6, diagnostics, provenance. For many speeches, each gets its own
+    folder; run the same command again to continue after an interruption.
     """
     from app.run.many.speeches import is_many
 
@@ -80,7 +82,7 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
 
 
 def _run(task: Task, request: Any, out: Path) -> None:
-    """Run a task, and say what its folder says: its metrics, and what stands out."""
+    """Run a task, and report its output files, verdict, findings and notes."""
     with Bars() as shown:
         task(request, Ear(shown.take))
     record = read_run(out)
@@ -93,10 +95,10 @@ def _run(task: Task, request: Any, out: Path) -> None:
 
 
 def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
-    """Each folder is named on standard output as it is there; what failed is said.
+    """Generate clip by clip; write finished folders to standard output and report failures.
 
     Raises:
-        RunError: at the end, if any failed.
+        RunError: at the end, if any clip failed.
     """
     from app.run.many.speeches import clip_requests, do_clips
 
@@ -124,13 +126,13 @@ def diagnose(
     pool: Pool,
     check: Annotated[Literal["genea"] | None, text_type(str, "genea", "nothing")] = None,
 ) -> None:
-    """Numbers, Figure 6 and jitter of anyone's motion files.
+    """Compute metrics and figures for motion files from any source and report faults.
 
-    Measure motion files, whoever made them, raw and filtered; name their faults; draw Figure 6 and
-    where the jitter sits; show how rotation errors grow along the chain.
+    Motions are measured raw and filtered. The figures are Figure 6, where the jitter occurs, and
+    how rotation errors grow along the kinematic chain.
 
     Args:
-        check: measure nothing: hold sets against the rules of the GENEA leaderboard, beside
+        check: check sets against the rules of the GENEA leaderboard and compute no metrics; needs
             --reference, the recorded test clips (docs/many-clips.md).
     """
     from app.run.many.unpacked import is_packed
@@ -183,21 +185,21 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
 
 
 def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
-    """Quality against time: what steps of a sampler buy on this machine.
+    """Measure quality and speed for several numbers of sampling steps.
 
-    Generate the same motion with few and with many steps, and plot jerk, and the distance to the
-    result of most steps, over milliseconds a frame.
+    The same motion is generated with few and with many steps. Jerk, and the distance to the result
+    with the most steps, are plotted over milliseconds per frame on this machine.
     """
     use_family_files(vars(files))
     _run(MEASURE_STEPS, request, request.out)
 
 
 def hearing(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
-    """Does it hear? What speech decides of the motion, and what chance.
+    """Measure how much of the motion depends on the speech and how much on the noise seed.
 
-    Generate each speech with each noise seed and compare: motions that share the speech, the noise,
-    or neither. Or compare a folder of anyone's motion, whose files are called
-    SYSTEM__SPEECH__SEED.npz.
+    Each speech is generated with each noise seed, and motions that share the speech, the noise or
+    neither are compared. Alternatively, compare a folder of motions from any source, with file
+    names of the form SYSTEM__SPEECH__SEED.npz.
     """
     use_family_files(vars(files))
     if request.is_of_motions:
@@ -207,22 +209,22 @@ def hearing(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None
 
 
 def mechanism(request: Annotated[RotationNoiseRequest, Flat]) -> None:
-    """The paper's argument on a body: equal noise on local and on global rotations.
+    """Show the effect of equal noise on local and on global rotations.
 
-    Put the same random turns on the local and on the global rotations of a motion, draw both bodies
-    beside each other, and tell how far a fingertip is moved, as measured and by the closed form. No
-    network takes part.
+    This is the paper's argument on a body: the same random rotations are applied to the local and
+    to the global rotations of a motion, both bodies are rendered side by side, and the displacement
+    of a fingertip is reported, as measured and from the closed form. No network takes part.
     """
     _run(SHOW_MECHANISM, request, request.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
-    """Speech to a plan of gestures, which `generate --plan` performs.
+    """Write a gesture plan for a speech, to be used with `generate --plan`.
 
-    Draw a plan from speech without moving anything: what each hand does when, where to and on which
-    word; looks, nods, brows, blinks and steps. It is made to be changed, by hand or in Praat or
-    ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. Of a motion (.npz, .npy, .bvh) the
-    plan is found instead, as annotators do.
+    The plan is sampled from the speech, without generating motion: what each hand does, when, where
+    and on which word; gaze, nods, brows, blinks and steps. It can be edited by hand, in Praat or in
+    ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. For a motion (.npz, .npy, .bvh),
+    the plan is detected, as annotators do.
     """
     from app.run.made import find_plan, is_motion, make_plan
 
@@ -242,11 +244,11 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
 
 
 def render(request: Annotated[RenderRequest, Flat]) -> None:
-    """A motion file to a video, pictures, or a file for 3D software.
+    """Render a motion as video or stills, or export it for 3D software.
 
-    The ending of --out chooses what is made. A .png is a contact sheet of eight poses, or what
-    --stills and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is
-    for the SMPL-X add-on of Blender.
+    The suffix of --out selects the format. A .png is a contact sheet of eight poses, or what
+    --stills and --sheet select; with a .mp4, they are written under its name. A .blender.npz is for
+    the SMPL-X add-on of Blender.
     """
     from app.run.videos.export import render_motion
 
@@ -271,16 +273,16 @@ def leaderboard_add(
     systems: Names = (),
     note: str = "",
 ) -> None:
-    """Take what `diagnose` left of whole sets into a leaderboard.
+    """Add the results of `diagnose` for whole sets to a leaderboard.
 
-    A leaderboard is one JSON file. Entries of the same clips, recorded motion and encoders stand in
-    one table.
+    A leaderboard is one JSON file. Entries with the same clips, recorded motion and encoders share
+    a table.
 
     Args:
-        board: made if it is not there.
-        results: folders that `diagnose` has left.
-        systems: take these only.
-        note: stands beside the numbers.
+        board: leaderboard file; it is created if it does not exist.
+        results: output folders of `diagnose`.
+        systems: systems to add; by default all.
+        note: text shown next to the numbers.
     """
     known = read_board(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
@@ -293,20 +295,20 @@ def leaderboard_add(
 def leaderboard_merge(
     boards: Annotated[Positional[tuple[Path, ...]], arg(metavar="BOARD.json")], out: Path
 ) -> None:
-    """Put leaderboards together.
+    """Merge leaderboards.
 
     Args:
-        out: where.
+        out: leaderboard file to write.
     """
     write_board(merged(read_board(path) for path in boards), out)
     name_file(out)
 
 
 def leaderboard_page(board: Board, out: Path) -> None:
-    """Write a leaderboard as a page that can be sorted.
+    """Write a leaderboard as an HTML page that can be sorted.
 
     Args:
-        out: ends in .html.
+        out: page to write; it must end in .html.
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
@@ -317,7 +319,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
 
 @contextmanager
 def _told_if_stopped() -> Iterator[None]:
-    """Say that work on many clips that a person stops goes on later.
+    """Report, when the user stops a run of many clips, that it can be continued.
 
     Raises:
         RunError: in place of KeyboardInterrupt.
@@ -329,7 +331,7 @@ def _told_if_stopped() -> Iterator[None]:
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
-    """Notes for a person on standard error, files for a script on standard output."""
+    """Write notes for the user to standard error, and file paths for scripts to standard output."""
     for note in notes:
         say(note)
     for path in files:

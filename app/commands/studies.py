@@ -1,5 +1,5 @@
-"""A blind user study: from a plan (TOML) to a study that any web host can serve, and from its
-answers to a report."""
+"""Commands of a blind user study: from a plan (TOML) to a static web page for any host, and from
+its answers to a report."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def export(
     body: File = None,
     weights: Path = BUNDLED_WEIGHTS,
 ) -> None:
-    """Make the bundle for participants and the researcher's folder.
+    """Create the participants' web page and the researcher's folder.
 
-    Draw all videos under random names and make the page. Started again after an interruption, it
-    keeps its key and goes on.
+    All videos are rendered under random names. Run the same command again to continue after an
+    interruption; the key is reused.
 
     Args:
         out: folder of the study.
@@ -54,10 +54,10 @@ def export(
 
 
 def check(study: Study) -> None:
-    """Test an export for anything that tells the method.
+    """Check an export for anything that reveals the system behind a video.
 
-    Names, addresses, JSON, metadata, times, order, sizes, bit rates, lengths and sound against the
-    method. Exit status 1 when something leaks.
+    Names, addresses, JSON, metadata, times, order, sizes, bit rates, lengths and sound are tested
+    against the system. The exit status is 1 if something reveals it.
     """
     from app.study.leaks import check_study
 
@@ -71,15 +71,15 @@ def check(study: Study) -> None:
 
 
 def links(study: Study, address: str, participants: Count = None) -> None:
-    """Signed links for participants, each good for once.
+    """Write signed single-use links for participants.
 
-    Write participant, list and link of each as CSV. From then on the analysis sets answers aside
-    that came by no link, a forged one, or one that was used twice. Called again, it gives the same
-    links.
+    Participant, list and link are written as CSV. From then on, the analysis excludes answers that
+    came without a link, with a forged one, or with one used twice. The same links are written each
+    time.
 
     Args:
-        address: where participant_bundle is hosted.
-        participants: by default as many as are planned.
+        address: URL at which participant_bundle is hosted.
+        participants: number of links; by default as many as the plan has participants.
     """
     import secrets
     from dataclasses import replace
@@ -106,18 +106,18 @@ def analyse(
     key: File = None,
     diagnostics: File = None,
 ) -> None:
-    """Answers to a report (HTML, CSV, LaTeX).
+    """Analyse answers and write a report (HTML, CSV, LaTeX).
 
-    Read answers, leave out who failed the attention checks, and report shares, tests, strengths and
-    the power of the design.
+    Participants who failed the attention checks are excluded. The report has preference shares,
+    tests, Bradley-Terry strengths and the power of the design.
 
     Args:
         answers: files, or folders of them.
-        key: researcher_only/key.json; without it the answers are one table of battles (CSV) in the
-            form of the GENEA leaderboard's analysis.
+        key: researcher_only/key.json; without it, the answers are one table of battles (CSV) in the
+            format of the GENEA leaderboard's analysis.
         out: folder of results.
-        diagnostics: folder with CLIP/diagnostics.json for each clip, whose jitter is held against
-            the reasons people gave.
+        diagnostics: folder with CLIP/diagnostics.json for each clip, whose jitter is compared with
+            the reasons that participants gave.
     """
     from app.study.analyse import AnalysisRequest
     from app.study.analyse import analyse as analysed
@@ -145,13 +145,13 @@ def simulate(
     out: Path,
     seed: int = 0,
 ) -> None:
-    """Answers of made-up raters with known preferences.
+    """Simulate the answers of raters with known preferences.
 
-    Try the analysis before anyone has answered: raters who follow a Bradley-Terry model with the
-    strengths given (natural logarithm).
+    This tests the analysis before there are answers: the raters follow a Bradley-Terry model with
+    the strengths from --strengths (natural logarithm).
 
     Args:
-        strengths: by system.
+        strengths: strength of each system.
         out: folder of answers.
     """
     from app.study.simulate import simulate as simulated
