@@ -1,1 +1,1 @@
-"""Numbers of a motion, with or without a reference, and what they tell; may import generation."""
+"""Metrics of a motion, with or without a reference; may import `model.generation`."""

@@ -1,16 +1,16 @@
-"""BeatAlign: do beats of motion and of speech fall together? In both directions, with chance.
+"""BeatAlign: agreement of motion beats with speech onsets, in both directions, with chance level.
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
-above 0.3 of that joint's mean speed; speech beats are onsets as librosa finds them at 512 samples.
-The direction of EMAGE asks for each onset how near the next motion beat
-is (sigma 0.3 s; mean over onsets, then over the 13 upper-body joints; a joint without beats counts
-0). That of AsynFusion asks for each motion beat how near the next onset is (here sigma 0.1 s; the
-paper names none). Onsets in the first and last 2 s do not count. More beats, and jitter makes
-beats, raise the first score: compare with the recorded motion and with chance, never as "higher is
+above 0.3 of that joint's mean speed; onsets are detected by librosa at a hop of 512 samples.
+EMAGE's direction scores the distance from each onset to the next motion beat (sigma 0.3 s; mean
+over onsets, then over the 13 upper-body joints; a joint without beats scores 0). AsynFusion's
+direction scores the distance from each motion beat to the next onset (here sigma 0.1 s; the paper
+names none). Onsets in the first and last 2 s do not count. More beats, and jitter makes beats,
+raise the first score: compare with the recorded motion and with chance, never as "higher is
 better".
 
-Whose mean speeds decide what is slow changes every value. Papers on BEAT2 take those that EMAGE
-published (`read_mean_speeds`); without them, the reference's or the motion's own are taken.
+The choice of mean speeds changes every value. Papers on BEAT2 use those published by EMAGE
+(`read_mean_speeds`); without them, the reference's or the motion's own are used.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ from model.speech.prepared_librosa import librosa
 from model.storage.npz import MotionError
 
 ONSET_HOP = 512
-"""Samples a step, by which BeatAlign is defined."""
+"""Hop of the onset detection (samples); BeatAlign is defined with it."""
 BEAT_JOINTS = list(UPPER_BODY)
 NEIGHBOURS = 7
 SPEED_THRESHOLD = 0.3
@@ -38,15 +38,17 @@ MAX_SPEEDS_BYTES = 64 * 1024
 
 
 def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
-    """Times in seconds at which sounds begin; none in silence."""
+    """Return the times (s) of the onsets; none in silence."""
     return librosa().onset.onset_detect(
         y=waveform, sr=SAMPLE_RATE, hop_length=ONSET_HOP, units="time"
     )
 
 
 def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
-    """Of `BEAT_JOINTS`, m/s, out of EMAGE's ``mean_vel_smplxflame_30.npy`` (BEAT2's folder
-    ``weights``): a number for each of the 55 joints.
+    """Read the mean speeds (13,) of `BEAT_JOINTS` (m/s) from EMAGE's
+    ``mean_vel_smplxflame_30.npy``.
+
+    The file is in BEAT2's folder ``weights`` and has one number for each of the 55 joints.
 
     Raises:
         MotionError: for any other file.
@@ -69,17 +71,17 @@ def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
 
 
 def joint_speeds(positions: Float[np.ndarray, "T J 3"]) -> Float[np.ndarray, "T J"]:
-    """Metres per second by central differences, one-sided at the ends."""
+    """Compute speeds (m/s) by central differences, one-sided at the ends."""
     return np.linalg.norm(np.gradient(positions, axis=0), axis=-1) * FPS
 
 
 def motion_beats(
     speeds: Float[np.ndarray, "T J"], mean_speed: Float[np.ndarray, " J"]
 ) -> list[Float[np.ndarray, " beats"]]:
-    """Times in seconds of each joint's beats.
+    """Return the times (s) of each joint's motion beats.
 
     Args:
-        mean_speed: of each joint over recorded motion.
+        mean_speed: mean speed of each joint over recorded motion (m/s).
     """
     beats = []
     for speed, mean in zip(speeds.T, mean_speed, strict=True):
@@ -91,7 +93,8 @@ def motion_beats(
 def _nearness(
     times: Float[np.ndarray, " n"], others: Float[np.ndarray, " m"], sigma_s: float
 ) -> float:
-    """Mean over ``times`` of a Gaussian of the distance to the nearest of ``others``; 0 if none."""
+    """Return the mean Gaussian of each time's distance to the nearest of ``others``; 0 without
+    any."""
     if not len(times) or not len(others):
         return 0.0
     distance = np.abs(times[:, None] - others).min(axis=1)
@@ -99,27 +102,27 @@ def _nearness(
 
 
 def audio_to_motion(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
-    """EMAGE's direction, 0 to 1."""
+    """Compute BeatAlign in EMAGE's direction, onsets to motion beats (0 to 1)."""
     return float(np.mean([_nearness(onsets, joint, SIGMA_AUDIO_TO_MOTION_S) for joint in beats]))
 
 
 def motion_to_audio(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
-    """AsynFusion's direction, 0 to 1, over the beats of all joints."""
+    """Compute BeatAlign in AsynFusion's direction, beats of all joints to onsets (0 to 1)."""
     return _nearness(np.concatenate(list(beats)), onsets, SIGMA_MOTION_TO_AUDIO_S)
 
 
 def counted(onsets: Float[np.ndarray, " n"], duration_s: float) -> Float[np.ndarray, " m"]:
-    """The onsets that are further than `MARGIN_S` from both ends."""
+    """Return the onsets that are further than `MARGIN_S` from both ends."""
     return onsets[(onsets >= MARGIN_S) & (onsets < duration_s - MARGIN_S)]
 
 
 def beats_of(
     positions: Float[np.ndarray, "T J 3"], mean_speed: Float[np.ndarray, " 13"]
 ) -> list[Float[np.ndarray, " beats"]]:
-    """Of each of `BEAT_JOINTS`, in seconds.
+    """Return the times (s) of the motion beats of each of `BEAT_JOINTS`.
 
     Args:
-        positions: of all joints, the pelvis in place.
+        positions: pelvis-aligned positions of all joints in metres.
     """
     return motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
 
@@ -130,7 +133,7 @@ def with_chance(
     beats: Sequence[np.ndarray],
     duration_s: float,
 ) -> tuple[float, Float[np.ndarray, " shifts"]]:
-    """The score of one direction, and the same for the onsets shifted in a circle."""
+    """Return the score of one direction, and the scores of the circularly shifted onsets."""
     inside = counted(onsets, duration_s)
     return score(inside, beats), np.array([score(s, beats) for s in _shifted(inside, duration_s)])
 
@@ -140,7 +143,7 @@ def beat_scores(
     onsets: Float[np.ndarray, " n"],
     mean_speed: Float[np.ndarray, " 13"],
 ) -> dict[str, float]:
-    """Both directions and the mean chance of each; see `beats_of`."""
+    """Compute the scores of both directions and their mean chance levels; see `beats_of`."""
     beats, scores = beats_of(positions, mean_speed), {}
     for score in (audio_to_motion, motion_to_audio):
         name = f"beat_align_{score.__name__}"
@@ -150,7 +153,8 @@ def beat_scores(
 
 
 def _shifted(onsets: Float[np.ndarray, " n"], duration_s: float) -> list[Float[np.ndarray, " n"]]:
-    """Shifts keep the rhythm of the speech and break its relation to the motion."""
+    """Return circular shifts, which keep the speech's rhythm and break its relation to the
+    motion."""
     length = max(duration_s - 2 * MARGIN_S, 1.0)
     shifts = np.linspace(0, length, CHANCE_SHIFTS + 2)[1:-1]
     return [MARGIN_S + (onsets - MARGIN_S + shift) % length for shift in shifts]

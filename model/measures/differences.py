@@ -1,8 +1,7 @@
-"""How far motions are from each other: from the recorded one, part by part, and from window to
-window.
+"""Differences between motions: errors to the recorded motion, by body part, and between windows.
 
-Position errors are measured with the pelvis in place, as in pose estimation (root-aligned): a body
-that stands a step aside is not wrong at every joint.
+Position errors are pelvis-aligned, as in pose estimation (root-aligned): a body that stands a step
+aside is not wrong at every joint.
 """
 
 import re
@@ -39,13 +38,15 @@ PARTS = {
     "head": r"(neck|head)",
     "legs": r".*_(hip|knee|ankle|foot)",
 }
-"""What belongs to a part, by the beginning of its joints' names; all others are of the face."""
+"""Regular expressions for the beginnings of a part's joint names; all other joints are of the
+face."""
 
 
 def degrees_by_part(first: Motion, second: Motion) -> dict[str, float]:
-    """Mean angle between the rotations of two motions to the parent joint, in degrees.
+    """Compute the mean angle between two motions' local rotations for each part (degrees).
 
-    Over all joints of a part and all frames that both have; the part that differs most comes first.
+    The mean is over all joints of a part and all frames that both motions have; the part that
+    differs most comes first.
     """
     shortest = min(first.num_frames, second.num_frames)
     a, b = (first_frames(motion, shortest).local_rotations() for motion in (first, second))
@@ -66,34 +67,34 @@ _CHUNK_FRAMES = 2048
 
 @dataclass(frozen=True)
 class ErrorBySides:
-    """Mean local rotation error of upper body and hands, degrees."""
+    """Mean local rotation error of upper body and hands (degrees)."""
 
     as_is: float
     mirrored: float
-    """Had the motion been mirrored, left to right."""
+    """The same error after mirroring the motion, left to right."""
     swapped: float
-    """Had left and right joints changed places only."""
+    """The same error after exchanging left and right joints only."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceError:
-    """Means over all frames, by the names of ``diagnostics.json``."""
+    """Mean errors over all frames; fields are named as in ``diagnostics.json``."""
 
     position_error_m: Float[np.ndarray, " 55"]
     global_rotation_error_deg: Float[np.ndarray, " 55"]
-    """Angle between the joint's rotations in the world."""
+    """Angle between the joint's global rotations (degrees)."""
     local_rotation_error_deg: Float[np.ndarray, " 55"]
-    """The same relative to the parent joint."""
+    """Angle between the joint's local rotations, relative to the parent joint (degrees)."""
     position_error_by_depth_m: Float[np.ndarray, " 11"]
     global_rotation_error_by_depth_deg: Float[np.ndarray, " 11"]
     local_rotation_error_by_depth_deg: Float[np.ndarray, " 11"]
     root_error_m: float
-    """Distance of the two pelvises in the world."""
+    """Distance between the two pelvises in world coordinates (m)."""
     rotation_error_by_sides_deg: ErrorBySides
 
 
 def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
-    """Errors of a motion of as many frames as the reference has."""
+    """Compute the errors of a motion that has as many frames as the reference."""
     rooted, rooted_reference = (t.joints - t.joints[:, :1] for t in (tracks, reference))
     position_m = np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0)
     global_deg = mean_angle_deg(tracks.global_rot, reference.global_rot)
@@ -123,7 +124,7 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
 def mean_angle_deg(
     a: Float[np.ndarray, "T J 3 3"], b: Float[np.ndarray, "T J 3 3"]
 ) -> Float[np.ndarray, " J"]:
-    """Mean angle between two rotations of each joint."""
+    """Compute each joint's mean angle between two sequences of rotations (degrees)."""
     total = np.zeros(a.shape[1])
     for start in range(0, len(a), _CHUNK_FRAMES):
         frames = slice(start, start + _CHUNK_FRAMES)
@@ -137,35 +138,36 @@ def _mirrored(local_rot: Float[np.ndarray, "T 55 3 3"]) -> Float[np.ndarray, "T 
 
 
 BATCH_WINDOWS = 50
-"""B of AsynFusion's eq. 17."""
+"""Batch size B of AsynFusion's eq. 17."""
 WINDOW_FRAMES, EVERY_FRAMES = 60, 2
-"""2 s at 15 frames per second, as the paper has them (34 frames at 15 per second)."""
+"""Window of 2 s at 15 frames per second; the paper's has 34 frames at 15 per second."""
 GESTURE_DIM = 3 * NUM_JOINTS
 
 
 @dataclass(frozen=True)
 class Diversity:
-    """Of the poses of one motion."""
+    """Diversity of the poses of one motion."""
 
     l1_diversity_m: float
 
 
 def diversity(positions: Float[np.ndarray, "T J 3"]) -> Diversity:
-    """Of joints about the first of them, in metres."""
+    """Compute the L1 diversity of root-relative joint positions (m)."""
     return Diversity(l1_to_mean(positions - positions[:, :1]))
 
 
 def l1_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
-    """EMAGE's diversity: L1 distance to the clip's mean pose, summed over coordinates, metres."""
+    """Compute EMAGE's L1 diversity: distance to the clip's mean pose, summed over coordinates
+    (m)."""
     return float(np.abs(positions - positions.mean(0)).sum((1, 2)).mean())
 
 
 def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
-    """The motion end to end in windows of 2 s, at 15 frames per second.
+    """Cut the motion into consecutive windows of 2 s at 15 frames per second.
 
     Returns:
-        Local rotations of 55 joints as axis times an angle up to pi (165 numbers, radians), then
-        52 face units where the motion has those.
+        Local rotations of 55 joints as axis times an angle up to pi (165 numbers, radians), then 52
+        ARKit blendshapes if the motion has them.
     """
     num_windows = motion.num_frames // WINDOW_FRAMES
     frames = slice(0, num_windows * WINDOW_FRAMES, EVERY_FRAMES)
@@ -178,15 +180,17 @@ def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
 
 
 def batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
-    """Windows dealt at random, always in the same way, in batches of 50; what is left over makes
-    the last one."""
+    """Yield batches of 50 shuffled window indices, always in the same order; the rest comes
+    last."""
     order = np.random.default_rng(0).permutation(num_windows)
     for start in range(0, num_windows, BATCH_WINDOWS):
         yield order[start : start + BATCH_WINDOWS]
 
 
 def pair_distances(windows: Float[np.ndarray, "B T dim"]) -> Float[np.ndarray, "B B"]:
-    """L1 distance of every two windows (the terms of AsynFusion's eq. 17), mean over their numbers
-    so that it does not depend on how many they have."""
+    """Compute the L1 distances between all windows (the terms of AsynFusion's eq. 17).
+
+    A distance is the mean over a window's numbers, so that it does not depend on how many they are.
+    """
     flat = windows.reshape(len(windows), -1)
     return squareform(pdist(flat, "cityblock")) / flat.shape[1]

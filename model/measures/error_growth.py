@@ -1,16 +1,17 @@
-"""Why errors of local rotations grow along the kinematic chain, apart from any trained network.
+"""Growth of local rotation errors along the kinematic chain, without any trained network.
 
-The same small random turns are put once on the local and once on the global rotations of a motion,
-and the spread of the points along the chain is measured (GlobalDiff, section 1 and Figure 6, claims
-this of trained networks). To first order a turn ``n`` with independent components of deviation
-sigma moves a point at lever arm r by ``n x r``, whose mean square is ``2 sigma^2 |r|^2``. So
+The same small random turns are applied once to the local and once to the global rotations of a
+motion, and the spread of the points along the chain is measured (GlobalDiff, section 1 and Figure
+6, claims this of trained networks). To first order a turn ``n`` with independent components of
+deviation sigma moves a point at lever arm r by ``n x r``, which has a mean square of ``2 sigma^2
+|r|^2``. So
 
-* on local rotations each joint moves all that hangs on it: ``sigma sqrt(2 sum |p - p_j|^2)``;
-* on global rotations each joint moves its own next bone only: ``sigma sqrt(2 sum |b_j|^2)``.
+* on local rotations each joint moves all its descendants: ``sigma sqrt(2 sum |p - p_j|^2)``;
+* on global rotations each joint moves only its next bone: ``sigma sqrt(2 sum |b_j|^2)``.
 
 The price: local angles recovered from noisy global ones differ by the noise of two joints, which is
-sqrt(2) times that of one. Equal noise is an assumption, not a finding: what a trained network errs
-in either form has to be measured.
+sqrt(2) times that of one. Equal noise is an assumption, not a finding: the errors of a trained
+network in either format have to be measured.
 """
 
 from dataclasses import dataclass
@@ -35,33 +36,34 @@ from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 from model.motion.tracks import POINT_NAMES, moving_chain, point_words
 
 NOISE_RAD = 0.02
-"""About 1.1 degrees about each axis."""
+"""Standard deviation of the noise about each axis (rad); about 1.1 degrees."""
 DRAWS = 4
 MAX_FRAMES = 60 * FPS
-"""The first minute of a long clip is enough."""
+"""Longest part of a clip that is used (frames); the first minute is enough."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorGrowth:
-    """Root mean square over frames and draws of the distance to where the point was, metres."""
+    """Root mean square displacement of points (m) under rotation noise, over frames and draws."""
 
     points: tuple[str, ...]
-    """Along the chain, from the joint after the pelvis to the followed point."""
+    """Names of the chain's points, from the joint after the pelvis to the tracked point."""
     local_spread_m: Float64[np.ndarray, " points"]
-    """With noise on the local rotations."""
+    """Spread (m) with noise on the local rotations."""
     global_spread_m: Float64[np.ndarray, " points"]
     predicted_local_spread_m: Float64[np.ndarray, " points"]
-    """The closed form above, with the lever arms of the clip's own poses."""
+    """Spread predicted by the closed form above, with the lever arms of the clip's poses (m)."""
     predicted_global_spread_m: Float64[np.ndarray, " points"]
     jerk_m_s3: dict[str, float]
-    """Mean jerk of the followed point: ``clean``, and with noise ``local`` and ``global``."""
+    """Mean jerk of the tracked point: ``clean``, and with noise on ``local`` and ``global``
+    rotations."""
     local_angle_error_ratio: float
-    """Error of the local angles recovered from noisy global rotations over that of noisy local
-    ones; sqrt(2) is expected."""
+    """Error of local angles from noisy global rotations over that of noisy local ones; expected
+    sqrt(2)."""
 
     @property
     def ratio(self) -> float:
-        """Spread of the followed point with local over that with global noise."""
+        """Spread of the tracked point with local noise over that with global noise."""
         return float(self.local_spread_m[-1] / self.global_spread_m[-1])
 
     @property
@@ -76,10 +78,10 @@ def measure_error_growth(
     noise_rad: float = NOISE_RAD,
     seed: int = 0,
 ) -> ErrorGrowth:
-    """The experiment on one motion.
+    """Measure on one motion how noise on local and on global rotations spreads along a chain.
 
     Args:
-        point: the fingertip or joint to follow, one of `model.motion.tracks.POINT_NAMES`.
+        point: the fingertip or joint to track, one of `model.motion.tracks.POINT_NAMES`.
         noise_rad: standard deviation of each component of the random turns.
 
     Raises:
@@ -129,7 +131,7 @@ def measure_error_growth(
 
 
 def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
-    """What the experiment shows, in words."""
+    """Format the result of the experiment as one sentence."""
     local, world = (100 * float(s[-1]) for s in (growth.local_spread_m, growth.global_spread_m))
     return (
         f"Noise of {noise_rad:g} rad on every joint moves the {point_words(growth.points[-1])} by"
@@ -142,7 +144,8 @@ def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
 def _points(
     global_rot: Float[Tensor, "T 55 3 3"], point: str, skeleton: RestSkeleton
 ) -> Float[Tensor, "T chain 3"]:
-    """Of the joints after the pelvis on the way to a point, and of it; the pelvis at the origin."""
+    """Compute root-relative positions of the chain after the pelvis, with the tracked point
+    last."""
     joints = joint_positions_from_global(global_rot, skeleton)
     points = torch.cat([fingertip_positions(global_rot, joints, skeleton), joints], dim=1)
     way = [len(FINGERTIP_NAMES) + joint for joint in moving_chain(point)[1:]]
@@ -152,7 +155,7 @@ def _points(
 def _predicted(
     points: Float[Tensor, "T chain 3"], noise_rad: float
 ) -> tuple[Float[Tensor, " chain"], Float[Tensor, " chain"]]:
-    """Closed-form spread of every point for local and for global noise."""
+    """Compute the closed-form spread of every point for local and for global noise."""
     joints = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], dim=1)
     squared_lever = (points[:, :, None] - joints[:, None]).square().sum(-1).mean(0)
     local = squared_lever.tril().sum(-1)  # a joint moves what comes after it only

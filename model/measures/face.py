@@ -1,4 +1,4 @@
-"""Does the face live, and does it move with the hands?"""
+"""Metrics of the face: blinks, brow movement, jaw and loudness, and movement with the hands."""
 
 import numpy as np
 import torch
@@ -11,20 +11,20 @@ from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
 BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
-"""A lid that passes the first has begun a blink, and ends it below the second."""
+"""Lid values (0 open to 1 closed) above which a blink begins, and below which it ends."""
 
 
 def unit_columns(name: str) -> tuple[int, ...]:
-    """Columns of a face unit on both sides, in the body's order of ``expression_names``."""
+    """Return the columns of a blendshape on both sides, in the order of `face_unit_names`."""
     return tuple(k for k, found in enumerate(face_unit_names()) if found.startswith(name))
 
 
 def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str, float]:
-    """Blinks a minute, the spread of the brows, and how far jaw and loudness go together.
+    """Compute blinks per minute, brow movement, and the correlation of jaw and loudness.
 
-    ``blinks_per_min``; ``brow_std``: standard deviation of the inner brow's raise (0 to 1);
-    ``jaw_loudness``: correlation of the jaw's angle with the loudness of speech, which is 0 for a
-    jaw that is still. A motion in FLAME's coefficients has the last only.
+    ``blinks_per_min``; ``brow_std``: standard deviation of the inner brow raise (0 to 1);
+    ``jaw_loudness``: correlation of the jaw angle with the loudness of the speech, 0 for a jaw that
+    does not move. A motion with FLAME coefficients has the last only.
     """
     frames = min(motion.num_frames, len(loudness))
     jaw = np.linalg.norm(motion.poses[:frames, 3 * JOINT_INDEX["jaw"] :][:, :3], axis=1)
@@ -38,7 +38,7 @@ def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str
 
 
 def count_blinks(lids: Float[np.ndarray, " T"]) -> int:
-    """How often the lids close, from 0 (open) to 1."""
+    """Count the blinks in lid closures from 0 (open) to 1 (closed)."""
     is_closed, count = False, 0
     for value in lids:
         if not is_closed and value > BLINK_CLOSED:
@@ -53,8 +53,10 @@ SMOOTHING_FRAMES = 9
 
 
 def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
-    """Correlation at the best lag within half a second, both smoothed over 0.3 s. The choice of the
-    lag raises it above 0 for any two signals: compare with a shifted one."""
+    """Compute the highest correlation over lags of up to 0.5 s, after smoothing both over 0.3 s.
+
+    Choosing the lag raises it above 0 for any two signals: compare with a shifted one.
+    """
     frames = min(len(a), len(b))
     box = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
     a, b = (np.convolve(track[:frames], box, "valid") for track in (a, b))
@@ -63,7 +65,8 @@ def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -
 
 
 def correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
-    """Of ``a`` with ``b`` that many frames before; 0 where one of them does not change."""
+    """Compute the correlation of ``a`` with ``b`` ``lag`` frames earlier; 0 if either is
+    constant."""
     a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
     if len(a) < 2 or min(a.std(), b.std()) < 1e-12:
         return 0.0
@@ -71,18 +74,20 @@ def correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
 
 
 SHIFT_S = 4.0
-"""By which a track is shifted in a circle, to know what chance gives."""
+"""Circular shift of a track (s) for the chance level of a correlation."""
 _WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
 def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[str, float]:
-    """``brow_with_hands`` and ``head_with_hands``: correlation of the inner brow's raise, and of
-    the head's angular speed, with the speed of the wrists, less that of the same face 4 s later in
-    a circle. Above 0: they move together more than chance has it. A motion in FLAME's coefficients
-    has no brow, one of less than 8 s neither.
+    """Compute ``brow_with_hands`` and ``head_with_hands``, correlations beyond chance.
+
+    They correlate the inner brow raise, and the head's angular speed, with the speed of the wrists,
+    less the correlation of the same face shifted by 4 s in a circle. Above 0: they move together
+    more than by chance. A motion with FLAME coefficients has no brow value, one of less than 8 s
+    neither.
 
     Args:
-        joints: in metres; the pelvis may be in place.
+        joints: positions in metres; may be root-relative.
     """
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
@@ -95,12 +100,12 @@ def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[
 
 
 def wrist_speed(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:
-    """Of both wrists together, m/s, from each frame to the next."""
+    """Compute the sum of both wrists' speeds (m/s), from each frame to the next."""
     return np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
 
 
 def head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
-    """Angular speed of the head against the chest, rad/s, from each frame to the next."""
+    """Compute the head's angular speed against the chest (rad/s), from each frame to the next."""
     poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))
     neck, head = (matrix_from_axis_angle(poses[:, JOINT_INDEX[n]]) for n in ("neck", "head"))
     turned = neck @ head

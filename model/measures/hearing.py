@@ -1,10 +1,10 @@
-"""How much of a motion its speech decides, how much chance, and whether it rests where speech does.
+"""Effect of speech and of noise on a motion, and movement in silence.
 
-Two motions of one system that share the speech and not the noise are alike in what the speech
-decides; two that share the noise and not the speech, in what the noise decides; two that share
-neither show what is always alike. Likeness is the correlation over time of a track: how fast the
-arms and the head turn, how high the brows are, how wide the jaw opens. The share that speech
-decides is the first less the third, that of noise the second less the third.
+Two motions of one system that share the speech but not the noise are similar because of the speech;
+two that share the noise but not the speech, because of the noise; two that share neither show the
+similarity of any two motions. Similarity is the correlation over time of a track: angular speed of
+the arms and the head, raise of the brows, opening of the jaw. The share of speech is the first less
+the third, that of noise the second less the third.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,14 +24,14 @@ from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
 SMOOTH_FRAMES = 4.0
-"""Of the Gaussian over speeds: a stroke lasts longer."""
+"""Deviation of the Gaussian that smooths speeds (frames); shorter than a stroke."""
 LEAST_FRAMES = 3 * FPS
-"""Of two motions that are compared."""
+"""Shortest motions that are compared (frames)."""
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system by speech and noise seed; in `model.evaluation.judges` the speaker stands
-in the place of the speech."""
+"""Motions of one system by speech and noise seed; `model.evaluation.judges` uses the speaker in
+place of the speech."""
 
 
 @dataclass(frozen=True)
@@ -39,37 +39,37 @@ class Decided:
     """Mean correlations of one track over pairs of motions."""
 
     same_speech: float
-    """Other noise."""
+    """Mean correlation of motions with the same speech and other noise."""
     same_noise: float
-    """Other speech."""
+    """Mean correlation of motions with the same noise and other speech."""
     neither: float
     lead_low: float
-    """95 % limits of `lead`: Welch's interval over the pairs."""
+    """95 % confidence interval of `lead`: Welch's interval over the pairs."""
     lead_high: float
 
     @property
     def lead(self) -> float:
-        """By how much the share that speech decides is above that of noise."""
+        """Share of speech less the share of noise."""
         return self.same_speech - self.same_noise
 
     @property
     def by_speech(self) -> float:
-        """The share that speech decides."""
+        """Share of the correlation that is due to the speech."""
         return self.same_speech - self.neither
 
     @property
     def by_noise(self) -> float:
-        """The share that noise decides."""
+        """Share of the correlation that is due to the noise."""
         return self.same_noise - self.neither
 
 
 def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
-    """Angular speeds of both shoulders and elbows, summed and smoothed, degrees a second."""
+    """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
     return _smooth(turning(motion, ARMS))
 
 
 def turning(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
-    """Angular speeds of joints against their parents, summed, degrees a second."""
+    """Compute the sum of the angular speeds of joints against their parents (degrees/s)."""
     poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, list(joints)]
     turned = matrix_from_axis_angle(poses)
     steps = axis_angle_from_matrix(turned[:-1].mT @ turned[1:]).norm(dim=-1)
@@ -93,24 +93,24 @@ TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
     "brows": _brows,
     "jaw": _jaw,
 }
-"""By part of the body; None where a motion has no such part."""
+"""Functions that compute the track of a body part; None if a motion has no such part."""
 
 
 def likeness(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
-    """Correlation over the frames that both have; 0 for what does not move."""
+    """Compute the correlation over the frames that both tracks have; 0 if one is constant."""
     frames = min(len(one), len(other))
     return correlation(one[:frames], other[:frames])
 
 
 def arm_rotations_alike(one: Motion, other: Motion) -> float:
-    """Correlation over time of shoulders' and elbows' axis-angle numbers, mean over the 12."""
+    """Compute the mean correlation of the 12 axis-angle components of shoulders and elbows."""
     columns = [3 * joint + k for joint in ARMS for k in range(3)]
     pairs = zip(one.poses[:, columns].T, other.poses[:, columns].T, strict=True)
     return float(np.mean([likeness(*pair) for pair in pairs]))
 
 
 def arm_rotations_same_noise(motions: Grid) -> float:
-    """`arm_rotations_alike`, mean over all that share the noise and not the speech."""
+    """Average `arm_rotations_alike` over all pairs with the same noise and other speech."""
     alike = [
         arm_rotations_alike(one, other)
         for ((speech, seed), one), ((speech_, seed_), other) in combinations(motions.items(), 2)
@@ -120,11 +120,11 @@ def arm_rotations_same_noise(motions: Grid) -> float:
 
 
 def decided(motions: Grid) -> dict[str, Decided]:
-    """By part of the body, of what several speeches with several noise seeds made.
+    """Compute for each body part how far speech and noise determine the motion.
 
     Raises:
-        ValueError: unless there are two speeches, each with the same two seeds or more, and each
-            motion lasts `LEAST_FRAMES` or longer.
+        ValueError: unless there are two or more speeches, each with the same two or more seeds, and
+            each motion lasts `LEAST_FRAMES` or longer.
     """
     speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
     if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
@@ -158,8 +158,8 @@ def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
 
 
 def _difference_limits(ones: Sequence[float], others: Sequence[float]) -> tuple[float, float]:
-    """Return Welch's 95 % limits of the difference of two means; the difference itself where
-    neither varies."""
+    """Compute Welch's 95 % limits of the difference of two means; the difference if neither
+    varies."""
     difference = float(np.mean(ones) - np.mean(others))
     errors = [float(np.var(each, ddof=1) / len(each)) for each in (ones, others)]
     if sum(errors) < 1e-12:
@@ -176,17 +176,17 @@ def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 SILENCE_S = 5.0
-"""What is looked at after speech; who pauses for less is still speaking."""
+"""Part of a silence that is measured (s); a shorter pause counts as speech."""
 PARTS = {"arms": ARMS, "jaw": [JOINT_INDEX["jaw"]]}
 
 
 def spoken_and_silent(
     voiced: Bool[np.ndarray, " T"],
 ) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
-    """Frames of speaking, and of the first `SILENCE_S` of each silence after it.
+    """Return the frames of speech, and the first `SILENCE_S` of each silence after it.
 
-    A silence is a stretch without voice of `SILENCE_S` or more. What lies before the first voice,
-    the rest of a long silence, and an end too short to tell, is neither.
+    A silence is a stretch without voice of `SILENCE_S` or more. Frames before the first voice, the
+    rest of a long silence, and an end that is too short are neither.
     """
     spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
     wanted = round(SILENCE_S * FPS)
@@ -201,14 +201,15 @@ def spoken_and_silent(
 
 
 def speed_in_silence(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str, float]:
-    """``arms_in_silence`` and ``jaw_in_silence``: mean angular speed in the silences after speech
-    over that while speaking, 0 where all rests.
+    """Compute ``arms_in_silence`` and ``jaw_in_silence``, ratios of mean angular speeds.
+
+    A ratio is the speed in the silences after speech over that during speech; 0 if all rests.
 
     Args:
         voiced: whether there is a voice, from the motion's first frame on.
 
     Returns:
-        Nothing where there is no such silence, or what does not move even while speaking.
+        Empty if there is no such silence; without a part that does not even move during speech.
     """
     frames = min(motion.num_frames, len(voiced))
     spoken, silent = spoken_and_silent(voiced[:frames])

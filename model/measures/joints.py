@@ -1,12 +1,11 @@
-"""How fast and how smoothly joints and fingertips move at 30 fps, and bends that no hand or elbow
-can have.
+"""Speed and smoothness of joints and fingertips at 30 fps, and bends beyond the human range.
 
-A joint's bend is the direction in which its next bone points, seen from the bone before, against
-the rest pose (flat hand, straight arm); a turn of the bone about itself is not part of it. Ranges
-are the normal active motion of the American Academy of Orthopaedic Surgeons (*Joint Motion: Method
-of Measuring and Recording*, 1965): metacarpophalangeal joints bend 90 degrees inwards and 45
-outwards, proximal interphalangeal 100 and 0, distal 80 to 90 and 0; the thumb's joints 70
-(palmar abduction), 55 and 80. To each, `TOLERANCE_DEG` is added.
+A joint's bend is the direction of its next bone relative to the bone before, against the rest pose
+(flat hand, straight arm); a turn of the bone about itself is not part of it. Ranges are the normal
+active motion of the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring
+and Recording*, 1965): metacarpophalangeal joints bend 90 degrees inwards and 45 outwards, proximal
+interphalangeal 100 and 0, distal 80 to 90 and 0; the thumb's joints 70 (palmar abduction), 55 and
+80. `TOLERANCE_DEG` is added to each.
 """
 
 from dataclasses import dataclass
@@ -37,16 +36,16 @@ from model.motion.kinematics import RestSkeleton
 from model.motion.tracks import Tracks
 
 FINGERS_STILL_DEG_S = 1.0
-"""A hand is still from one frame to the next if none of its finger joints turns faster."""
+"""Angular speed (degrees/s) below which all finger joints of a hand stay while it is still."""
 _THIRD_DIFFERENCE_VARIANCE = 20.0
-"""Of unit white noise: 1 + 9 + 9 + 1."""
+"""Variance of the third difference of unit white noise: 1 + 9 + 9 + 1."""
 _MEDIAN_LENGTH = 1.5382
 """Median length of a vector of three independent normals of deviation 1 (chi, 3 degrees)."""
 
 
 @dataclass(frozen=True)
 class FingertipMeasures:
-    """Of the ten rigid fingertips."""
+    """Mean path, acceleration and jerk of the ten rigid fingertips."""
 
     fingertips_path_m_s: ByFingertip
     fingertips_acceleration_m_s2: ByFingertip
@@ -55,7 +54,7 @@ class FingertipMeasures:
 
 @dataclass(frozen=True)
 class PositionMeasures:
-    """Of all joints' positions."""
+    """Mean speed, acceleration and jerk of all joints, and their means by depth."""
 
     joint_speed_m_s: ByJoint
     joint_acceleration_m_s2: ByJoint
@@ -67,7 +66,7 @@ class PositionMeasures:
 
 @dataclass(frozen=True)
 class RotationMeasures:
-    """Of all joints' rotations."""
+    """Mean angular speed, angular acceleration and rotation noise of all joints."""
 
     joint_angular_speed_deg_s: ByJoint
     joint_angular_acceleration_deg_s2: ByJoint
@@ -78,20 +77,20 @@ class RotationMeasures:
 
 
 def fingertip_measures(tracks: Tracks) -> FingertipMeasures:
-    """Of the ten rigid fingertips."""
+    """Compute the metrics of the ten rigid fingertips."""
     return FingertipMeasures(
         *(mean_over_time(derivative_magnitudes(tracks.fingertips, order)) for order in (1, 2, 3))
     )
 
 
 def position_measures(tracks: Tracks) -> PositionMeasures:
-    """Of all joints' positions."""
+    """Compute the metrics of all joint positions."""
     found = [mean_over_time(derivative_magnitudes(tracks.joints, order)) for order in (1, 2, 3)]
     return PositionMeasures(*found, *map(mean_by_depth, found))
 
 
 def rotation_measures(tracks: Tracks) -> RotationMeasures:
-    """Of all joints' rotations."""
+    """Compute the metrics of all local joint rotations."""
     velocity = angular_velocity(tracks.local_rot)  # (T - 1, 55, 3)
     magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
     change = np.stack(  # joint by joint: all differences of a long clip are large
@@ -117,13 +116,14 @@ def rotation_measures(tracks: Tracks) -> RotationMeasures:
 def rotation_noise(
     velocity: Float[np.ndarray, "steps *joints 3"],
 ) -> Float[np.ndarray, " *joints"]:
-    """Deviation, in radians about each axis, of the white noise that rotations seem to hold.
+    """Estimate the white noise of rotations: its standard deviation about each axis (rad).
 
-    From the median length of the third difference of the turning, which hardly sees movement and
-    no rare glitch: noise of deviation s gives sqrt(20) s on each axis. NaN under 4 frames.
+    The estimate is the median length of the third difference of the rotation, which is insensitive
+    to movement and to rare glitches: noise of deviation s gives sqrt(20) s on each axis. NaN under
+    4 frames.
 
     Args:
-        velocity: from `angular_velocity`, rad/s.
+        velocity: from `angular_velocity` (rad/s).
     """
     third = np.linalg.norm(np.diff(velocity, n=2, axis=0), axis=-1) / FPS
     if not len(third):
@@ -132,17 +132,19 @@ def rotation_noise(
 
 
 FLEXION_DEG = {1: (-45.0, 90.0), 2: (0.0, 100.0), 3: (0.0, 90.0)}
-"""Outwards and inwards, of the first, second and third joint of a finger."""
+"""Range of a finger's first, second and third joint (degrees): outwards (negative) and inwards."""
 THUMB_BEND_DEG = {1: 70.0, 2: 55.0, 3: 80.0}
-"""In any direction: a thumb's axes stand at an angle to the rest pose's."""
+"""Largest bend of the thumb's joints (degrees) in any direction: its axes are at an angle to those
+of the rest pose."""
 SIDEWAYS_DEG = 40.0
-"""The first joints spread by 20 degrees; twice that, because a little finger's rest bone stands at
-an angle to the plane in which it bends."""
+"""Largest sideways bend (degrees). The first joints spread by 20 degrees; the limit is twice that,
+because a little finger's rest bone is at an angle to the plane in which it bends."""
 TOLERANCE_DEG = 20.0
-"""For errors of motion capture and for a rest pose that is not the anatomist's zero. With it, less
-than 1 % of the frames and finger joints of the recorded clips that were tried lie outside."""
+"""Tolerance (degrees) for errors of motion capture and for a rest pose that is not the anatomist's
+zero. With it, less than 1 % of the frames and finger joints of the recorded clips that were tried
+lie outside."""
 ELBOW_BACKWARDS_DEG = 15.0
-"""Healthy elbows overextend by up to 10 to 15 degrees."""
+"""Backward bend of an elbow that counts (degrees); healthy elbows overextend by up to 10 to 15."""
 
 FINGER_JOINT_NAMES = tuple(JOINT_NAMES[joint] for joint in HANDS)
 
@@ -152,7 +154,8 @@ def bend_deg(
     bone: Float[np.ndarray, " 3"],
     inwards: Float[np.ndarray, " 3"],
 ) -> tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
-    """Flexion (-180 to 180, inwards positive), sideways bend (-90 to 90) and whole bend (0 to 180).
+    """Compute flexion (-180 to 180, inwards positive), sideways (-90 to 90) and whole bend (0 to
+    180).
 
     Args:
         bone: rest direction of the next bone, any length.
@@ -171,7 +174,7 @@ def bend_deg(
 def finger_is_outside(
     local_rot: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton
 ) -> Bool[np.ndarray, "T 30"]:
-    """Whether each finger joint is bent beyond the human range, in the order of `HANDS`."""
+    """Check whether each finger joint is bent beyond the human range, in the order of `HANDS`."""
     palm = np.array([0.0, -1.0, 0.0])  # of both hands in the T-pose
     outside = []
     for joint in HANDS:
@@ -190,7 +193,7 @@ def finger_is_outside(
 def elbow_backwards_share(
     local_rot: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton, side: str
 ) -> float:
-    """Share of frames in which an elbow is bent backwards by more than 15 degrees."""
+    """Compute the share of frames in which an elbow is bent backwards by more than 15 degrees."""
     elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in ("elbow", "wrist"))
     rest = skeleton.rest_joints.double().numpy()
     forwards = np.array([0.0, 0.0, 1.0])  # where a forearm goes in the T-pose
@@ -199,7 +202,7 @@ def elbow_backwards_share(
 
 
 def _next_bone(joint: int, skeleton: RestSkeleton) -> Float64[np.ndarray, " 3"]:
-    """From a finger joint to the next one, or to the tip, in the rest pose."""
+    """Return the vector from a finger joint to the next one, or to the tip, in the rest pose."""
     finger, segment = JOINT_NAMES[joint][:-1], int(JOINT_NAMES[joint][-1])
     if segment == 3:
         return skeleton.tip_offsets[FINGERTIP_NAMES.index(finger)].double().numpy()
@@ -209,7 +212,7 @@ def _next_bone(joint: int, skeleton: RestSkeleton) -> Float64[np.ndarray, " 3"]:
 
 @dataclass(frozen=True)
 class RangeMeasures:
-    """Of joints bent as no human joint is, as shares of all frames."""
+    """Shares of all frames with joints beyond the human range."""
 
     finger_angle_outside_share: float
     finger_angle_outside_by_joint: dict[str, float]
@@ -217,7 +220,7 @@ class RangeMeasures:
 
 
 def range_measures(tracks: Tracks, skeleton: RestSkeleton) -> RangeMeasures:
-    """How often joints are bent as no human joint is."""
+    """Compute how often finger joints and elbows are bent beyond the human range."""
     share = finger_is_outside(tracks.local_rot, skeleton).mean(axis=0)
     left, right = (elbow_backwards_share(tracks.local_rot, skeleton, s) for s in ("left", "right"))
     return RangeMeasures(

@@ -1,14 +1,14 @@
-"""Is the motion in step with its speech? How much later it moves than it is spoken, with an
-interval, or nothing where neither face nor body follows this speech.
+"""Lag of a motion behind its speech, with a confidence interval; unknown if the motion does not
+follow this speech.
 
-Face (expression coefficients and jaw) and sound (mel bands) are taken less their level of about a
-second and turned into uncorrelated parts of equal size. How much they share at a lag is the sum of
-all squared correlations between parts: nobody has to know which coefficient opens the mouth. The
-lag is told where that sum stands far out of what it is at lags that cannot be (`CHANCE_LAG_FRAMES`
-and more, in a circle), of which a clip has hundreds.
+Face (expression coefficients and jaw) and sound (mel bands) are high-pass filtered at about a
+second and transformed into uncorrelated components of equal variance. Their agreement at a lag is
+the sum of all squared correlations between components: nobody has to know which coefficient opens
+the mouth. A lag is reported if that sum is far above its values at implausible lags
+(`CHANCE_LAG_FRAMES` and more, in a circle), of which a clip has hundreds.
 
-An interval, and whether the lag grows along the clip (`Lag.drift_s`), come of drawing the clip's
-blocks of three seconds anew.
+The interval, and the growth of the lag along the clip (`Lag.lag_drift_s`), come from a bootstrap
+over the clip's blocks of three seconds.
 """
 
 from dataclasses import dataclass
@@ -27,40 +27,40 @@ Ground = Literal["face", "body", "unknown"]
 MOST_LAG_FRAMES = 3 * FPS
 CHANCE_LAG_FRAMES = 100
 LEAST_FRAMES = 12 * FPS
-"""Of shorter clips nothing is told."""
+"""Shortest clip for which a lag is estimated (frames)."""
 STANDS_OUT: dict[Ground, float] = {"face": 6.5, "body": 8.0}
-"""Deviations by which the best lag exceeds the mean of lags that cannot be. Recorded faces of 30 s
-have 11 and more, of 15 s from 6; beside another speech at most 5.6, bodies 6.1 (600 and 300
-pairs of 12 s and more). Recorded bodies have no more beside their own: they give no ground."""
+"""Deviations by which the best lag must exceed the mean of implausible lags. Recorded faces of 30 s
+have 11 and more, of 15 s from 6; with another speech at most 5.6, bodies 6.1 (600 and 300 pairs of
+12 s and more). Recorded bodies have no more with their own speech: they do not show a lag."""
 BEYOND_CHANCE = 1.3
-"""How many times the highest of those lags it must be."""
+"""Smallest ratio of the best lag's agreement to the highest at implausible lags."""
 PARTS, BANDS = 6, 12
 FINE_FRAMES, LEVEL_FRAMES = 1.0, 8.0
-"""Deviations of the Gaussians that smooth a track, and that find its level."""
+"""Deviations (frames) of the Gaussians that smooth a track, and that compute its level."""
 _WINDOW, _FFT, _LOWEST_HZ = 800, 1024, 80.0
 _BLOCK_FRAMES, _MOST_BLOCKS, _NEAR, _DRAWS = 3 * FPS, 60, 15, 200
 _DRIFT_FRAMES, _DRIFT_STEP, _LEAST_DRIFT = 90, 3, 6
 _DRIFTING_FROM = 25 * FPS
-"""A shorter clip has no drift that could be told."""
+"""Shortest clip for which a drift is estimated (frames)."""
 
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later a motion is than its speech; negative where it is earlier."""
+    """Delay of a motion relative to its speech; negative if the motion is earlier."""
 
     lag_s: float
-    """In the middle of the clip."""
+    """Lag in the middle of the clip (s)."""
     lag_low_s: float
     lag_high_s: float
-    """Where it lies in 95 % of draws of the clip's blocks."""
+    """95 % interval of the lag over bootstrap draws of the clip's blocks (s)."""
     lag_drift_s: float
-    """By how much it grows from the first to the last frame; 0 where that might be chance."""
+    """Growth of the lag from the first to the last frame (s); 0 if it might be chance."""
     lag_rate: float
-    """Frames a second that would make up for that; 30 where it does not grow."""
+    """Frame rate that would compensate for the drift (fps); 30 without drift."""
     lag_ground: Ground
-    """What follows the speech; where that is unknown, all numbers but the last are NaN."""
+    """Part of the body that follows the speech; if it is unknown, all numbers are NaN."""
     lag_stands_out: float
-    """See `STANDS_OUT`."""
+    """Deviations of the best lag's agreement above chance; see `STANDS_OUT`."""
 
     @property
     def is_known(self) -> bool:
@@ -72,7 +72,7 @@ UNKNOWN = Lag(_NO, _NO, _NO, _NO, _NO, "unknown", _NO)
 
 
 def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
-    """Logarithms of mel powers around the middle of each frame, of 16 kHz speech."""
+    """Compute log-mel powers around the middle of each motion frame from 16 kHz speech."""
     hop = SAMPLE_RATE / FPS
     count = len(waveform) * FPS // SAMPLE_RATE
     padded = np.pad(np.asarray(waveform, np.float32), (_WINDOW // 2, _WINDOW))
@@ -88,8 +88,10 @@ def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"
 
 
 def find_lag(motion: Motion, heard: Float[np.ndarray, "T2 BANDS"]) -> Lag:
-    """Of the face, else of the body; unknown where the clip is too short, or neither follows this
-    speech."""
+    """Estimate the lag from the face, otherwise from the body.
+
+    Unknown if the clip is too short, or if neither follows this speech.
+    """
     frames = min(motion.num_frames, len(heard))
     if frames < LEAST_FRAMES:
         return UNKNOWN
@@ -110,7 +112,8 @@ def _face(motion: Motion) -> Float[np.ndarray, "T columns"]:
 
 
 def _body(motion: Motion) -> Float[np.ndarray, "T columns"]:
-    """How the head turns, and how fast the arms do: strokes end where they get slow."""
+    """Compute the turning of the head and the speed of the arms, which is low at the end of
+    strokes."""
     poses = motion.poses.reshape(motion.num_frames, -1, 3).astype(np.float64)
     turns = np.asarray(np.gradient(poses, axis=0)) * FPS
     head = turns[:, [JOINT_INDEX["neck"], JOINT_INDEX["head"]]].reshape(motion.num_frames, -1)
@@ -120,8 +123,10 @@ def _body(motion: Motion) -> Float[np.ndarray, "T columns"]:
 
 
 def _parts(track: Float[np.ndarray, "T columns"]) -> Float[np.ndarray, "T parts"]:
-    """Uncorrelated tracks of equal size, the first `PARTS` of all columns; fewer where there is
-    hardly any movement."""
+    """Transform a track into its first `PARTS` uncorrelated components of equal variance.
+
+    There are fewer if it hardly moves.
+    """
     fine = gaussian_filter1d(np.asarray(track, np.float64), FINE_FRAMES, axis=0)
     track = fine - gaussian_filter1d(track, LEVEL_FRAMES, axis=0)
     track = track - track.mean(axis=0)
@@ -171,7 +176,8 @@ def _lag(
 def _shared_in_a_circle(
     moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"]
 ) -> Float[np.ndarray, " T"]:
-    """Entry ``lag``: the sum of squared correlations with the sound so many frames before."""
+    """Compute at entry ``lag`` the sum of squared correlations with the sound so many frames
+    earlier."""
     ours, theirs = np.fft.rfft(moves, axis=0), np.conj(np.fft.rfft(sound, axis=0))
     found = np.zeros(len(moves))
     for each in ours.T:
@@ -186,7 +192,7 @@ _REACH = MOST_LAG_FRAMES + _DRIFT_FRAMES // 2
 def _products(
     moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"]
 ) -> Float32[np.ndarray, "blocks lags products"]:
-    """Of each block of the clip, and each lag up to `_REACH`: what all parts share."""
+    """Compute the products of all components for each block and each lag up to `_REACH`."""
     frames = max(_BLOCK_FRAMES, -(-len(moves) // _MOST_BLOCKS))
     padded = np.pad(sound, ((_REACH, _REACH), (0, 0)))
     found = []
@@ -201,8 +207,10 @@ def _products(
 def _slanted(
     products: Float32[np.ndarray, "blocks reach products"], slope: int
 ) -> Float32[np.ndarray, "blocks lags products"]:
-    """Where the lag grows by so many frames over the clip; its middle at lags up to
-    `MOST_LAG_FRAMES`."""
+    """Select the products for a lag that grows linearly by ``slope`` frames over the clip.
+
+    The lag in the middle of the clip is up to `MOST_LAG_FRAMES`.
+    """
     count = len(products)
     places = (np.arange(count) + 0.5) / count - 0.5
     first = np.round(slope * places).astype(int) + _REACH - MOST_LAG_FRAMES
@@ -216,7 +224,7 @@ def _drawn(
     slopes: list[int],
     best: int,
 ) -> tuple[Float[np.ndarray, " draws"], Float[np.ndarray, " draws"]]:
-    """Lag and slope in frames, of blocks drawn anew."""
+    """Estimate lag and slope (frames) for each bootstrap draw of the blocks."""
     count = len(products)
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _DRAWS)
     draws, first = draws.astype(np.float32), max(0, best - _NEAR)

@@ -1,12 +1,12 @@
-"""How smoothly the followed point moves, and which joint makes it jerk.
+"""Metrics of the tracked point: its smoothness, and the joint that causes its jerk.
 
-Smoothing the local rotation of joint j from R to S leaves everything above j and the shape of the
-chain below it as they are, so that forward kinematics of the changed chain comes down to a turn of
-the point about the joint: ``p' = p_j + G_parent(j) S G_j^T (p - p_j)``, exact for any point that
-moves rigidly with the last joint of the chain.
+Smoothing the local rotation of joint j from R to S changes neither what is above j nor the shape of
+the chain below it, so that forward kinematics of the changed chain comes down to a turn of the
+point about the joint: ``p' = p_j + G_parent(j) S G_j^T (p - p_j)``, exact for any point that moves
+rigidly with the last joint of the chain.
 
-Positions are in metres, at 30 fps. A measure that a clip is too short to have, or that would be
-0 / 0, is NaN.
+Positions are in metres, at 30 fps. A metric is NaN for a clip that is too short, or where it would
+be 0 / 0.
 """
 
 import math
@@ -32,27 +32,27 @@ from model.motion.tracks import Tracks
 
 @dataclass(frozen=True)
 class JerkAttribution:
-    """How much less a point jerks when one thing alone is smoothed; 1 is all of its jerk.
+    """Drop of a point's jerk when one rotation alone is smoothed, as a share: 1 is all of it.
 
     Shares need not add up to 1: errors of two joints can hide each other, and then a share is
     negative. NaN under 4 frames and where nothing moves.
     """
 
     joints: tuple[str, ...]
-    """From the pelvis to the last joint that moves the point."""
+    """Names of the joints from the pelvis to the last one that moves the point."""
     share: Float[np.ndarray, " chain"]
     translation_share: float
-    """The same for the body's translation."""
+    """Share of the body's translation."""
 
 
 def attribute_jerk(
     point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
 ) -> JerkAttribution:
-    """Relative drop of the mean jerk of ``point`` for each joint of its chain.
+    """Compute the relative drop of the mean jerk of ``point`` for each joint of its chain.
 
     Args:
         point: positions in metres.
-        chain: the joints whose rotation moves the point, pelvis first (`tracks.moving_chain`).
+        chain: the joints with rotations that move the point, pelvis first (`tracks.moving_chain`).
     """
     whole = _mean_jerk(point)
     share = np.full(len(chain), np.nan)
@@ -76,7 +76,7 @@ def _turned_about(
     joint: int,
     local_rot: Float[np.ndarray, "T 3 3"],
 ) -> Float[np.ndarray, "T 3"]:
-    """The point with other local rotations of one joint."""
+    """Compute the point's positions for other local rotations of one joint."""
     pivot = tracks.joints[:, joint]
     in_joint = np.einsum("tji,tj->ti", tracks.global_rot[:, joint], point - pivot)
     in_parent = np.einsum("tij,tj->ti", local_rot, in_joint)
@@ -90,27 +90,27 @@ def _mean_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 
 
 STILL_M_S = 1e-4
-"""A point that never gets as fast as 0.1 mm/s stands."""
+"""Peak speed (m/s) below which a point counts as still: 0.1 mm/s."""
 MOVEMENT_FRAMES = 60
-"""Stretches that SPARC and the dimensionless jerk are taken over. Both depend on how long a
+"""Length (frames) of the stretches for SPARC and the dimensionless jerk. Both depend on how long a
 movement lasts, so that whole clips of different lengths could not be compared; 2 s hold a gesture.
 """
 SPARC_CUTOFF_HZ = 10.0
 SPARC_THRESHOLD = 0.05
 SPARC_PADDING = 4
-"""Balasubramanian et al. 2015: cut-off, amplitude threshold and level of zero padding."""
+"""Cutoff frequency, amplitude threshold and zero padding of Balasubramanian et al. 2015."""
 
 
 @dataclass(frozen=True)
 class PointMeasures:
-    """Of the followed point."""
+    """Metrics of the tracked point."""
 
     tip_jerk_m_s3: float
     tip_acceleration_m_s2: float
     tip_path_m_s: float
     tip_velocity_power_above_5hz: float
     tip_spectrum: VelocitySpectrum | None
-    """In shares of the whole."""
+    """Velocity spectrum as shares of its total power."""
     tip_sparc: float
     tip_log_dimensionless_jerk: float
     tip_jerk_attribution: JerkAttribution
@@ -119,7 +119,7 @@ class PointMeasures:
 def point_measures(
     point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
 ) -> PointMeasures:
-    """Of a point that moves with the last joint of ``chain``."""
+    """Compute the metrics of a point that moves with the last joint of ``chain``."""
 
     def mean(order: int) -> float:
         return float(mean_over_time(derivative_magnitudes(point, order)))
@@ -143,11 +143,11 @@ def point_measures(
 
 
 def sparc(speed: Float[np.ndarray, " T"]) -> float:
-    """Spectral arc length of a speed profile (Balasubramanian et al. 2015); nearer 0 is smoother.
+    """Compute the spectral arc length of a speed profile (Balasubramanian et al. 2015).
 
-    Minus the length of the curve of the magnitude spectrum, divided by its value at 0 Hz, over
-    frequencies from 0 to the last one below 10 Hz where it reaches 0.05, scaled to 0 to 1. NaN for
-    a profile that is zero.
+    Nearer 0 is smoother. It is minus the length of the curve of the magnitude spectrum, divided by
+    its value at 0 Hz, over frequencies from 0 to the last one below 10 Hz where it reaches 0.05,
+    scaled to 0 to 1. NaN for a profile that is zero.
     """
     if not len(speed) or speed.max() < STILL_M_S:
         return float("nan")
@@ -161,7 +161,7 @@ def sparc(speed: Float[np.ndarray, " T"]) -> float:
 
 
 def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
-    """``-ln(T^3 / v_peak^2 * integral of |jerk|^2 dt)``; higher is smoother (same source).
+    """Compute ``-ln(T^3 / v_peak^2 * integral of |jerk|^2 dt)``; higher is smoother (same source).
 
     NaN under 4 frames and where nothing moves.
     """
@@ -174,10 +174,10 @@ def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 
 
 def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
-    """SPARC and log dimensionless jerk, each the mean over stretches of 2 s from the first frame.
+    """Compute SPARC and log dimensionless jerk as means over stretches of 2 s from the first frame.
 
-    What is left over at the end is not used. NaN under 61 frames; stretches in which the point
-    stands still do not count.
+    The rest at the end is not used. NaN under 61 frames; stretches in which the point does not move
+    do not count.
     """
     values = []
     for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):

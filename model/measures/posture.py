@@ -1,6 +1,6 @@
-"""How a body stands and moves as a whole: spine, feet, hands against each other, drift.
+"""Metrics of posture: spine tilt, feet, symmetry of the hands, and root drift.
 
-Positions are in metres, y up, 30 fps. A measure that a clip cannot have is NaN.
+Positions are in metres, y up, 30 fps. A metric that a clip cannot have is NaN.
 """
 
 from dataclasses import dataclass
@@ -16,31 +16,33 @@ from model.motion.tracks import Tracks
 GROUND_PERCENTILE = 5.0
 CONTACT_HEIGHT_M = 0.05
 FLOATING_M, SINKING_M = 0.08, 0.06
-"""Of the lower foot from where it usually is; recorded clips: 0.041 up and 0.044 down at most."""
+"""Height of the lower foot above and below its median (m) that counts as floating and sinking;
+recorded clips: 0.041 up and 0.044 down at most."""
 FEET = (JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"])
 WRISTS = (JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"])
 LOW_PERCENTILE, HIGH_PERCENTILE = 5, 95
 
 
 def spine_tilt_deg(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T"]:
-    """Angle between the upward vertical and the line from the pelvis to the neck."""
+    """Compute the angle between the upward vertical and the line from the pelvis to the neck
+    (degrees)."""
     spine = joints[:, JOINT_INDEX["neck"]] - joints[:, JOINT_INDEX["pelvis"]]
     return np.degrees(np.arctan2(np.hypot(spine[:, 0], spine[:, 2]), spine[:, 1]))
 
 
 def height_above_ground(feet: Float[np.ndarray, "T feet 3"]) -> Float[np.ndarray, "T feet"]:
-    """Metres above the ground: the 5th percentile of the lowest foot's height.
+    """Compute heights above the ground (m): the 5th percentile of the lowest foot's height.
 
-    So one bad frame does not move the ground.
+    With a percentile, one bad frame does not move the ground.
     """
     return feet[..., 1] - np.percentile(feet[..., 1].min(axis=1), GROUND_PERCENTILE)
 
 
 def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
-    """Mean horizontal speed in m/s of feet on the ground.
+    """Compute the mean horizontal speed of feet in ground contact (m/s).
 
-    A foot is on the ground while it stays below 5 cm above it over both frames of a step. NaN for
-    one frame, or when no foot stays down.
+    A foot is in contact while it stays below 5 cm above the ground over both frames of a step. NaN
+    for one frame, or if no foot stays down.
     """
     feet = feet.astype(np.float64)
     if len(feet) < 2:
@@ -52,9 +54,11 @@ def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
 
 
 def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, float]:
-    """Shares of the frames in which some foot is within 5 cm of the ground (that of `foot_slide`),
-    in which all are 8 cm and more over where the lower one usually is (its median), and in which
-    one is 6 cm and more under that."""
+    """Compute the shares of frames with ground contact, with floating and with sinking feet.
+
+    Contact: a foot is within 5 cm of the ground (that of `foot_slide`). Floating: the lower foot is
+    8 cm or more above its median height. Sinking: it is 6 cm or more below.
+    """
     lower = feet[..., 1].min(axis=1)
     off = lower - np.median(lower)
     contact = (height_above_ground(feet).min(axis=1) < CONTACT_HEIGHT_M).mean()
@@ -62,9 +66,9 @@ def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, flo
 
 
 def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
-    """Pearson correlation of the two wrists' speeds, their motion with the pelvis left out.
+    """Compute the Pearson correlation of the two wrists' speeds relative to the pelvis.
 
-    1: both always move together; NaN under 3 frames or when one of them never changes its speed.
+    1: both always move together; NaN under 3 frames or if the speed of one never changes.
     """
     wrists = joints[:, list(WRISTS)] - joints[:, :1]
     left, right = derivative_magnitudes(wrists, 1).T
@@ -74,7 +78,8 @@ def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
 
 
 def root_drift(pelvis: Float[np.ndarray, "T 3"]) -> float:
-    """Horizontal distance in metres between the pelvis' mean places in the first and last second.
+    """Compute the horizontal distance (m) between the pelvis' mean position in first and last
+    second.
 
     NaN under 2 s.
     """
@@ -86,7 +91,7 @@ def root_drift(pelvis: Float[np.ndarray, "T 3"]) -> float:
 
 @dataclass(frozen=True)
 class HeightRange:
-    """5th and 95th percentile."""
+    """5th and 95th percentile of a foot's height above the ground (m)."""
 
     p5: float
     p95: float
@@ -94,7 +99,7 @@ class HeightRange:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Over all frames."""
+    """Mean and 95th percentile of the spine tilt over all frames (degrees)."""
 
     mean: float
     p95: float
@@ -102,7 +107,7 @@ class Tilt:
 
 @dataclass(frozen=True)
 class PostureMeasures:
-    """Of feet, spine, hands and place."""
+    """Metrics of feet, spine, hands and root."""
 
     foot_slide_m_s: float
     foot_height_m: Sides[HeightRange]
@@ -115,7 +120,7 @@ class PostureMeasures:
 
 
 def posture_measures(tracks: Tracks) -> PostureMeasures:
-    """Of feet, spine, hands and place."""
+    """Compute the metrics of feet, spine, hands and root."""
     feet = tracks.joints[:, list(FEET)]
     tilt = spine_tilt_deg(tracks.joints)
     low, high = np.percentile(

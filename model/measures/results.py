@@ -1,5 +1,7 @@
-"""What is measured of one motion. Fields are called as the keys of ``diagnostics.json``, where
-``docs/formats.md`` says what each is; what a clip is too short or too still for is NaN or None.
+"""Results of all metrics of one motion.
+
+Fields are named as the keys of ``diagnostics.json`` and explained in ``docs/formats.md``; a metric
+of a clip that is too short or too still for it is NaN or None.
 """
 
 import math
@@ -26,24 +28,23 @@ BeatSpeeds = Literal["reference", "own", "emage"]
 
 @dataclass(frozen=True)
 class BeatMeasures:
-    """BeatAlign in EMAGE's direction and its chance level, NaN where no onset counts; and what it
-    rests on."""
+    """BeatAlign in EMAGE's direction with its chance level and details; NaN if no onset counts."""
 
     beat_align: float
     beat_align_chance: float
     beat_align_chance_highest: float
-    """Of the shifts whose mean is the chance level."""
+    """Highest score of the shifted onsets, the mean of which is the chance level."""
     beats_per_joint_s: float
-    """Beats of motion per second, mean of the 13 joints."""
+    """Motion beats per second, mean of the 13 joints."""
     beat_onsets: int
-    """Onsets of the speech that count."""
+    """Number of onsets that count."""
     beat_speeds_of: BeatSpeeds
-    """Whose mean speeds decide what is slow."""
+    """Source of the mean speeds in the threshold of motion beats."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Everything of one motion; in files the fields of all groups stand side by side."""
+    """All metrics of one motion; in files the fields of all groups are on one level."""
 
     point: PointMeasures
     fingertips: FingertipMeasures
@@ -54,20 +55,20 @@ class Measures:
     ranges: RangeMeasures
     diversity: Diversity
     errors: ReferenceError | None = None
-    """None without a reference."""
+    """Errors to the reference; None without a reference."""
     beats: BeatMeasures | None = None
-    """None without speech."""
+    """BeatAlign; None without speech."""
     lag: Lag | None = None
-    """Of the motion as it is; None without speech."""
+    """Lag of the unfiltered motion behind the speech; None without speech."""
 
     def as_json(self) -> dict[str, Any]:
-        """By the keys of ``diagnostics.json``."""
+        """Return the metrics by the keys of ``diagnostics.json``."""
         groups = [vars(group) for group in vars(self).values() if group is not None]
         return {key: as_json(value) for group in groups for key, value in group.items()}
 
 
 def as_json(value: Any) -> Any:
-    """Plain lists and numbers. JSON knows no NaN: None says that there is no such number."""
+    """Convert to plain lists and numbers; NaN, which JSON lacks, becomes None."""
     if is_dataclass(value):
         return as_json(vars(value))
     if isinstance(value, Mapping):

@@ -1,18 +1,18 @@
-"""Do windows or codes show where they were put together? Jerk folded on any period.
+"""Detection of window seams and code strides: periods of jerk, and jerk folded on a period.
 
 Recorded people have no clock that runs in frames; systems that join windows, or decode codes of
 some stride, have one. The jerk of each part of the body is taken in logarithms, less its local
 level, and given normal scores, so that no gesture and no single glitch outweighs the rest. Two
 tests follow, both with the null hypothesis that nothing repeats:
 
-* **pulses**, 8 to 240 frames: the mean of the scores at one place of the period, over whole
+* **pulses**, 8 to 240 frames: the mean of the scores at one phase of the period, over whole
   periods. It is normal, with deviation one over the root of their number.
 * **ripple**, 2 to 16 frames: the power at the period's frequency and its multiples, over the power
-  around them, which makes it chi-squared. It is added up from stretches of about two seconds whose
-  amplitudes are cut at ``CUT``: a rhythm that a hand beats for a while does not add up, a clock
+  around them, which makes it chi-squared. It is added up from stretches of about two seconds with
+  amplitudes clipped at ``CUT``: a rhythm that a hand beats for a while does not add up, a clock
   that runs through the clip does.
 
-Each probability is multiplied by the number of tests made (Bonferroni: periods, their places, and
+Each probability is multiplied by the number of tests made (Bonferroni: periods, their phases, and
 parts of the body).
 """
 
@@ -36,19 +36,21 @@ from model.motion.tracks import Tracks
 MIN_PERIOD, MAX_PERIOD = 2, 240
 LONGEST_RIPPLE, SHORTEST_PULSES = 16, 8
 MIN_PERIODS = 4
-"""Fewer whole periods, or stretches of ripple, tell nothing."""
+"""Smallest number of whole periods, or stretches of ripple, for a test."""
 CHANCE = 2.5e-4
-"""Of a period in a clip that has none, for each of the two tests; see the table of false alarms in
-``docs/others.md``."""
+"""False-alarm probability in a clip without a period, for each of the two tests; see the table of
+false alarms in ``docs/others.md``."""
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
 CUT = 1.4
-"""Of amplitudes over the usual: hardly weaker against a faint clock, deaf to a loud minority."""
+"""Amplitude over the background at which it is clipped: hardly less sensitive to a faint clock,
+insensitive to a loud minority."""
 SAME_PERIOD = 0.75
-"""Part of what repeats that a shorter period must explain; half of a true one explains half."""
+"""Share of the repeating power that a shorter period must explain; half of a true one explains
+half."""
 WORST = 5
 _LEAST_M_S3 = 1e-3
-"""Added before the logarithm."""
+"""Jerk added before the logarithm (m/s³)."""
 
 Kind = Literal["pulses", "ripple"]
 
@@ -72,42 +74,42 @@ PARTS: dict[str, tuple[int, ...]] = {
     "left hand": _with_tips(LEFT_HAND, "left"),
     "right hand": _with_tips(RIGHT_HAND, "right"),
 }
-"""Points of each part: joints, and fingertips counted on from them."""
+"""Points of each part: joints, and fingertips with indices that continue those of the joints."""
 
 
 @dataclass(frozen=True, eq=False)
 class Period:
-    """A number of frames after which jerk comes again, of the part that shows it most."""
+    """A number of frames after which jerk repeats, in the part that shows it most."""
 
     frames: int
     kind: Kind
     part: str
-    """One of `PARTS`."""
+    """Name in `PARTS` of the part with this period."""
     phase_frame: int
     """Frame of the period, counted from the first of the clip, with the highest mean jerk."""
     periods: int
-    """Whole ones in the clip."""
+    """Number of whole periods in the clip."""
     peak_over_usual: float
     """Mean jerk of the part at that frame over the median of all frames of the period."""
     peak_over_least: float
-    """The same over the lowest."""
+    """Mean jerk of the part at that frame over the lowest of all frames of the period."""
     chance: float
     """Probability, after all tests that were made, that jerk without a period looks so."""
     worst_frames: tuple[int, ...]
-    """Of the clip: where it jerks most at that frame of the period, at most `WORST`."""
+    """Frames of the clip with the highest jerk at that phase, at most `WORST`."""
 
 
 @dataclass(frozen=True)
 class _Candidate:
     log_chance: float
-    """Natural logarithm, before the number of parts counts."""
+    """Natural logarithm of the probability, without the correction for the number of parts."""
     frames: int
     kind: Kind
     part: str
 
 
 def find_period(tracks: Tracks) -> Period | None:
-    """The period least likely to be chance, or None where all may be chance.
+    """Find the period that is least likely to be chance; None if all may be chance.
 
     A clip too short for four periods of some length is not searched for that length.
     """
@@ -133,7 +135,7 @@ def find_period(tracks: Tracks) -> Period | None:
 
 
 def _part_jerk(tracks: Tracks, part: str) -> Float[np.ndarray, " N"]:
-    """Entry i is the mean third difference of the part's points over frames i to i + 3."""
+    """Compute at entry i the mean third difference of the part's points over frames i to i + 3."""
     tips = [point - NUM_JOINTS for point in PARTS[part] if point >= NUM_JOINTS]
     joints = [point for point in PARTS[part] if point < NUM_JOINTS]
     points = np.concatenate([tracks.joints[:, joints], tracks.fingertips[:, tips]], axis=1)
@@ -141,7 +143,7 @@ def _part_jerk(tracks: Tracks, part: str) -> Float[np.ndarray, " N"]:
 
 
 def _scores(jerk: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    """Normal scores of the logarithm less its local median."""
+    """Compute normal scores of the logarithm less its local median."""
     level = np.log(jerk + _LEAST_M_S3)
     level -= median_filter(level, LEVEL_FRAMES, mode="nearest")
     return ndtri((rankdata(level) - 0.5) / len(level))
@@ -184,9 +186,10 @@ def _ripple(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
 def _background(
     scores: Float[np.ndarray, " N"],
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
-    """Usual power at each frequency, and the frequencies in cycles per frame.
+    """Compute the background power at each frequency, and the frequencies in cycles per frame.
 
-    A running median, which lines do not raise; that of an exponential is its mean times ln 2.
+    It is a running median, which spectral lines do not raise; that of an exponential is its mean
+    times ln 2.
     """
     power = np.abs(np.fft.rfft(scores)) ** 2 / len(scores)
     width = max(15, len(scores) // 40) | 1
@@ -196,7 +199,10 @@ def _background(
 
 @cache
 def _cut_power() -> tuple[float, float]:
-    """Mean square of a cut standard normal, and of a cut complex one of mean square 1."""
+    """Compute the mean square of a clipped standard normal, and of a clipped complex one.
+
+    The complex one has a mean square of 1 before clipping.
+    """
     inside = chi2.cdf(CUT**2, 3)  # the integral of x^2 below the cut
     return float(inside + CUT**2 * chi2.sf(CUT**2, 1)), float(-np.expm1(-(CUT**2)))
 
@@ -207,7 +213,7 @@ def _fold(values: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " f
 
 
 def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
-    """Mean jerk at each place of a period; a pop at any offset stands out. NaN where there is none.
+    """Compute the mean jerk at each phase of a period; NaN where there is none.
 
     A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
     middle: a jump between frames f - 1 and f is highest at phase f.
@@ -219,7 +225,7 @@ def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " 
 
 
 def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
-    """What comes every 7 frames comes every 14 too: the shortest divisor that explains it all."""
+    """Return the shortest divisor that explains a period: a period of 7 frames shows at 14 too."""
     for shorter in (d for d in range(MIN_PERIOD, frames) if frames % d == 0):
         explained = _fold(folded, shorter)
         if (frames // shorter) * (explained**2).sum() > SAME_PERIOD * (folded**2).sum():
@@ -246,15 +252,15 @@ def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
 
 
 def seam_jerk_ratio(jerk: Float[np.ndarray, " N"], window_advance: int, overlap: int) -> float:
-    """Peak jerk around the joins of windows over peak jerk of equally long stretches elsewhere.
+    """Compute peak jerk around window seams over peak jerk of equally long stretches elsewhere.
 
-    1 says that joins cannot be told from the rest. A join is the first frame of every window but
-    the first, where the frames that two windows share start. Its stretch holds every third
-    difference that touches frames ``join - 1`` to ``join + overlap``: a pop shows wherever in the
-    shared frames it sits. NaN without a whole join or without a stretch clear of joins.
+    At 1, seams do not differ from the rest. A seam is the first frame of every window but the
+    first, where the frames that two windows share start. Its stretch holds every third difference
+    that touches frames ``join - 1`` to ``join + overlap``: a pop shows wherever in the shared
+    frames it sits. NaN without a whole seam or without a stretch clear of seams.
 
     Args:
-        jerk: entry i: of frames i to i + 3, averaged over points.
+        jerk: entry i is over frames i to i + 3, averaged over points (m/s³).
     """
     stretch = overlap + 5
     is_interior = np.ones(len(jerk), dtype=bool)
@@ -276,12 +282,12 @@ def seam_jerk_ratio(jerk: Float[np.ndarray, " N"], window_advance: int, overlap:
 
 @dataclass(frozen=True)
 class RecurringJerk:
-    """The frame of a window at which the body jerks most, window after window."""
+    """Frame of a window with the highest jerk, window after window."""
 
     phase_frame: int | None
-    """None where there are too few windows."""
+    """Frame in the window; None if there are too few windows."""
     windows: int
-    """Whole windows that the medians are over."""
+    """Number of whole windows in the medians."""
     ratio: float
     """Median over windows of the jerk at that frame, over the median of all frames."""
     chance: float = 1.0
@@ -289,7 +295,7 @@ class RecurringJerk:
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
-    """What `by_phase` peaks at, by medians, so that no single jump can do it.
+    """Find the peak of `by_phase` with medians, so that no single jump can cause it.
 
     NaN under 4 whole windows, and where nothing moves.
     """
@@ -312,21 +318,23 @@ def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> Recurr
 
 @dataclass(frozen=True)
 class SeamMeasures:
-    """Of the joins of windows, or of the period that was found where no windows are known."""
+    """Metrics of window seams, or of the detected period if the windows are unknown."""
 
     seam_jerk_ratio: float
     jerk_by_window_phase_m_s3: Float[np.ndarray, " window_advance"]
-    """Empty where there are neither windows nor a period."""
+    """Mean jerk by phase (m/s³); empty without windows and period."""
     recurring_jerk: RecurringJerk
     folded_on_frames: int | None = None
-    """From one window, or period, to the next."""
+    """Frames from one window, or period, to the next."""
     period: Period | None = None
-    """Found in the raw motion, whether or not windows are known."""
+    """Period detected in the unfiltered motion, with known windows or without."""
 
 
 def seam_measures(tracks: Tracks, windows: Windowing | None, period: Period | None) -> SeamMeasures:
-    """Folded on the windows, or else on the period; a period may start anywhere, so that joins are
-    looked for in windows only."""
+    """Compute the metrics of seams by folding jerk on the windows, or else on the period.
+
+    A period may start anywhere, so that seams are measured in windows only.
+    """
     if windows is not None:
         jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)
         return SeamMeasures(

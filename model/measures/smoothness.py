@@ -1,4 +1,4 @@
-"""How positions change over time: derivatives, their means and spectra; metres, 30 fps."""
+"""Smoothness of positions over time: derivatives, their means and spectra (metres, 30 fps)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from conventions.rates import FPS
 from model.motion.rotations import axis_angle_from_matrix
 
 STILL_M_S3 = 1e-6
-"""Jerk of rounding errors: below it nothing moves, and a ratio means nothing."""
+"""Jerk of rounding errors (m/s³): below it nothing moves, and a ratio means nothing."""
 
 _ROTATION_CHUNK = 2048
 
@@ -23,7 +23,7 @@ _ROTATION_CHUNK = 2048
 def derivative_magnitudes(
     positions: Float[np.ndarray, " T *points 3"], order: int
 ) -> Float[np.ndarray, " entries *points"]:
-    """Length of the ``order``-th difference per unit time: m/s, m/s^2, m/s^3 for 1, 2, 3.
+    """Compute the length of the ``order``-th derivative: m/s, m/s^2, m/s^3 for 1, 2, 3.
 
     Entry i comes from frames i to i + order. Shorter clips give no entries.
     """
@@ -32,14 +32,14 @@ def derivative_magnitudes(
 
 
 def mean_over_time(values: Float[np.ndarray, " T *points"]) -> Float[np.ndarray, " *points"]:
-    """Mean of the first axis; NaN where there are no frames."""
+    """Compute the mean of the first axis; NaN without frames."""
     return np.asarray(values.mean(axis=0)) if len(values) else np.full(values.shape[1:], np.nan)
 
 
 def angular_velocity(
     rotmat: Float[np.ndarray, "T *joints 3 3"],
 ) -> Float[np.ndarray, "steps *joints 3"]:
-    """rad/s in the moving joint's own axes: the turn from each frame to the next, times 30."""
+    """Compute angular velocity (rad/s) in the joint's axes: rotation to the next frame times 30."""
     steps = np.empty((max(0, len(rotmat) - 1), *rotmat.shape[1:-1]))
     for start in range(0, len(steps), _ROTATION_CHUNK):
         part = torch.from_numpy(rotmat[start : start + _ROTATION_CHUNK + 1]).double()
@@ -49,14 +49,15 @@ def angular_velocity(
 
 
 def mean_by_depth(by_joint: Float[np.ndarray, " 55"]) -> Float[np.ndarray, " 11"]:
-    """Entry d is the mean over the joints that are d bones away from the pelvis."""
+    """Compute at entry d the mean over the joints that are d bones away from the pelvis."""
     depth = np.array(JOINT_DEPTH)
     return np.array([by_joint[depth == d].mean() for d in range(max(JOINT_DEPTH) + 1)])
 
 
 WELCH_FRAMES = 128
 MIN_SPECTRUM_FRAMES = 32
-"""About a second: fewer frames cannot tell 5 Hz from what lies below it."""
+"""Shortest clip for a spectrum (frames), about a second: fewer cannot separate 5 Hz from what lies
+below it."""
 HIGH_FREQUENCY_HZ = 5.0
 
 
@@ -69,11 +70,11 @@ class VelocitySpectrum:
     """Mean square of the velocity in each bin, in its unit squared."""
 
     def above(self, hertz: float) -> Float[np.ndarray, " *points"]:
-        """What lies above a frequency."""
+        """Sum the power above a frequency (Hz)."""
         return np.asarray(self.velocity_power[..., self.frequency_hz > hertz].sum(-1))
 
     def shares(self) -> VelocitySpectrum:
-        """Each bin's part of the whole, which is 1; NaN for what does not move."""
+        """Return each bin's share of the total power; NaN for a point that does not move."""
         power = self.velocity_power
         total = power.sum(-1, keepdims=True)
         shares = np.divide(power, total, out=np.full_like(power, np.nan), where=total > 0)
@@ -81,7 +82,7 @@ class VelocitySpectrum:
 
 
 def velocity_spectrum(velocity: Float[np.ndarray, "T *points 3"]) -> VelocitySpectrum | None:
-    """Welch's spectrum (Hann, 128 frames or the whole, half overlapping, mean removed).
+    """Compute Welch's spectrum (Hann, 128 frames or all, half overlapping, mean removed).
 
     None for fewer than 32 frames of velocity.
     """
@@ -100,7 +101,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Sides(Generic[T]):
-    """One thing of the left and of the right side."""
+    """A value for the left and one for the right side."""
 
     left: T
     right: T
