@@ -1,5 +1,8 @@
-"""The figures of one kind of panel, drawn from data frames: how measures are spread over clips,
-quality against time, error along the chain, and what speech and chance decide."""
+"""Figures of one kind of panel, drawn from data frames.
+
+Distributions of metrics over clips, quality against generation time, rotation error along the
+kinematic chain, and the shares of motion that speech and noise decide.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SHOWN_PERCENT = 99.0
-"""Of all values of a panel: its axis ends there, so that one clip does not decide what is seen."""
+"""Percentile of a panel's values at which its x axis ends, so that one outlier does not set it."""
 _COLUMNS = 3
 SPREAD = (
     "Height is the share of clips at or below a value; a curve further to the right has more of"
@@ -30,15 +33,16 @@ SPREAD = (
 def draw_distributions(
     values: "DataFrame", systems: Sequence[str], reference: str | None = None
 ) -> "Figure":
-    """How measures are spread: of each, the share of clips at or below a value.
+    """Draw the cumulative distribution of each metric: the share of clips at or below a value.
 
     Args:
-        values: a row for each clip that has one: ``measure`` with its unit, ``system``, ``value``.
-        systems: in the order of their colours.
-        reference: name of the recorded motion's values, drawn black.
+        values: one row per clip and measure: ``measure`` with its unit, ``system``, ``value``.
+        systems: names in the order of their colours.
+        reference: name of the recorded motion, drawn in black.
 
     Raises:
-        FigureError: if there is nothing to draw, a value is no number, or systems are too many.
+        FigureError: if there is nothing to draw, a value is not finite, or there are too many
+            systems.
     """
     if values.empty:
         raise FigureError("There is no value to draw.")
@@ -90,14 +94,14 @@ STEPS = (
 
 
 def draw_step_curve(points: "DataFrame") -> "Figure":
-    """Quality against time: a curve for each system, a mark for each number of steps.
+    """Draw quality against time: one curve per system, one mark per number of steps.
 
     Args:
-        points: ``system``, ``steps``, ``ms_per_frame`` and the columns of `STEP_PANELS`; those of
-            one system by rising steps.
+        points: columns ``system``, ``steps``, ``ms_per_frame`` and those of `STEP_PANELS`; the rows
+            of one system sorted by steps.
 
     Raises:
-        FigureError: if there is no point, or one with a number that cannot be drawn.
+        FigureError: if there is no point, or a point has a number that cannot be drawn.
     """
     from matplotlib.ticker import LogLocator
 
@@ -140,11 +144,11 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
 
 
 def draw_error_growth(spreads: "DataFrame") -> "Figure":
-    """How far points along the chain move by noise on local and on global rotations.
+    """Draw the shift of points along the kinematic chain under noise on local and global rotations.
 
     Args:
-        spreads: in metres by ``point``: ``local``, ``global``, ``predicted_local`` and
-            ``predicted_global``; marks are measured, lines are the closed form.
+        spreads: RMS shifts in metres, one row per ``point``: ``local`` and ``global`` are measured
+            (marks), ``predicted_local`` and ``predicted_global`` are the closed form (lines).
     """
     figure = style.new_figure(style.COLUMN_MM, 70.0)
     axes = figure.subplots()
@@ -181,25 +185,29 @@ HEARING = (
 
 @dataclass(frozen=True)
 class HearingRow:
-    """One system."""
+    """Arm speed and shares of one system, for one row of `draw_hearing`."""
 
     name: str
     arm_speed: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
-    """Degrees a second by speech and seed; the first two of each are shown."""
+    """Arm speed (T,) in degrees per second by speech and noise seed; the first two of each are
+    drawn."""
     shares: Mapping[str, tuple[float, float]]
-    """By part of the body: decided by speech, and by noise."""
+    """Shares decided by speech and by noise (0 to 1), by part of the body."""
 
     @property
     def compared(self) -> tuple[list[str], list[int]]:
-        """The speeches and seeds that are shown."""
+        """Names of the speeches and noise seeds that are drawn."""
         speeches = list(dict.fromkeys(speech for speech, _ in self.arm_speed))
         seeds = sorted({seed for _, seed in self.arm_speed})
         return speeches[: len(SPEECH_COLORS)], seeds[: len(NOISE_LINES)]
 
 
 def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
-    """What speech and what chance decide, a row for each system: on the left the speed of the arms
-    of two speeches with two noise seeds each, on the right the shares by part of the body."""
+    """Draw what speech and what noise decide, one row per system.
+
+    On the left the arm speed for two speeches with two noise seeds each, on the right the shares by
+    part of the body.
+    """
     figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
     cut = round(SHOWN_S * FPS)
     longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
@@ -243,7 +251,7 @@ def _draw_shares(axes: "Axes", row: HearingRow) -> None:
 
 
 def _write_keys(figure: "Figure", row: HearingRow) -> None:
-    """What colours and kinds of line are, above the first row."""
+    """Write the legend of colours and line styles above the first row."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

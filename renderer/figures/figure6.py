@@ -1,9 +1,8 @@
-"""Figure 6 of the GlobalDiff paper for any motions: a fingertip's path beside snapshots, and what
-trembles in it.
+"""Figure 6 of the GlobalDiff paper for any motions: fingertip path, snapshots and tremor.
 
 Up to two systems share plots, as in the paper; of more, each has a row of small ones, with the
-reference or the first faint behind. A path of 30 cm hides a tremble of 2 mm; on a scale of its own
-one sees which motion has more. Nothing here knows where the positions or the pictures come from.
+reference or the first system faint behind. Tremor has a separate scale, because a path of 30 cm
+hides a tremor of 2 mm. Positions and pictures are inputs; nothing here computes them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,19 +32,20 @@ if TYPE_CHECKING:
 
 CUT_OFF_HZ, ORDER = 5.0, 4
 MIN_FRAMES = 32
-"""About a second; fewer frames cannot tell 5 Hz from what lies below it."""
+"""Shortest window (frames) for tremor: about a second, so that the 5 Hz filter can separate it."""
 WINDOW_FRAMES = 300
 SNAPSHOT_EVERY = 50
 COORDINATES = ("x", "y", "z")
 PANELS = ("a", "b", "c", "d")
-"""Coordinates, snapshots, path in space, tremble."""
+"""Panels: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
 MOST_IN_ONE_PLOT = 2
-"""Systems whose curves share a plot, as in the paper; each of more has a row of its own."""
+"""Most systems whose curves share a plot, as in the paper; with more, each has its own row."""
 ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
 FAINTEST = 0.12
-"""Share of the full scale below which no mark is drawn: every joint of a moving body has some."""
+"""Share of the full scale below which no mark is drawn, as every joint of a moving body has some.
+"""
 MIN_SPAN_M = 0.02
-"""A point that stands still is drawn on an axis of two centimetres."""
+"""Shortest axis (m), used for a point that does not move."""
 MARK_RGB = (0.29, 0.08, 0.43)
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
 _FAINT = 0.3
@@ -54,7 +54,7 @@ _SNAPSHOTS_MM = 36.0  # at least, for their title
 _AROUND_MM = _KEY_MM + 2.0  # above and below the snapshots of one motion
 _COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # of each motion, where a column holds them
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
-"""What a body has beyond its outermost joints, as shares of the height of all of them."""
+"""Room around the outermost joints, as shares of the height of all joints."""
 _FILTERED: dict[PostFilter, str] = {
     "none": "Raw motion, no filter.",
     "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
@@ -62,8 +62,7 @@ _FILTERED: dict[PostFilter, str] = {
 
 
 def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
-    """Positions less those below 5 Hz (Butterworth of order 4, forwards and backwards), in
-    millimetres for metres."""
+    """Return positions (m) high-passed at 5 Hz in millimetres (zero-phase Butterworth, order 4)."""
     low = butter(ORDER, CUT_OFF_HZ, fs=fps, output="sos")
     exact = np.asarray(positions, np.float64)
     return 1000.0 * (exact - sosfiltfilt(low, exact, axis=0))
@@ -71,14 +70,14 @@ def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[
 
 @dataclass(frozen=True)
 class JointMarks:
-    """Where each joint is in each snapshot, and a value for it."""
+    """Pixel positions and values of the joints in each snapshot."""
 
     pixels: Mapping[str, np.ndarray]
-    """By name, (N, J, 2) from the upper left corner; NaN draws nothing."""
+    """Pixels (N, J, 2) from the upper left corner, by motion; NaN draws nothing."""
     values: Mapping[str, np.ndarray]
-    """By name, (N, J) in m/s³; NaN draws nothing."""
+    """Jerk (N, J) in m/s³, by motion; NaN draws nothing."""
     full_scale: float
-    """Value of the strongest mark; larger ones look the same."""
+    """Value of the strongest mark (m/s³); larger values look the same."""
 
     @property
     def caption(self) -> str:
@@ -89,47 +88,49 @@ class JointMarks:
 
 
 def fits_column(num_motions: int, panels: Sequence[str]) -> bool:
-    """Whether a column with panels of so many motions is no taller than a page."""
+    """Check whether a column figure with this many motions is no taller than a page."""
     each_mm = sum(mm for letters, mm in _COLUMN_MM.items() if {*letters} & {*panels})
     return num_motions * each_mm + 35.0 <= MAX_HEIGHT_MM  # with titles, keys and times
 
 
 def choose_snapshot_frames(num_frames: int, start_frame: int = 0) -> tuple[int, ...]:
-    """Frames to take snapshots at: from the start of the window, every 50 frames."""
+    """Return the snapshot frames: every 50 frames from the start of the window."""
     end = min(num_frames, start_frame + WINDOW_FRAMES)
     return tuple(range(start_frame, end, SNAPSHOT_EVERY))
 
 
 @dataclass(frozen=True)
 class Figure6:
-    """What one Figure 6 shows.
+    """Contents of one Figure 6.
 
     Raises:
-        FigureError: with one sentence that names the limit and what was found.
+        FigureError: with one sentence that names the limit and the value.
     """
 
     trajectories: Mapping[str, np.ndarray]
-    """Name to positions (T, 3) of the point in metres, y up, from the clip's first frame: of one to
-    six systems, and the reference. Of different length they are cut to the shortest."""
+    """Positions (T, 3) of the tracked point in metres, y up, from the clip's first frame, by
+    motion:
+    one to six systems and the reference. Longer ones are cut to the shortest.
+    """
     snapshots: Mapping[str, np.ndarray]
-    """Pictures (N, H, W, 3) uint8 of one camera for the same names, or for more; may be empty."""
+    """Pictures (N, H, W, 3) uint8 of one camera, for at least the same names; may be empty."""
     snapshot_frames: Sequence[int]
-    """Where they were taken, see :func:`choose_snapshot_frames`."""
+    """Frames at which the snapshots were taken, see :func:`choose_snapshot_frames`."""
     fps: float = 30.0
     marks: JointMarks | None = None
-    """Around the joints snapshots are cut."""
+    """Joints by which snapshots are cropped and marked; required with snapshots."""
     reference: str | None = None
-    """Which of the names is recorded motion; drawn first and in black."""
+    """Name of the recorded motion, drawn first and in black; None without one."""
     start_frame: int = 0
     point: str = "Right middle fingertip"
     tip_source: str = ""
-    """Where the point sits on the body, such as ``rigid`` or ``vertex 7794``."""
+    """Location of the point on the body, such as ``rigid`` or ``vertex 7794``, for the caption."""
     post_filter: PostFilter = "none"
-    """That all trajectories have been through; only named here."""
+    """Filter that was applied to all trajectories, for the caption; not applied here."""
     clip: str = ""
     caveat: str = ONE_SEED_CAVEAT
     asked_panels: Sequence[str] = PANELS
-    """Those of which there is nothing to show are left out."""
+    """Requested panels; those without data are left out."""
     width_mm: float = PAGE_MM
 
     def __post_init__(self) -> None:
@@ -168,12 +169,12 @@ class Figure6:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The reference comes first."""
+        """Names of the motions, the reference first."""
         return tuple(sorted(self.trajectories, key=lambda name: name != self.reference))
 
     @cached_property
     def paths(self) -> dict[str, np.ndarray]:
-        """Name to positions (T, 3) in metres inside the window."""
+        """Positions (T, 3) in metres inside the window, by motion."""
         end = self.start_frame + min(self._lengths)
         return {name: np.asarray(self.trajectories[name])[self.start_frame : end]
                 for name in self.names}  # fmt: skip
@@ -186,7 +187,7 @@ class Figure6:
 
     @cached_property
     def tremble(self) -> dict[str, np.ndarray]:
-        """Name to millimetres (T, 3) off its slow path; empty where the window is too short."""
+        """Positions (T, 3) above 5 Hz in millimetres, by motion; empty for a short window."""
         if min(self._lengths) < MIN_FRAMES:
             return {}
         inside = slice(self.start_frame, self.start_frame + self.num_frames)
@@ -197,7 +198,7 @@ class Figure6:
 
     @cached_property
     def panels(self) -> tuple[str, ...]:
-        """Of `PANELS`, those asked for of which there is something to show."""
+        """Requested panels that have data, in the order of `PANELS`."""
         has = {"b": bool(self.snapshots), "d": min(self._lengths) >= MIN_FRAMES}
         return tuple(
             letter for letter in PANELS if letter in self.asked_panels and has.get(letter, True)
@@ -209,7 +210,7 @@ class Figure6:
 
     @property
     def times(self) -> np.ndarray:
-        """Seconds of the window's frames."""
+        """Times of the window's frames (s)."""
         return (self.start_frame + np.arange(self.num_frames)) / self.fps
 
     @property
@@ -218,7 +219,7 @@ class Figure6:
 
     @property
     def is_in_one_plot(self) -> bool:
-        """Whether curves share plots; otherwise each motion has small ones of its own."""
+        """True if all curves share plots; otherwise each motion has small plots."""
         return len(self.names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
 
     @property
@@ -231,7 +232,7 @@ class Figure6:
 
     @property
     def marker_frames(self) -> list[int]:
-        """Frames of the curves' markers: those of the snapshots, or six where there are none."""
+        """Frames of the curves' markers: those of the snapshots, or else six evenly spaced."""
         evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
         return list(self.shown_frames) or sorted({int(frame) for frame in evenly})
 
@@ -257,7 +258,7 @@ class Figure6:
 
 @dataclass(frozen=True)
 class PanelRow:
-    """Panels side by side, of some of the motions; of none a row of titles alone."""
+    """Row of adjacent panels of some motions; a row without motions holds only titles."""
 
     names: tuple[str, ...]
     panels: tuple[str, ...]
@@ -266,13 +267,15 @@ class PanelRow:
     has_titles: bool
     is_first: bool
     is_last: bool
-    """Of the rows of these panels: the one with frame numbers, and the one with times."""
+    """True if the row is the last of its panels and has the time axis; the first has frame numbers.
+    """
     extra_mm: tuple[float, float] = (0.0, 0.0)
-    """What frame numbers and times take above and below what all such rows have."""
+    """Height (mm) of frame numbers above and times below, which only the first and last row have.
+    """
 
 
 def draw_figure6(contents: Figure6) -> "Figure":
-    """The figure, without a canvas; its size in inches is its size on paper."""
+    """Return the figure without a canvas, sized in inches as on paper."""
     cells = Cells.of(contents) if "b" in contents.panels else None
     rows = list(_plan(contents, cells.aspect * cells.count if cells else 1.0))
     heights = [row.height_mm for row in rows]
@@ -307,7 +310,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
 
 
 def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
-    """The rows, from above; ``aspect`` is the width of a row of snapshots over its height."""
+    """Yield the rows from the top; ``aspect`` is width over height of a row of snapshots."""
     names, width = contents.names, contents.width_mm
     count, is_wide = len(names), contents.width_mm > 1.5 * style.COLUMN_MM
 
@@ -361,7 +364,7 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
 
 
 def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The motions of a row with how their lines look, behind them the first one of all, faint."""
+    """Yield each motion of a row with its line properties, after the first motion drawn faintly."""
     first = contents.names[0]
     if first not in row.names:
         looks = contents.styles[first].line_properties
@@ -371,8 +374,10 @@ def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, A
 
 
 def _limits(contents: Figure6, room: float, least: float = _MIN_SHARE) -> np.ndarray:
-    """Limits of x, y and z in metres (3, 2): all that is drawn, with some room, and the flattest
-    with a share of the others."""
+    """Return the limits of x, y and z in metres (3, 2) with room around all curves.
+
+    The flattest coordinate gets at least the share ``least`` of the sum of the three spans.
+    """
     positions = np.concatenate(list(contents.paths.values())).astype(np.float64)
     low, high = positions.min(axis=0), positions.max(axis=0)
     spans = np.maximum(room * (high - low), MIN_SPAN_M)
@@ -382,7 +387,7 @@ def _limits(contents: Figure6, room: float, least: float = _MIN_SHARE) -> np.nda
 
 
 def _coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
-    """An axis for each coordinate against time, all to one scale in metres per inch."""
+    """Draw x, y and z against time in one scale (metres per inch)."""
     from matplotlib.ticker import MaxNLocator
 
     least = _MIN_SHARE if contents.is_in_one_plot else 0.3
@@ -424,19 +429,19 @@ _TO_CAMERA = np.array(
 )  # from the front, above the body's right hand
 _ACROSS = np.array([np.cos(_AZIMUTH), 0.0, np.sin(_AZIMUTH)])
 PROJECTION = np.stack([_ACROSS, np.cross(_TO_CAMERA, _ACROSS)], axis=1)
-"""(3, 2): x, y and z on paper, without perspective."""
+"""Projection (3, 2) of x, y and z to paper, without perspective."""
 
 
 _PATH_ROOM = 1.06
 
 
 def _pitch(limits: np.ndarray) -> float:
-    """Metres between the lines of floor and walls."""
+    """Return the distance (m) between grid lines on the floor and walls."""
     return style.round_below(0.5 * float(np.ptp(limits, axis=1).min()))
 
 
 def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
-    """The path in space before a floor and two walls, all three axes to one scale."""
+    """Draw the path in space before a floor and two walls, all three axes to one scale."""
     limits = _limits(contents, _PATH_ROOM)
     above, below = (0.0, 0.0) if contents.is_in_one_plot else row.extra_mm
     heights = [mm for mm in (above, row.height_mm - above - below, below) if mm]
@@ -474,14 +479,16 @@ def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
 
 @dataclass(frozen=True)
 class Cells:
-    """The snapshots of each motion, cut to one size around the joints: the cut is at one place in
-    all pictures of a frame, so bodies keep their size everywhere and their place among systems,
-    while one who walks stays in the middle."""
+    """Snapshots of each motion, cropped to one size around the joints.
+
+    The crop is the same in all pictures of a frame, so bodies keep their size and their position
+    relative to other systems, while a walking body stays in the middle.
+    """
 
     rows: dict[str, np.ndarray]
-    """By name (N, h, w, 3)."""
+    """Pictures (N, h, w, 3), by motion."""
     pixels: dict[str, np.ndarray]
-    """Of the joints in them, (N, J, 2)."""
+    """Pixels (N, J, 2) of the joints in the cropped pictures, by motion."""
 
     @classmethod
     def of(cls, contents: Figure6) -> "Cells":
@@ -514,18 +521,18 @@ class Cells:
 
     @property
     def gap(self) -> int:
-        """Pixels between two snapshots."""
+        """Gap between two snapshots (pixels)."""
         return max(1, round(0.03 * next(iter(self.rows.values())).shape[2]))
 
     @property
     def aspect(self) -> float:
-        """Of one snapshot, with the gap beside it."""
+        """Width of one snapshot with its gap, over its height."""
         height, width = next(iter(self.rows.values())).shape[1:3]
         return (width + self.gap) / height
 
 
 def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells) -> None:
-    """A row of pictures for each motion, the first under its frame numbers."""
+    """Draw one row of snapshots per motion, the first below the frame numbers."""
     assert contents.marks is not None
     height_pt = row.height_mm / len(row.names) / 25.4 * 72.0
     rows = part.subplots(len(row.names), 1, squeeze=False)[:, 0]
@@ -555,8 +562,10 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
 
 
 def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray, largest_pt: float) -> None:
-    """Dark cores in white rims, so that they are seen on a light and on a dark body, in colour and
-    in a grey print; the strongest last, none of what is faint or not known."""
+    """Draw dark discs with white rims, visible on light and dark bodies and in greyscale print.
+
+    The strongest are drawn last; those below `FAINTEST` or without a position are left out.
+    """
     strength = np.clip(np.nan_to_num(values), 0.0, 1.0)
     order = np.argsort(strength, kind="stable")
     shown = order[(strength[order] >= FAINTEST) & np.isfinite(joints[order]).all(axis=1)]
@@ -576,7 +585,7 @@ def _opacity(strength: Any) -> Any:
 
 
 def _mark_samples(contents: Figure6) -> list[Any]:
-    """Keys of half and full strength."""
+    """Return legend handles of half and full strength."""
     from matplotlib.lines import Line2D
 
     marks = contents.marks
@@ -592,7 +601,7 @@ def _mark_samples(contents: Figure6) -> list[Any]:
 
 
 def _strips(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
-    """A strip for each motion with x above y above z, all to one scale, and their rms."""
+    """Draw one strip per motion with x above y above z in one scale, and its RMS."""
     times = contents.times
     margin = 0.01 * (times[-1] - times[0])
     sizes = np.abs(np.concatenate(list(contents.tremble.values())))

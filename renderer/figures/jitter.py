@@ -1,9 +1,9 @@
-"""The sheet that shows where the jitter sits: every measure as generated, and behind the filter.
+"""Jitter sheet: where jitter sits in the body, as generated and after the filter.
 
-Jerk by depth along the kinematic chain and of every joint, the velocity spectrum of the followed
-point, how much of its jerk each joint of its chain carries, and jerk folded on the windows of
-generation, with the recorded reference in black. What was not measured, because a clip is too short
-or nothing moved, is NaN and a gap; a motion of which nothing was measured has no curve.
+Jerk by depth along the kinematic chain and of every joint, velocity spectrum of the tracked point,
+the share of its jerk that each joint of its chain causes, and jerk folded on the windows of
+generation, with the reference in black. NaN marks a quantity that was not measured, because a clip
+is too short or nothing moved; it leaves a gap in a curve.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,45 +24,45 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
-"""Name to x and y, both (N,)."""
+"""Curves: x and y, both (N,), by motion."""
 
 _GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb1")
-"""A line through the joints begins anew at these: they do not follow on the joint before."""
+"""Suffixes of joints that start a new line segment, as they do not continue the joint before."""
 
 
 @dataclass(frozen=True)
 class Jitter:
-    """Of one motion, as generated or filtered."""
+    """Jitter of one motion, as generated or filtered."""
 
     by_depth: Float[np.ndarray, " depths"]
-    """Mean jerk of the joints so many bones from the pelvis, m/s^3."""
+    """Mean jerk (m/s³) of the joints at each number of bones from the pelvis."""
     by_joint: Float[np.ndarray, " 55"]
-    """Jerk of each of the 55 joints, m/s^3."""
+    """Jerk (m/s³) of each of the 55 joints."""
     spectrum: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]] | None
-    """Frequencies in Hz, and the share of the followed point's velocity power at each."""
+    """Frequencies (Hz), and the share of the tracked point's velocity power at each."""
     chain: tuple[str, ...]
-    """The joints from the pelvis to the followed point."""
+    """Names of the joints from the pelvis to the tracked point."""
     chain_drop: Float[np.ndarray, " chain"]
-    """Of the point's jerk when that joint alone is smoothed; 1 is all of it."""
+    """Relative drop of the point's jerk if only that joint is smoothed; 1 is all of it."""
     by_phase: Float[np.ndarray, " frames"]
-    """Mean jerk in m/s^3 for each frame of the window, or of the period found; empty without."""
+    """Mean jerk (m/s³) per frame of the window, or of the detected period; empty without either."""
     period: tuple[int, str] | None
-    """Frames after which jerk comes again, and the part of the body that shows it."""
+    """Period of the jerk (frames), and the part of the body that shows it; None without one."""
 
 
 @dataclass(frozen=True)
 class JitterSheet:
-    """What one sheet shows.
+    """Contents of one jitter sheet.
 
     Raises:
         FigureError: if there are no systems or too many.
     """
 
     jitter: Mapping[str, Mapping[Version, Jitter]]
-    """By name; the reference comes first where there is one."""
+    """Jitter by motion and version; the reference, if there is one, comes first."""
     point: str = "followed point"
     window_advance: int = 0
-    """0 where windows are not known."""
+    """Frames between the starts of two windows; 0 if the windows are not known."""
     window_overlap: int = 0
 
     def __post_init__(self) -> None:
@@ -76,8 +76,7 @@ class JitterSheet:
 
     @property
     def periods(self) -> dict[str, tuple[int, str]]:
-        """Where no windows are known: by name the period found, in frames, and the part of the
-        body that shows it."""
+        """Detected period (frames) and body part, by motion; empty if the windows are known."""
         if self.window_advance:
             return {}
         return {
@@ -86,11 +85,11 @@ class JitterSheet:
 
     @property
     def chain(self) -> tuple[str, ...]:
-        """The joints from the pelvis to the followed point."""
+        """Names of the joints from the pelvis to the tracked point."""
         return next((each["raw"].chain for each in self.jitter.values() if each["raw"].chain), ())
 
     def curves(self, row: str, kind: Version) -> Curves:
-        """What is drawn in a row, of each motion that has a number there."""
+        """Return the curves of a row, for each motion that has a finite value there."""
         found = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
         return {name: (x, y) for name, (x, y) in found.items() if np.isfinite(y).any()}
 
@@ -122,24 +121,25 @@ def _limb(joint_name: str) -> tuple[int, int]:
 
 
 JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NAMES[j])))
-"""The joints limb by limb: trunk and head, left leg, right leg, left arm, right arm."""
+"""Joint indices limb by limb: trunk and head, left leg, right leg, left arm, right arm."""
 
 
 ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "seams": 42.0}
-"""By name the height in millimetres."""
+"""Height of each row (mm)."""
 HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
 NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
 LOG_FROM = 12.0
-"""So many times another system's values make an axis logarithmic: a factor of 1.4, which is the
-message, is seen on a linear one."""
+"""Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most,
+is visible on a linear one.
+"""
 _JERK = "jerk (m/s³)"
 _MARKERS = 9
 
 
 def draw_sheet(sheet: JitterSheet) -> "Figure":
-    """The figure, without a canvas; its size in inches is its size on paper."""
+    """Return the figure without a canvas, sized in inches as on paper."""
     figure = style.new_figure(style.PAGE_MM, 8.0 + sum(ROWS.values()))
     style.draw_keys(figure, sheet.styles)
     parts = figure.subfigures(len(ROWS), 1, squeeze=False, height_ratios=list(ROWS.values()))[:, 0]
@@ -184,7 +184,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
 
 
 def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
-    """Of each row what stands above it, and along y."""
+    """Return the title and the y label of each row."""
     seams = "e  Seams: mean jerk of all joints, folded on the windows"
     periods = "e  Periods: mean jerk of the body part that repeats, folded on the period found"
     attribution = f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}"
@@ -200,7 +200,7 @@ def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
 def _draw_curves(
     axes: "Axes", curves: Curves, sheet: JitterSheet, is_dense: bool, without: str
 ) -> None:
-    """Lines in the systems' styles, with their markers at every point or at a few."""
+    """Draw lines in the systems' styles, with markers at every point or at a few."""
     if not curves:
         axes.text(
             0.5, 0.5, fill(without, 44), transform=axes.transAxes, ha="center", va="center",
@@ -218,8 +218,10 @@ def _draw_curves(
 
 
 def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
-    """One scale for the panels of a row: logarithmic for a spectrum and for jerks that are far
-    apart, where what is 0 has no place and is a gap."""
+    """Set one y scale for the panels of a row.
+
+    It is logarithmic for a spectrum and for jerks that are far apart; values of 0 leave gaps there.
+    """
     values = np.concatenate([y[np.isfinite(y)] for panel in curves for _, y in panel.values()])
     highest = [float(np.nanmax(y)) for panel in curves for _, y in panel.values()]
     if row == "attribution":
@@ -238,7 +240,7 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
 
 
 def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
-    """What the sheet lacks, and at its end what the numbers say."""
+    """Return the caption: missing measurements and repeating jerk, then ``sentence``."""
     parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
     if REFERENCE_NAME in sheet.jitter:
         parts.append("Black: the recorded reference, which has no windows and so no seams.")

@@ -1,7 +1,7 @@
-"""Contents of figures in files, from which the page draws further forms when they are asked for.
+"""Contents of figures in files, from which other file formats are drawn on demand.
 
-A file is an npz of plain arrays with a JSON text that says what they belong to: nothing that is
-executed when it is read, whoever wrote it.
+A file is an npz of plain arrays with a JSON text of the structure: nothing in it is executed when
+it is read, whoever wrote it.
 """
 
 import json
@@ -38,11 +38,11 @@ _TEXT = "contents"
 def save_contents(
     path: Path, name: str, contents: object, caption: str, places: Places | None = None
 ) -> None:
-    """Write what a figure shows, so that `draw_saved` can draw it.
+    """Write the contents of a figure, so that `draw_saved` can draw it.
 
     Args:
         name: one of `DRAW`.
-        places: as of `written`.
+        places: positions from `written`.
     """
     arrays: list[np.ndarray] = []
     told = {"name": name, "caption": caption, "places": places or []}
@@ -56,7 +56,7 @@ def save_contents(
 
 
 def draw_saved(path: Path, out: Path) -> None:
-    """Draw a figure from a file of `save_contents` in the form that the name of ``out`` ends in.
+    """Draw a figure from a file of `save_contents`, in the format of the suffix of ``out``.
 
     Raises:
         FigureError: for a file that holds no figure.
@@ -73,7 +73,7 @@ def draw_saved(path: Path, out: Path) -> None:
 
 
 def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
-    """JSON of contents, in which an object says of what kind it is; arrays are added to a list."""
+    """Convert contents to JSON with the kind of each object; arrays are appended to ``arrays``."""
     if is_dataclass(value):
         of = {field.name: getattr(value, field.name) for field in fields(value)}
         told = {name: _as_json(each, arrays) for name, each in of.items()}

@@ -1,8 +1,7 @@
-"""How all figures look (widths, type, colours, keys and titles; matplotlib finds the places), and
-how they are written: as PNG, SVG and PDF with a caption beside.
+"""Style and output of all figures: sizes, fonts, colours, legends, and PNG, SVG and PDF files.
 
-Colours are Okabe and Ito's palette without its yellow, which vanishes on white; each has a marker
-of its own beside it. Lines are never dashed: a curve with holes hides how jagged it is.
+Colours are Okabe and Ito's palette without its yellow, which vanishes on white; each comes with a
+marker. Lines are never dashed: a curve with holes hides how jagged it is.
 
 matplotlib is imported at the first figure, and without pyplot: no windows, no global list of
 figures. Figures are made one at a time, because matplotlib's settings belong to the process. The
@@ -31,16 +30,16 @@ if TYPE_CHECKING:
 
 MM = 1.0 / 25.4
 PAGE_MM, COLUMN_MM = 174.0, 85.0
-"""The widths that journals print: figures go in at scale 1."""
+"""Widths of a page and of a column in journals (mm), at scale 1."""
 MAX_HEIGHT_MM = 235.0
 DPI = 300  # of PNG, and of the pictures inside SVG and PDF
 FORMS = ("png", "svg", "pdf")
 """File formats of a figure."""
 CONTENTS_ENDING = ".figure.npz"
-"""Ending of files that further forms are drawn from, see `renderer.figures.kept`."""
+"""Suffix of files from which other formats are drawn, see `renderer.figures.kept`."""
 SIMPLIFIED_PX = 0.05
-"""Largest distance between a line of many points and what SVG and PDF draw of it, in pixels of the
-PNG."""
+"""Largest distance (pixels of the PNG) between a dense line and its simplification in SVG and PDF.
+"""
 _PNG_COMPRESSION = 3  # of zlib; 6 takes twice as long for files 5 % smaller
 
 TITLE_PT, LABEL_PT, SMALL_PT = 7.5, 7.0, 6.0
@@ -103,7 +102,7 @@ RC_PARAMS: dict[str, object] = {
 
 @dataclass(frozen=True)
 class SeriesStyle:
-    """How one system's curve is drawn."""
+    """Colour, marker and line width of one system's curve."""
 
     color: str
     marker: str
@@ -136,14 +135,13 @@ MAX_SYSTEMS = len(SYSTEM_STYLES)
 
 
 def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:
-    """Name to style: the reference black, the systems by their order."""
+    """Return a style per name: the reference black, the systems in the order of `SYSTEM_STYLES`."""
     systems = iter(SYSTEM_STYLES)
     return {name: REFERENCE_STYLE if name == reference else next(systems) for name in names}
 
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":
-    """A white figure whose parts find their places by themselves; call under the settings of
-    :func:`written`."""
+    """Make a white figure with automatic layout; call it under the settings of :func:`written`."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -155,8 +153,7 @@ def new_figure(width_mm: float, height_mm: float) -> "Figure":
 def draw_keys(
     figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle], more: Sequence[Any] = ()
 ) -> None:
-    """Line samples with whole names above all else, in as many columns as fit; ``more`` handles
-    follow them."""
+    """Draw a legend of line samples with whole names above all parts, then the handles ``more``."""
     from matplotlib.lines import Line2D
 
     width_mm = figure.bbox.width / figure.get_figure(root=True).dpi / MM
@@ -173,12 +170,12 @@ def draw_keys(
 
 
 def write_title(part: "SubFigure", text: str) -> None:
-    """The bold title of a part, at its left."""
+    """Write the bold title of a part at its left."""
     part.suptitle(text, x=0.0, ha="left", size=TITLE_PT, weight="bold")
 
 
 def text_width_mm(text: str, size_pt: float) -> float:
-    """Width of one line of the figures' type."""
+    """Return the width of one line in the figures' font (mm)."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
@@ -188,8 +185,7 @@ def text_width_mm(text: str, size_pt: float) -> float:
 
 
 def wrap_text(text: str, size_pt: float, width_mm: float) -> list[str]:
-    """The text on as many lines as fit the width; nothing of it is left out. A line ends in the
-    middle of a word only where it has to."""
+    """Wrap text to a width, without leaving anything out; words break only where they must."""
     lines: list[str] = []
     rest = text
     while rest:
@@ -208,25 +204,25 @@ def wrap_text(text: str, size_pt: float, width_mm: float) -> list[str]:
 
 
 def round_below(value: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value)
 
 
 def cut_text(text: str, size_pt: float, width_mm: float) -> str:
-    """As much of a name as one line holds; a key has the whole."""
+    """Return as much of a name as fits in one line, with an ellipsis; the legend has it whole."""
     first, *rest = wrap_text(text, size_pt, width_mm)
     return f"{first}\N{HORIZONTAL ELLIPSIS}" if rest else first
 
 
 def short_joint(joint: str) -> str:
-    """``left_middle2`` as 'L middle 2'."""
+    """Return a short name of a joint, for example 'L middle 2' for ``left_middle2``."""
     words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
     return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
 
 
 def from_zero(axes: "Axes", *values: Any) -> None:
-    """A grid and a linear scale from zero to a little above the highest value."""
+    """Set a grid and a linear scale from zero to a little above the highest value."""
     numbers = np.concatenate([np.asarray(each, float).ravel() for each in values or [[]]])
     highest = float(numbers[np.isfinite(numbers)].max(initial=0.0))
     axes.set_ylim(0.0, 1.08 * highest or 1.0)
@@ -234,24 +230,25 @@ def from_zero(axes: "Axes", *values: Any) -> None:
 
 
 def name_x(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
-    """Names that stand upright, one at each place along x."""
+    """Set vertical tick labels, one per position along x."""
     axes.set_xticks(range(len(names)), names, rotation=90, size=size_pt)
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
 
 
 _MATPLOTLIB_LOCK = threading.RLock()
 Places = list[list[Any]]
-"""Positions of all parts of a figure, in the order in which they were made: finding them takes
-half as long as all else."""
+"""Positions of all parts of a figure, in the order of their making; reusing them saves the layout,
+which takes half as long as everything else.
+"""
 
 
 class FigureError(ValueError):
-    """A figure cannot be made from what was given; the message says why."""
+    """Error for a figure that cannot be made from its input; the message says why."""
 
 
 @contextmanager
 def matplotlib_settings() -> Iterator[None]:
-    """matplotlib with its defaults and the figures' settings, for one thread at a time."""
+    """Use matplotlib's defaults with the figures' settings, in one thread at a time."""
     from matplotlib import style
 
     with _MATPLOTLIB_LOCK, style.context(["default", RC_PARAMS]):
@@ -265,12 +262,14 @@ def written(
     forms: Sequence[str] = FORMS,
     places: Places | None = None,
 ) -> tuple[Path, ...]:
-    """Draw a figure once and write it as ``<out_stem>.png``, ``.svg`` and ``.pdf``, or in some of
-    these forms, without dates, and the caption as ``.txt``, in a folder that is made: all of them
-    or none. Returns their paths, the caption's last.
+    """Draw a figure once and write its image files and its caption; return the paths, caption last.
+
+    The files are ``<out_stem>.png``, ``.svg`` and ``.pdf``, or some of these formats, without
+    dates,
+    and ``.txt``. The folder is made if needed. Either all files are written or none.
 
     Args:
-        places: of the parts of the figure, if it was drawn before; an empty list is filled.
+        places: positions of an earlier drawing of the figure; an empty list is filled.
     """
     caption, out_stem = printable(caption), Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
@@ -301,8 +300,7 @@ def written(
 
 @contextmanager
 def _without_collection() -> Iterator[None]:
-    """Keep the garbage collector from looking through all of the process while the many small
-    objects of a figure are made, which took a fifth of the time of drawing it."""
+    """Disable the garbage collector while a figure is drawn, where it took a fifth of the time."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -313,7 +311,7 @@ def _without_collection() -> Iterator[None]:
 
 
 def _settle(figure: "Figure", places: Places | None) -> None:
-    """Find all places once: in each format everything stands at the same."""
+    """Compute the layout once, so that all file formats have the same positions."""
     engine = figure.get_layout_engine()
     if engine is None:
         return
@@ -342,7 +340,7 @@ def _settle(figure: "Figure", places: Places | None) -> None:
 
 
 def _make_printable(figure: "Figure") -> None:
-    """No text of a figure may break the SVG that it is written to, or turn what is around it."""
+    """Replace characters in texts that would break the SVG or reverse the text around them."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
