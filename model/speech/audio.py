@@ -1,9 +1,8 @@
-"""Any sound file as 16 kHz mono, decoded by ffmpeg in a child process and streamed through a pipe.
+"""Decoding of sound files to 16 kHz mono by ffmpeg in a child process, streamed through a pipe.
 
-Files come from strangers: ffmpeg opens nothing but that one file, knows sound containers only (no
-playlists), runs without a shell, and is killed when it takes too long or gives too much. Memory
-holds the mono result and one block, whatever the file's rate, channels or length: librosa, which
-would read and resample wave files as well, holds all of a file at its own rate, in this process.
+Uploaded files are hostile: ffmpeg opens only that one file, accepts sound containers only (no
+playlists), runs without a shell, and is killed when it takes too long or returns too much. Memory
+holds the mono result and one block; librosa would hold the whole file at its original rate.
 """
 
 import io
@@ -26,23 +25,24 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.storage.files import file_sha256, write_atomically
 
 SILENT_BELOW = 1e-3
-"""Peak, relative to full scale (-60 dB), under which a file counts as silent."""
+"""Peak, relative to full scale (-60 dB), below which a file counts as silent."""
 CANCELLED_BELOW = 0.25
-"""Level of the mean of all channels, relative to the loudest one, under which it is not used."""
+"""Level of the mix of all channels, relative to the loudest channel, below which the loudest
+channel alone is used."""
 
 _CONTAINERS = (
     "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi,mpegts,mpeg,nistsphere,voc,"
     "tta,ac3,eac3"
 )
 MIN_GAP_S = 0.1
-"""Shortest time without sound, by the time stamps of a file, that is filled with silence."""
+"""Shortest gap between a file's time stamps (s) that is filled with silence."""
 _LATE = "The sound starts {seconds:.1f} s after the start of the file; silence was put before it."
 _RESAMPLE = f"aresample={SAMPLE_RATE}:osf=flt"
 _FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_GAP_S}:first_pts=0"
-"""Puts samples where their time stamps say. It comes after the resampling, so that a gap takes no
-more memory in ffmpeg than in the result."""
+"""ffmpeg filter that places samples by their time stamps. It follows the resampling, so that a gap
+takes no more memory in ffmpeg than in the result."""
 _MOST_TRACKS = 8
-"""Of which the first that is not silent is looked for."""
+"""Number of sound tracks that are searched for one that is not silent."""
 _BLOCK_BYTES = 1 << 20
 _LOG_BYTES = 1 << 16
 _TIMEOUT_S = 300
@@ -50,30 +50,30 @@ _READABLE = "give a WAV, FLAC, OGG, MP3, M4A or WebM file"
 
 
 class SpeechError(ValueError):
-    """A sound file that cannot be used; the message is one sentence for a person."""
+    """A sound file that cannot be used; the message is one sentence for the user."""
 
 
 @dataclass(frozen=True)
 class SpeechLimits:
-    """What is accepted."""
+    """Limits on sound files that are accepted, and the choice of channel."""
 
     min_s: float | int = 0.5
     max_s: float | int = 600
     max_bytes: int = 2 * 2**30
     channel: int | None = None
-    """The one that is heard, from 0; None mixes all."""
+    """Channel that is used, counted from 0; None mixes all."""
 
 
 @dataclass(frozen=True, eq=False)
 class Speech:
-    """Speech as every part of the project takes it."""
+    """Speech as a waveform, with the source file's digest and notes on how it was read."""
 
     waveform: Float32[np.ndarray, " N"]
-    """16 kHz mono, full scale 1."""
+    """Waveform (N,) at 16 kHz, mono, full scale 1."""
     sha256: str
-    """Of the bytes of the file it came from."""
+    """SHA-256 of the source file's bytes."""
     notes: tuple[str, ...] = ()
-    """Sentences a person should see, such as what was missing from the file."""
+    """Sentences for the user, such as what was missing from the file."""
     track: int = 0
     """Number of the sound track in the file, from 0."""
 
@@ -83,7 +83,7 @@ class Speech:
 
     @property
     def num_frames(self) -> int:
-        """Motion frames that go with it."""
+        """Number of motion frames during the speech."""
         return round(FPS * self.duration_s)
 
 
@@ -92,26 +92,25 @@ class _Decoded:
     waveform: Float32[np.ndarray, " N"]
     channel_rms: Float64[np.ndarray, " C"]
     rate: int | None
-    """Sample rate of the file, where ffmpeg names it."""
+    """Sample rate of the file (Hz), if ffmpeg prints one."""
     declared_s: float | None
-    """Length by the file's own header, where it has one that is of the sound."""
+    """Duration of the sound in the file's header (s), if there is one."""
     num_tracks: int
-    """Of sound."""
+    """Number of sound tracks in the file."""
     notes: tuple[str, ...] = ()
-    """Sentences on the file's time stamps."""
+    """Sentences about the file's time stamps."""
 
 
 def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Speech:
-    """Decode a sound file of any common format, or the first sound track of a video.
+    """Load a sound file of any common format, or a sound track of a video.
 
-    Channels are mixed to one. Where they cancel each other the loudest alone is used. Of several
-    tracks the first that is not silent is taken. Where the file's time stamps say that the sound
-    starts late or has gaps, these are filled with silence. What was changed or missing is said in
-    ``notes``.
+    Channels are mixed to one; if they cancel each other, the loudest alone is used. Of several
+    tracks the first that is not silent is used. Where the file's time stamps show a late start or
+    gaps, these are filled with silence. ``notes`` lists what was changed or missing.
 
     Raises:
         SpeechError: if the file is missing, is no sound file, is too short, too long, too large,
-            silent, or holds values that are not finite; one sentence that names the file.
+            silent, or holds values that are not finite; one sentence with the file's name.
     """
     path = Path(path)
     name = _shown(path)
@@ -157,8 +156,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
 
 
 def _speaking_track(path: Path, name: str, limits: SpeechLimits) -> tuple[_Decoded, int, list[str]]:
-    """The first that is not silent, its number from 0, and what must be said of that; the first
-    where all are silent."""
+    """Return the first track that is not silent (else the first), its number, and notes."""
     first = _decode(path, name, limits, limits.channel)
     if first.num_tracks < 2:
         return first, 0, []
@@ -172,7 +170,7 @@ def _speaking_track(path: Path, name: str, limits: SpeechLimits) -> tuple[_Decod
 
 
 def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
-    """Write 16-bit PCM, 16 kHz mono; values beyond full scale are clipped.
+    """Write a 16-bit PCM file, 16 kHz mono; values beyond full scale are clipped.
 
     Raises:
         WriteError: if the file cannot be written; the message says why.
@@ -181,7 +179,7 @@ def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
 
 
 def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
-    """A file of 16-bit PCM, 16 kHz mono; values beyond full scale are clipped."""
+    """Return the bytes of a 16-bit PCM file, 16 kHz mono; values beyond full scale are clipped."""
     samples = np.rint(np.clip(waveform, -1, 1) * 32767).astype("<i2")
     buffer = io.BytesIO()
     with wave.open(buffer, "wb") as wav:
@@ -193,7 +191,7 @@ def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
 
 
 def _shown(path: Path) -> str:
-    """The file's name as it may stand in a sentence."""
+    """Format the file's name for use in a message."""
     return printable(path.name)[:100]
 
 
@@ -301,7 +299,7 @@ def _decode(
 def _read_au(
     stream: IO[bytes], name: str, limits: SpeechLimits, channel: int | None
 ) -> tuple[Float32[np.ndarray, " N"], Float64[np.ndarray, " C"]]:
-    """Mono samples and the level of each channel, block by block."""
+    """Return the mono samples and the RMS level of each channel, read block by block."""
     header = stream.read(24)
     if len(header) < 24:
         return np.zeros(0, dtype=np.float32), np.zeros(0)
@@ -333,7 +331,7 @@ def _read_au(
 
 
 def _max_samples(limits: SpeechLimits) -> int:
-    """Return the limit with half a motion frame of tolerance: decoders pad the end."""
+    """Return the largest number of samples; decoders pad the end, so half a frame is tolerated."""
     return round((limits.max_s + 0.5 / FPS) * SAMPLE_RATE)
 
 
@@ -345,31 +343,33 @@ def _too_long(name: str, limits: SpeechLimits) -> SpeechError:
 
 
 def _mean(block: Float32[np.ndarray, "N C"]) -> Float32[np.ndarray, " N"]:
-    """Of all channels; floats may be so large that their sum is none."""
+    """Return the mean of all channels, summed in float64 because float32 could overflow."""
     return block.mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
 _LEVEL = re.compile(rb"\[(\w+)\] ")
 _MOVED = re.compile(rb"(adding|discarding) (\d{1,12}) audio samples")
 _STEP = 16384
-"""The most samples of silence that ffmpeg adds at once; a longer gap is several messages."""
+"""Largest number of silent samples that ffmpeg adds at once; a longer gap has several messages."""
 
 
 @dataclass
 class _Stamps:
-    """What was changed to follow time stamps, in samples of the result."""
+    """Changes that ffmpeg made to follow time stamps, in samples of the result."""
 
     filled: list[int] = field(default_factory=list)
     """Lengths of the gaps that were filled with silence, in their order."""
     dropped: int = 0
-    """Samples whose time had already passed."""
+    """Number of samples dropped because their time had already passed."""
     is_open: bool = False
-    """Whether the next silence belongs to the last gap."""
+    """True if silence that follows continues the last gap."""
 
 
 def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
-    """Keep the start of ffmpeg's messages and drop the rest, so that it never waits for us. Of the
-    verbose ones only what they say of time stamps is kept."""
+    """Copy the start of ffmpeg's log and drop the rest, so that it never blocks.
+
+    Of verbose messages only those about time stamps are used.
+    """
     for line in iter(lambda: stream.readline(_LOG_BYTES), b""):
         level = _LEVEL.search(line)
         if level is None or level[1] != b"verbose":
@@ -387,13 +387,13 @@ def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
 
 
 _LATE_FORMATS = re.compile(r"^Input #0, mpeg(?:ts)?,", re.MULTILINE)
-"""Containers of which ffmpeg shifts each track to 0 that is decoded without the picture."""
+"""Containers in which ffmpeg shifts the start of each track to 0 if the video is not decoded."""
 
 
 def _with_late_start(
     waveform: Float32[np.ndarray, " N"], log: str, track: int, max_s: float | int
 ) -> tuple[Float32[np.ndarray, " M"], list[str]]:
-    """Add the silence before a track that starts later than the file, if ffmpeg has dropped it."""
+    """Add the silence before a track that starts later than the file, if ffmpeg dropped it."""
     start = re.search(r"^  Duration: .*?, start: (\d+\.\d+)", log, re.MULTILINE)
     sounds = [stream for kind, stream in _STREAM.findall(log) if kind == "Audio"]
     own = re.search(r", start (\d+\.\d+)", sounds[track]) if track < len(sounds) else None
@@ -404,7 +404,7 @@ def _with_late_start(
 
 
 def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
-    """Sentences on the silence that was filled in, with its place: the stretches of zeros."""
+    """Return notes on the silence that was filled in; its places are the stretches of zeros."""
     edges = np.diff(np.concatenate([[0], waveform == 0, [0]]).astype(np.int8))
     stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
     found: list[tuple[float, float]] = []
@@ -429,11 +429,10 @@ _STREAM = re.compile(r"^  Stream #0:\d+.*?: (Audio|Video): (.*(?:\n   .*)*)", re
 
 
 def _parse_log(log: str, track: int) -> tuple[int | None, float | None, int]:
-    """Sample rate and stated length in seconds of a sound track, and how many there are, as ffmpeg
-    prints them.
+    """Parse the rate (Hz), stated duration (s) and number of sound tracks from ffmpeg's log.
 
-    A length that ffmpeg only estimates is none; that of a video is not the sound's, unless it tells
-    of damage, too.
+    A duration that ffmpeg only estimates is ignored, and so is that of a video, unless the log also
+    reports damage.
     """
     source = log.split("\nOutput #0", 1)[0]
     streams = _STREAM.findall(source)

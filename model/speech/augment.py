@@ -1,8 +1,7 @@
-"""Speech as other voices and microphones would give it: speed, room, noise, band limits, gain.
+"""Augmentation of speech waveforms: speed, room, noise, band limits and gain.
 
-Pure functions of a 16 kHz mono waveform. `recorded_elsewhere` puts them in the order in which they
-happen: the voice, the room, the noise in it, and the microphone. None but `at_speed` moves sound in
-time, so motion that fits the speech still fits.
+Pure functions of a 16 kHz mono waveform. `recorded_elsewhere` applies room, noise and microphone in
+this order. Only `at_speed` changes the timing: motion fits the speech after all others.
 """
 
 import math
@@ -23,20 +22,20 @@ REFLECTIONS_AFTER_S = 0.003  # a metre further than the direct sound
 
 @dataclass(frozen=True)
 class Recording:
-    """How speech is recorded; None leaves a step out."""
+    """Conditions of a recording; None leaves a step out."""
 
     rt60_s: float | None
-    """Time in which the room's sound falls by 60 dB."""
+    """Reverberation time in which the room's sound falls by 60 dB (s)."""
     direct_to_reverberant_db: float
     snr_db: float | None
     noise_slope_db: float
-    """Of the noise, for each octave: 0 is white, -3 pink, -6 brown."""
+    """Slope of the noise (dB per octave): 0 is white, -3 pink, -6 brown."""
     band_hz: tuple[float, float] | None
     gain_db: float
 
 
 def draw_recording(rng: np.random.Generator) -> Recording:
-    """Conditions from a good headset to a telephone in a bathroom; one in sixteen is clean."""
+    """Draw conditions from a good headset to a telephone in a bathroom; one in sixteen is clean."""
     bands = (None, None, LAPTOP_HZ, TELEPHONE_HZ)
     has_room, has_noise = rng.random(2) < (0.5, 0.75)
     return Recording(
@@ -52,7 +51,7 @@ def draw_recording(rng: np.random.Generator) -> Recording:
 def recorded_elsewhere(
     waveform: Waveform, recording: Recording, rng: np.random.Generator
 ) -> Waveform:
-    """The same speech under other conditions; as long as before, and in time with it."""
+    """Apply recording conditions to speech, without a change of its duration or timing."""
     if recording.rt60_s is not None:
         waveform = in_room(waveform, recording.rt60_s, recording.direct_to_reverberant_db, rng)
     if recording.snr_db is not None:
@@ -63,22 +62,22 @@ def recorded_elsewhere(
 
 
 def at_speed(waveform: Waveform, speed: float) -> Waveform:
-    """Played ``speed`` times as fast: shorter, and higher in pitch. Whole hundredths only."""
+    """Resample to play ``speed`` times as fast, and higher in pitch; ``speed`` in hundredths."""
     return resample_poly(waveform, 100, round(100 * speed)).astype(np.float32)
 
 
 def with_gain(waveform: Waveform, gain_db: float) -> Waveform:
-    """Louder or softer; what exceeds full scale is clipped, as in a microphone."""
+    """Scale the waveform; what exceeds full scale is clipped, as in a microphone."""
     return np.clip(waveform * 10 ** (gain_db / 20), -1.0, 1.0).astype(np.float32)
 
 
 def with_noise(
     waveform: Waveform, snr_db: float, slope_db: float, rng: np.random.Generator
 ) -> Waveform:
-    """Steady noise at this ratio of the whole waveform's power to the noise's.
+    """Add steady noise; the ratio is that of the whole waveform's power to the noise's.
 
     Args:
-        slope_db: change of the noise's level for each octave.
+        slope_db: change of the noise's level per octave.
     """
     size = len(waveform)
     spectrum = np.fft.rfft(rng.standard_normal(size))
@@ -91,7 +90,7 @@ def with_noise(
 def impulse_response(
     rt60_s: float, direct_to_reverberant_db: float, rng: np.random.Generator
 ) -> Float[np.ndarray, " N"]:
-    """A direct sound of 1 and noise that decays exponentially (Polack's model of a room)."""
+    """Make a direct sound of 1 and exponentially decaying noise (Polack's model of a room)."""
     time_s = np.arange(round(rt60_s * SAMPLE_RATE)) / SAMPLE_RATE
     tail = rng.standard_normal(len(time_s)) * 10 ** (-3 * time_s / rt60_s)
     tail[time_s < REFLECTIONS_AFTER_S] = 0.0
@@ -106,13 +105,13 @@ def in_room(
     direct_to_reverberant_db: float,
     rng: np.random.Generator,
 ) -> Waveform:
-    """Heard in a room; as long as before, the direct sound where it was."""
+    """Convolve with a room's response; duration and the time of the direct sound are unchanged."""
     response = impulse_response(rt60_s, direct_to_reverberant_db, rng)
     return fftconvolve(waveform, response)[: len(waveform)].astype(np.float32)
 
 
 def band_limited(waveform: Waveform, low_hz: float, high_hz: float) -> Waveform:
-    """Without what lies outside the band: fourth order, forth and back, so nothing is delayed."""
+    """Filter with a zero-phase band-pass of fourth order, which causes no delay."""
     sections = butter(4, (low_hz, high_hz), "bandpass", fs=SAMPLE_RATE, output="sos")
     return sosfiltfilt(sections, waveform).astype(np.float32)
 

@@ -1,6 +1,5 @@
-"""What every speech encoder offers: features of a waveform at the motion's frame rate; which there
-are, by name; and what our own trained one tells of them (`model.networks.speech_codes`).
-"""
+"""Interface and names of the speech encoders, which compute features of a waveform at the motion's
+frame rate; and the outputs of the trained one (`model.networks.speech_codes`)."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -9,16 +8,16 @@ import numpy as np
 from jaxtyping import Float32
 
 WEIGHTS_VARIABLE = "WAVLM_DIR"
-"""Names the folder of a speech model's weights."""
+"""Environment variable with the folder of a speech model's weights."""
 
 
 class EncoderError(ValueError):
-    """A speech encoder that cannot be used here; the message is one sentence for a person."""
+    """A speech encoder that cannot be used here; the message is one sentence for the user."""
 
 
 @runtime_checkable
 class SpeechEncoder(Protocol):
-    """Turns 16 kHz mono speech into one feature vector for each motion frame."""
+    """An encoder of 16 kHz mono speech into one feature vector per motion frame."""
 
     name: str
     dim: int
@@ -26,7 +25,7 @@ class SpeechEncoder(Protocol):
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """Features of frames ``0 .. num_frames - 1``; frame k covers ``[k / 30, (k + 1) / 30)`` s.
+        """Return features of ``num_frames`` frames; frame k covers ``[k / 30, (k + 1) / 30)`` s.
 
         Frames beyond the end of the waveform hold the features of silence.
         """
@@ -34,10 +33,10 @@ class SpeechEncoder(Protocol):
 
 
 def make_encoder(name: str) -> SpeechEncoder:
-    """The encoder called ``mel64`` (nothing to download) or ``wavlm`` (needs its weights).
+    """Make the encoder ``mel64`` (needs no weights) or ``wavlm`` (needs its weights).
 
     Raises:
-        ValueError: if the name is unknown, or WavLM's weights are not there.
+        ValueError: if the name is unknown, or WavLM's weights are missing.
     """
     match name:
         case "mel64":
@@ -52,16 +51,16 @@ def make_encoder(name: str) -> SpeechEncoder:
 
 
 SPEECH_ENCODER = "speech-encoder"
-"""Name of its weights."""
+"""Name of the encoder's weights."""
 PHONES = tuple(
     "aa ae ah ao aw ax ay b ch d dh eh er ey f g hh ih iy jh k l m n ng ow oy p r s sh t th uh uw "
     "v w y z zh".split()
 )
-"""That can be told apart, in ARPAbet; number 0 is none of them, such as a pause."""
+"""Phones that are classified, in ARPAbet; class 0 is none of them, such as a pause."""
 TOLD = ("accent", "strength", "phrase_end", "voice", "struck", "speed")
-"""What is told of each frame beside its phone: whether an accent is there, how strong it is,
-whether a phrase ends, whether somebody speaks, how often the word that is said gets a stroke, and
-the speed of both planned wrists in the tiers' units a second."""
+"""Names of the outputs of a frame besides its phone: whether there is an accent, its strength,
+whether a phrase ends, whether somebody speaks, how often the current word has a stroke, and the
+speed of both planned wrists in the tiers' units per second."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,10 @@ class CodesConfig:
     width: int = 128
     codes: int = 48
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
-    """Of convolutions over three frames: about a second of speech is heard on either side."""
+    """Dilations of the convolutions of width three: a context of about one second on either
+    side."""
 
     @property
     def context(self) -> int:
-        """Frames heard on either side."""
+        """Number of frames of context on either side."""
         return sum(self.dilations)

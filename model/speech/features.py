@@ -1,12 +1,11 @@
-"""Log-mel, energy, onset strength and pitch of speech at 30 fps, with nothing to download.
+"""Log-mel bands, energy, onset strength and pitch of speech at 30 fps, without any weights.
 
-Everything is computed at 100 Hz (160 samples; 16000 / 30 is no integer) and averaged over the
-exact span of each motion frame. Blocks bound the memory, and give the same numbers for any size.
+All features are computed at 100 Hz (hop 160; 16000 / 30 is no integer) and averaged over the exact
+span of each motion frame. Blocks bound the memory; results do not depend on their size.
 
-Of speech that is still being spoken they are the same but for the voice that they are relative to:
-a clip's is known when it is over, a speaker's is told from what was said so far. Sound is heard in
-blocks of 100 ms (3 motion frames, 10 hops), as soon as 27 ms after a block are there: half of the
-window in which a pitch is found.
+Streamed speech has the same features except for the reference level and pitch: a clip's are
+computed from all of it, a live speaker's from the speech so far. Sound is processed in blocks of
+100 ms (3 motion frames, 10 hops) with a look-ahead of 27 ms, half of the pitch window.
 """
 
 import hashlib
@@ -38,37 +37,37 @@ SPEECH_PERCENTILE = 90.0
 
 @dataclass(frozen=True)
 class Voice:
-    """What a speaker's features are relative to."""
+    """Level and pitch of a speaker, to which features are relative."""
 
     level_db: float
-    """Of the loud parts of the speech, as `Hops.energy`."""
+    """Level of the loud parts of the speech (dB), comparable to `Hops.energy`."""
     pitch: float
-    """The usual one, log2 of Hz."""
+    """Median pitch, log2 of Hz."""
 
 
 @dataclass(frozen=True)
 class Hops:
-    """Sound at 100 Hz, before it is related to a voice."""
+    """Features of sound at 100 Hz, before normalisation by a voice."""
 
     log_mel: Float64[np.ndarray, "hops mels"]
-    """Power in dB."""
+    """Power per mel band (hops, mels) in dB."""
     energy: Float64[np.ndarray, " hops"]
-    """Total power in dB."""
+    """Total power (hops,) in dB."""
     pitch: Float64[np.ndarray, " hops"]
-    """Log2 of the fundamental in Hz, meaningful where the hop `is_tonal`."""
+    """Log2 of the fundamental frequency in Hz (hops,), meaningful where `is_tonal`."""
     is_tonal: Bool[np.ndarray, " hops"]
-    """Whether a steady fundamental within `PITCH_RANGE_HZ` was found."""
+    """Mask (hops,) of a steady fundamental within `PITCH_RANGE_HZ`."""
 
     def voiced(self, level_db: float) -> Bool[np.ndarray, " hops"]:
-        """Tonal, and not much quieter than the speech."""
+        """Return a mask (hops,) of tonal hops that are not much quieter than the speech."""
         return self.is_tonal & (self.energy - level_db > -25.0)
 
 
 class MelEncoder:
-    """64 log-mels, energy, onset strength, log pitch and voicing: 68 numbers for each frame.
+    """Encoder of 64 log-mels, energy, onset strength, log pitch and voicing: 68 numbers per frame.
 
-    Levels are relative to the clip's own speech level (the 90th percentile of its frame energy),
-    so the gain of a microphone does not matter.
+    Levels are relative to the clip's speech level (the 90th percentile of its frame energy), so the
+    gain of a microphone does not matter.
     """
 
     name = "mel64"
@@ -82,7 +81,7 @@ class MelEncoder:
     def relative_to(
         self, voice: Voice | None, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """`encode`, with levels and pitch relative to a voice; None is that of the clip."""
+        """Return the features of `encode` relative to a voice; None uses that of the clip."""
         columns = _clip_columns(waveform) if voice is None else _columns(waveform, voice)
         silence = np.zeros(self.dim)
         silence[:NUM_MELS] = (FLOOR_DB + 40.0) / 20.0
@@ -91,14 +90,13 @@ class MelEncoder:
 
 
 _KEPT_HOPS = 60_000
-"""Ten minutes, 33 MB."""
+"""Size of the cache in hops: ten minutes, 33 MB."""
 _kept: OrderedDict[bytes, Float64[np.ndarray, "hops 68"]] = OrderedDict()
 _keeping = threading.Lock()
 
 
 def _clip_columns(waveform: Float32[np.ndarray, " N"]) -> Float64[np.ndarray, "hops 68"]:
-    """Features of each hop relative to the clip's own voice. All systems of a run ask for those of
-    the same speech: the last ones are kept, by what the waveform holds."""
+    """Return features of each hop relative to the clip's voice, cached for the systems of a run."""
     key = hashlib.sha256(waveform.tobytes()).digest()
     with _keeping:
         columns = _kept.pop(key, None)
@@ -116,9 +114,9 @@ def _columns(
 
 
 def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops:
-    """Hops ``first`` to ``last - 1`` of a waveform; there is silence before and after it.
+    """Analyse hops ``first`` to ``last - 1``, with silence outside the waveform.
 
-    Of the first hop it is not known whether its pitch is steady; it counts as if it were.
+    The steadiness of the first hop's pitch is unknown; it counts as steady.
     """
     decibels = _by_blocks(waveform, first, last, FFT_SIZE, _decibels)
     log_mel, energy = decibels[:, :NUM_MELS], decibels[:, NUM_MELS]
@@ -131,7 +129,7 @@ def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops
 
 
 def columns_of(hops: Hops, voice: Voice) -> Float64[np.ndarray, "hops 68"]:
-    """The features of each hop; the onset of the first is unknown, and 0."""
+    """Normalise hops by a voice; the onset strength of the first is unknown, and 0."""
     log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
     energy = np.maximum(hops.energy - voice.level_db, FLOOR_DB)
     voiced = hops.voiced(voice.level_db).astype(float)
@@ -158,8 +156,10 @@ def _voice_of(hops: Hops) -> Voice:
 def _heard_by(
     waveform: Float32[np.ndarray, " N"], first: int, last: int, size: int
 ) -> Float32[np.ndarray, " samples"]:
-    """All that windows of ``size`` samples centred on hops ``first .. last - 1`` hear; silence
-    where the waveform is not."""
+    """Return the samples under windows of ``size`` centred on hops ``first .. last - 1``.
+
+    Outside the waveform there is silence.
+    """
     start = first * HOP + HOP // 2 - size // 2
     stop = (last - 1) * HOP + HOP // 2 - size // 2 + size
     piece = np.zeros(stop - start, np.float32)
@@ -175,7 +175,7 @@ def _by_blocks(
     size: int,
     analyse: Callable[[Float32[np.ndarray, " samples"]], np.ndarray],
 ) -> Float64[np.ndarray, " hops *numbers"]:
-    """What windows of ``size`` samples tell, some hops at a time."""
+    """Analyse windows of ``size`` samples in blocks of hops, and concatenate the results."""
     parts = [
         analyse(_heard_by(waveform, start, min(last, start + _HOPS_AT_ONCE), size))
         for start in range(first, last, _HOPS_AT_ONCE)
@@ -184,7 +184,7 @@ def _by_blocks(
 
 
 def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "hops 65"]:
-    """Power in mel bands (Slaney's scale), and in all of the spectrum."""
+    """Compute the power in mel bands (Slaney's scale) and of the whole spectrum, in dB."""
     spectrum = librosa().stft(
         piece, n_fft=FFT_SIZE, hop_length=HOP, win_length=WINDOW, center=False,
         window=np.hanning(WINDOW).astype(np.float32),
@@ -197,7 +197,7 @@ def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "ho
 
 
 def _fundamental(piece: Float32[np.ndarray, " samples"]) -> Float64[np.ndarray, " hops"]:
-    """In Hz, whether there is one or not (YIN, de Cheveigne and Kawahara, JASA 2002)."""
+    """Estimate each hop's pitch (Hz), voiced or not (YIN, de Cheveigne and Kawahara, JASA 2002)."""
     low, high = PITCH_RANGE_HZ
     return librosa().yin(
         piece, fmin=low, fmax=high, sr=SAMPLE_RATE,
@@ -210,7 +210,7 @@ def average_over_frames(
     num_frames: int,
     silence: Float64[np.ndarray, " dim"],
 ) -> Float64[np.ndarray, "num_frames dim"]:
-    """Mean over ``[k / 30, (k + 1) / 30)`` of a signal that is constant over each 10 ms hop."""
+    """Average over ``[k / 30, (k + 1) / 30)`` a signal that is constant over each 10 ms hop."""
     hops_per_second = SAMPLE_RATE / HOP
     needed = int(np.ceil(num_frames / FPS * hops_per_second))
     if needed > len(columns):
@@ -225,26 +225,27 @@ def average_over_frames(
 BLOCK_FRAMES = 3
 BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLE_RATE // FPS
 LOOK_AHEAD = PITCH_WINDOW // 2 - HOP // 2
-"""Samples after a block that its features need."""
+"""Number of samples after a block that its features need."""
 _KEPT_BEFORE = PITCH_WINDOW // HOP
-"""Hops whose sound the window of the first one still reaches, and one more for its onset."""
+"""Number of earlier hops under the first hop's window, and one more for its onset strength."""
 
 
 class RunningVoice:
-    """The voice of the last half minute of voiced sound; silence and noise do not change it.
+    """Running estimate of the voice from the last half minute of voiced sound.
 
-    It begins with half a second of a usual voice, so that the first word is neither shouted nor
-    whispered.
+    It starts with half a second of a typical voice, so that the first word is at a normal level.
     """
 
     KEPT_HOPS = 3000
     START_HOPS = 50
     START = Voice(level_db=28.0, pitch=7.3)
-    """Loud parts at -18 dB of full scale; 158 Hz."""
+    """Typical voice: loud parts at -18 dB of full scale; 158 Hz."""
     QUIETEST_DB = 0.0
-    """-46 dB of full scale: what is quieter stays quiet, however long nothing else is heard."""
+    """Lowest speech level, -46 dB of full scale: quieter sound stays quiet, however long it
+    lasts."""
     PERCENTILE = 85.0
-    """Of voiced hops: about the `SPEECH_PERCENTILE` of all hops of speech with its pauses."""
+    """Percentile over voiced hops; about the `SPEECH_PERCENTILE` of all hops of speech with
+    pauses."""
 
     def __init__(self) -> None:
         start = [self.START.level_db] * self.START_HOPS, [self.START.pitch] * self.START_HOPS
@@ -253,7 +254,7 @@ class RunningVoice:
         self._voice = self.START
 
     def voice(self, hops: Hops) -> Voice:
-        """The voice as of these hops, which follow those of the call before."""
+        """Update the estimate with the next hops, and return it."""
         voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
         if voiced.any():
             self._energy.extend(hops.energy[voiced].tolist())
@@ -265,20 +266,20 @@ class RunningVoice:
 
 
 class CausalMel:
-    """`MelEncoder` for sound that arrives in blocks. What it has said never changes."""
+    """Streaming `MelEncoder` for sound that arrives in blocks; past features never change."""
 
     def __init__(self) -> None:
         self._voice = RunningVoice()
         self._sound = np.zeros(0, np.float32)
         self._first_hop = 0
-        """Of the sound that is kept."""
+        """Index of the first hop in the buffer."""
         self._next_hop = 0
 
     def hear(self, samples: Float32[np.ndarray, " N"]) -> Float32[np.ndarray, "frames 68"]:
-        """Features of the frames that are known with this sound, and were not before it.
+        """Append samples and return the features of the frames that have become complete.
 
         Args:
-            samples: the next of 16 kHz mono, any number.
+            samples: the next samples (N,) at 16 kHz, mono; any number.
         """
         self._sound = np.concatenate([self._sound, samples])
         there = self._first_hop * HOP + len(self._sound)
@@ -290,7 +291,7 @@ class CausalMel:
     def _next_block(self) -> Float32[np.ndarray, "3 68"]:
         hops = BLOCK_SAMPLES // HOP
         start = self._next_hop - self._first_hop
-        before = min(1, start)  # the hop that onset and steadiness of the first are seen from
+        before = min(1, start)  # for the onset and the steadiness of the first new hop
         found = analysed(self._sound, start - before, start + hops)
         new = Hops(*(values[before:] for values in vars(found).values()))
         columns = columns_of(found, self._voice.voice(new))[before:]
@@ -308,10 +309,10 @@ class CausalMel:
 def augment_mel(
     features: Float[Tensor, "B T 68"], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:
-    """Features as another microphone might have heard them, one draw for each sample.
+    """Augment features as if recorded by another microphone, with one draw per sample.
 
     Level +-3 dB, a spectral tilt of +-6 dB, sometimes a missing top band, and a floor of coloured
-    noise 20 to 60 dB under the speech level. Pitch and voicing stay.
+    noise 20 to 60 dB below the speech level. Pitch and voicing are unchanged.
     """
     size = len(features)
 
@@ -338,9 +339,10 @@ def augment_mel(
 def in_other_throats(
     features: Float[Tensor, "B T 68"], lengths: tuple[float, float], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:
-    """Features as people of other sizes might have said the same, one draw for each sample: the
-    mel bands are stretched by a factor between ``lengths`` (vocal tract length perturbation,
-    Jaitly and Hinton 2013). Pitch and energy stay."""
+    """Stretch the mel bands by one factor per sample between ``lengths``; pitch and energy stay.
+
+    This is vocal tract length perturbation (Jaitly and Hinton 2013).
+    """
     shortest, longest = lengths
     draw = torch.rand(len(features), 1, generator=generator)
     factor = shortest + (longest - shortest) * draw

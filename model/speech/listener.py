@@ -1,8 +1,7 @@
-"""A child process that hears English words and their phones, by pocketsphinx.
+"""Child process that recognises or aligns English words and their phones with pocketsphinx.
 
-It is a process of its own because the recogniser is C that cannot be interrupted, and since what
-goes wrong there, or takes too long, shall end nothing but this. It takes what is said, or None, and
-16-bit samples at 16 kHz, and gives the words, each with its phones.
+The recogniser is C code that cannot be interrupted, so a crash or a timeout must end only this
+process. It receives the text, or None, and 16-bit samples at 16 kHz, and sends words with phones.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from model.speech.transcript import Word
 from processes.child import parent_channel
 
 Lookup = Callable[[str], str | None]
-"""From a word in small letters to its phones, parted by spaces; None of an unknown one."""
+"""Function from a lower-case word to its phones, separated by spaces; None for an unknown word."""
 
 _ONES = (
     "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen "
@@ -35,11 +34,11 @@ _ONES = (
 _TENS = "twenty thirty forty fifty sixty seventy eighty ninety".split()
 _SIGNS = {"&": "and", "%": "percent", "+": "plus", "@": "at", "=": "equals"}
 _MOST_DIGITS = 6
-"""Longer numbers are read digit by digit."""
+"""Most digits of a number that is read as one; longer numbers are read digit by digit."""
 _OUTER = re.compile(r"^[^\w&%+@=]+|[^\w&%+@=]+$|_+$|^_+")
 """Punctuation around a word."""
 _SPELT = 5
-"""Letters of the longest word in capitals that is taken for an abbreviation."""
+"""Number of letters of the longest word in capitals that is read as an abbreviation."""
 _LETTER_NAMES = dict(
     zip(
         "abcdefghijklmnopqrstuvwxyz",
@@ -60,26 +59,27 @@ _SOUNDS = {
     "j": "JH", "k": "K", "l": "L", "m": "M", "n": "N", "o": "AA", "p": "P", "q": "K", "r": "R",
     "s": "S", "t": "T", "u": "AH", "v": "V", "w": "W", "x": "K S", "y": "IY", "z": "Z",
 }  # fmt: skip
-"""What letters of an unknown word usually sound like; of two that fit, the longer."""
+"""Usual phones of the letters of an unknown word; the longest match is used."""
 _LONGEST = max(map(len, _SOUNDS))
 
 
 @dataclass(frozen=True)
 class Sayable:
-    """A word of a text, as it is written, and how it may sound."""
+    """A word of a text with its pronunciation."""
 
     text: str
     known: str | None
-    """Its form in the dictionary, which may have several ways to say it."""
+    """Form of the word in the dictionary, which may have several pronunciations; None if it has
+    none."""
     phones: str
-    """One way to say it, for who does not know it."""
+    """One pronunciation, for words that are not in the dictionary."""
 
 
 def words_to_say(text: str, lookup: Lookup) -> list[Sayable]:
-    """The words of a text in its order; punctuation, and what nobody can say, is left out."""
+    """Return the words of a text in order, without punctuation and what cannot be pronounced."""
     found = []
     for chunk in text.replace("\u2019", "'").split():
-        # A dash parts words; a hyphen joins them.
+        # A dash separates words; a hyphen joins them.
         for piece in re.split("[\u2014\u2013\u2026/]|--+", chunk):
             spoken = _spoken(piece, lookup)
             if spoken is not None:
@@ -126,7 +126,7 @@ def _said(word: str, lookup: Lookup) -> str:
 
 
 def number_words(digits: str) -> list[str]:
-    """A number as it is read out: ``1,250.5`` as twelve fifty point five."""
+    """Return the words with which a number is read out: ``1,250.5`` as twelve fifty point five."""
     whole, _, fraction = digits.replace(",", "").partition(".")
     words = (
         _whole_words(int(whole)) if len(whole) <= _MOST_DIGITS else [_ONES[int(d)] for d in whole]
@@ -143,7 +143,7 @@ def _whole_words(number: int) -> list[str]:
     if number < 1000:
         rest = _whole_words(number % 100) if number % 100 else []
         return [_ONES[number // 100], "hundred", *rest]
-    if 1100 <= number < 2100 and number % 1000 >= 100:  # as years are said
+    if 1100 <= number < 2100 and number % 1000 >= 100:  # as years are read
         rest = _whole_words(number % 100) if number % 100 else ["hundred"]
         return [*_whole_words(number // 100), *rest]
     rest = _whole_words(number % 1000) if number % 1000 else []
@@ -166,43 +166,43 @@ def _by_rules(word: str) -> str:
 
 
 PIECE_S = (8.0, 16.0)
-"""The shortest and longest stretch that is decoded at once: memory and time grow with it."""
+"""Shortest and longest piece that is decoded at once (s): memory and time grow with it."""
 FRAMES_PER_S = 100
-"""Of the recogniser."""
+"""Frame rate of the recogniser (Hz)."""
 _LOUDNESS_S = 0.2
-"""Over which loudness is averaged where a place to cut is looked for."""
+"""Window over which loudness is averaged to find a place to cut (s)."""
 _MARGIN_S = 0.15
-"""Of sound around the words of an aligned piece."""
+"""Margin of sound around the words of an aligned piece (s)."""
 _WIDE = {"beam": 1e-150, "pbeam": 1e-150, "wbeam": 1e-150}
-"""So that a text is followed through what it leaves out or nobody has said."""
+"""Beam widths that let alignment skip words of the text that are missing in the speech."""
 _FIT, _FIT_WIDTH, _FIT_WORDS = -45.0, 8.0, 5
-"""Score of a frame, where 0 is the best that any sound has there, at which words of a text are as
-likely said as not, and how slowly that changes; it is averaged over so many words, since one may be
-said oddly. Spoken ones have -10 to -35 so, others -50 to -130."""
+"""Logistic model of a word's confidence: the score of a frame (0 is the best of any phone) at which
+the probability is 0.5, the width, and the number of words over which scores are averaged, since
+single words may be pronounced oddly. Right words average -10 to -35, others -50 to -130."""
 _NO_FIT = -200.0
 _PARENT_DEATH_SIGNAL = 1
 _FILLERS = "<[+"
-"""What names of silence and noise begin with."""
+"""First characters of the names of silence and noise."""
 
 
 @dataclass
 class HeardWord:
-    """A word, its times in frames of the recogniser, and its phones."""
+    """A word with its times in frames of the recogniser, and its phones."""
 
     text: str
     start: int
     end: int
-    """The frame after its last."""
+    """First frame after the word."""
     confidence: float
     phones: list[tuple[str, int, int]] = field(default_factory=list)
 
     def moved(self, frames: int) -> HeardWord:
-        """The same, later."""
+        """Return the word delayed by a number of frames."""
         phones = [(name, start + frames, end + frames) for name, start, end in self.phones]
         return HeardWord(self.text, self.start + frames, self.end + frames, self.confidence, phones)
 
     def told(self) -> tuple[Word, tuple[Interval, ...]]:
-        """As the parent takes it, in seconds."""
+        """Convert the word and its phones to seconds, for the parent process."""
         phones = tuple(
             Interval(start / FRAMES_PER_S, end / FRAMES_PER_S, name)
             for name, start, end in self.phones
@@ -212,8 +212,7 @@ class HeardWord:
 
 
 def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
-    """Ranges of samples that cover all of the speech, cut where it is quietest, `PIECE_S` long; the
-    last may be shorter."""
+    """Yield ranges of samples within `PIECE_S` (the last may be shorter), cut in quiet places."""
     step = SAMPLE_RATE // FRAMES_PER_S
     shortest, longest = (round(FRAMES_PER_S * seconds) for seconds in PIECE_S)
     frames = len(waveform) // step
@@ -232,7 +231,7 @@ def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
 
 
 def recognise(waveform: Int16[np.ndarray, " N"]) -> list[HeardWord]:
-    """The words that are most likely said, however unlikely that is."""
+    """Return the most likely words of the speech, however unlikely they are."""
     decoder = _decoder()
     found = []
     for start, stop in pieces(waveform):
@@ -253,7 +252,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[HeardWord]:
 
 
 def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[HeardWord]:
-    """The words of a text where they are said; none where it cannot be followed at all."""
+    """Align a text with the speech and return its words; none if no alignment exists."""
     decoder = _decoder(lm=None)
     spoken = words_to_say(text, decoder.lookup_word)
     if not spoken:
@@ -282,8 +281,10 @@ def _followed(
     start: int,
     stop: int,
 ) -> list[HeardWord]:
-    """The words of a part, whose fit is their confidence so far. Where they cannot be followed,
-    each half of them is tried alone, so that one wrong sentence spoils little."""
+    """Return the aligned words of a part, with their fit as their confidence.
+
+    If the alignment fails, each half is tried alone, so that one wrong sentence spoils little.
+    """
     step = SAMPLE_RATE // FRAMES_PER_S
     sound = waveform[start * step : stop * step].tobytes()
     decoder.set_align_text(" ".join(names))
@@ -312,7 +313,7 @@ def _wide(spoken: list[Sayable]) -> Any:
 
 
 def _named(decoder: Any, spoken: list[Sayable]) -> list[str]:
-    """What each word is called in the dictionary, to which those are added that it lacks."""
+    """Return each word's name in the dictionary, to which missing words are added."""
     names, added = [], {}
     for word in spoken:
         if word.known is not None:
@@ -328,7 +329,7 @@ def _named(decoder: Any, spoken: list[Sayable]) -> list[str]:
 def _rough_times(
     decoder: Any, waveform: Int16[np.ndarray, " N"], names: list[str]
 ) -> list[tuple[int, int]]:
-    """First frame, and the one after the last, of each word; of none where there is no way."""
+    """Return the frames [start, end) of each word; nothing if the alignment fails."""
     decoder.set_align_text(" ".join(names))
     _decode(decoder, waveform.tobytes())
     if decoder.hyp() is None:
@@ -341,7 +342,7 @@ def _rough_times(
 
 
 def _parts(times: list[tuple[int, int]], end: int) -> Iterator[tuple[int, int, int, int]]:
-    """Ranges of words with the frames that hold them, cut at the longest pauses."""
+    """Yield ranges of words with the range of frames that holds them, cut at the longest pauses."""
     shortest, longest = (round(FRAMES_PER_S * seconds) for seconds in PIECE_S)
     margin = round(FRAMES_PER_S * _MARGIN_S)
     first = 0
@@ -361,8 +362,7 @@ def _parts(times: list[tuple[int, int]], end: int) -> Iterator[tuple[int, int, i
 
 
 def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
-    """The words that were just decoded once more, with their phones, and as confidence the score
-    of a frame, of which `_FIT` tells; none where they cannot be followed."""
+    """Align the words that were just decoded again, for phones and scores; none if this fails."""
     try:
         decoder.set_alignment()
         _decode(decoder, sound)
@@ -370,7 +370,7 @@ def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
         return []
     found = []
     for word in decoder.get_alignment() or ():
-        # Phones live no longer than this turn of the loop.
+        # The phone objects are only valid during this iteration.
         phones = [(phone.name, phone.start, phone.duration, phone.score) for phone in word]
         if word.name[0] in _FILLERS or not phones:
             continue
@@ -389,7 +389,7 @@ def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
 
 
 def _likelihoods(words: list[HeardWord]) -> list[float]:
-    """Of words whose confidence is still their fit, by that of each and of its neighbours."""
+    """Convert each word's fit, averaged with those of its neighbours, to a likelihood."""
     fits = np.array([word.confidence for word in words])
     frames = np.array([word.end - word.start for word in words], np.float64)
     reach = _FIT_WORDS // 2
@@ -416,9 +416,9 @@ def _decoder(**options: Any) -> Any:
 
 
 def main() -> None:
-    """Hear what the parent sends."""
+    """Recognise or align the speech that the parent process sends."""
     os.nice(10)
-    # With its parent, however that ends: nothing else runs while the recogniser does.
+    # End with the parent process: no Python code runs during the recognition.
     ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
     channel, _ = parent_channel()
     text, waveform = channel.recv()

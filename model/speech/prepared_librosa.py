@@ -1,11 +1,11 @@
-"""librosa, and where numba keeps what librosa compiles.
+"""Import of librosa, and the cache of the code that numba compiles for it.
 
-librosa compiles on import: some twenty seconds of a processor where nothing is kept, and numba's
-cache is not for processes that compile at once (the index of one ends beside the code of another,
-which ends whoever calls it). So they import it in turn until one has compiled all of it, into a
-folder of the user's own that is named by all that the code depends on.
+librosa compiles on import: about twenty seconds of processor time without a cache, and numba's
+cache is not safe for processes that compile at once (the index of one may be combined with the code
+of another, which crashes the caller). So processes import it in turn until one has compiled
+everything, into a folder of the user's named by all that the code depends on.
 
-    python -m model.speech.prepared_librosa    fills it ahead of time
+    python -m model.speech.prepared_librosa    fills the cache ahead of time
 """
 
 import functools
@@ -26,8 +26,7 @@ _importing = threading.Lock()
 
 
 def librosa() -> ModuleType:
-    """The library, ready for use: two seconds of the first call in a process, and half a minute of
-    the first for this user."""
+    """Return librosa, compiled: in 2 s first in a process, in half a minute first for the user."""
     with _importing:
         return _imported()
 
@@ -50,7 +49,7 @@ def _imported() -> ModuleType:
 
 
 def _import() -> ModuleType:
-    """All that is used of it, by which it is compiled."""
+    """Import every part of librosa that is used, which compiles it."""
     import librosa.core.pitch
     import librosa.feature
     import librosa.filters
@@ -60,8 +59,7 @@ def _import() -> ModuleType:
 
 
 def _key() -> str:
-    """Of versions, of where the library lies (numba keeps code by the path of its source) and of
-    the processor."""
+    """Hash the versions, librosa's location (numba's cache depends on it) and the processor."""
     import llvmlite.binding as llvm
 
     versions = [importlib.metadata.version(name) for name in ("librosa", "numba", "llvmlite")]
@@ -71,7 +69,7 @@ def _key() -> str:
 
 
 def _own_folder() -> Path | None:
-    """Where nobody else can have left code for this user to run; None where nothing can be kept."""
+    """Return a cache folder that only this user can write to; None if there is none."""
     cache = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     temporary = Path(tempfile.gettempdir()) / f"co-speech-motion-{os.getuid()}"
     for folder in (Path(cache) / "co-speech-motion" / "librosa", temporary / "librosa"):

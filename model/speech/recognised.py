@@ -1,5 +1,5 @@
-"""Words and phones of speech without a TextGrid: of a plain text, where they are said, or of none,
-as a recogniser hears them. English only; the work is done in a child process (`listener`)."""
+"""Words and phones of speech without a TextGrid, from aligning a plain text or from recognition.
+English only; the work is done in a child process (`listener`)."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from processes.child import Child, Gone
 from processes.ended import Ended
 
 SURE = 0.5
-"""Confidence under which a word is left out. Of words recognised in clear speech about nine in ten
-that are surer are right, and six in ten of the others (docs/words.md)."""
+"""Confidence below which a word is left out. Of words recognised in clear speech about nine in ten
+above it are right, and six in ten below it (docs/words.md)."""
 LONGEST_WORD_S = 2.5
-"""Of nothing but a faint hum the recogniser is sure that "dog" was said for eight seconds."""
+"""Longest plausible word (s). From a faint hum alone the recogniser reports with certainty an
+eight-second "dog"."""
 MOST_UNSURE = 0.4
-"""Share of sure words under which none is used: English of eleven clips has 0.5 to 0.9, French 0.2,
+"""Share of sure words below which none is used: English has 0.5 to 0.9 in eleven clips, French 0.2,
 and speech played backwards 0.1 to 0.4."""
 FEW_WORDS = 8
-"""Too few to tell by them what language was spoken."""
+"""Number of words below which the language of the speech cannot be judged."""
 MAX_WORDS_A_SECOND = 8
-"""Nobody speaks faster for long; a longer text belongs to other speech."""
+"""Fastest plausible speech; a text with more words belongs to another recording."""
 PATIENCE = (60.0, 6.0)
-"""Seconds that are waited, and for each second of speech. On one free core it takes 0.3."""
+"""Time limit (s): a constant, and an amount per second of speech. Recognition takes 0.3 s per
+second on one free core."""
 
 UNSURE_NOTE = (
     "{unsure} of {count} recognised words are unsure: the speech is probably in another language "
@@ -46,24 +48,24 @@ FAILED_NOTE = "Words could not be found in the speech, and are missing from the 
 
 @dataclass(frozen=True)
 class Heard:
-    """What was said, and what a person should know of it."""
+    """Transcript from recognition or alignment, with notes for the user."""
 
     transcript: Transcript = NOTHING_SAID
     notes: tuple[str, ...] = ()
 
 
 class Hearing:
-    """Words that are being looked for, meanwhile something else can be done.
+    """A running recognition or alignment in a child process, ended by leaving the context.
 
-    Use it as a context: leaving it ends the looking. Whatever goes wrong is a note of `heard`.
+    Any failure becomes a note in the result.
     """
 
     def __init__(self, waveform: Float32[np.ndarray, " N"], text: str | None = None) -> None:
-        """Begin at once.
+        """Start the recognition or alignment.
 
         Args:
-            waveform: 16 kHz mono, full scale 1.
-            text: what is said; None to recognise it.
+            waveform: speech (N,) at 16 kHz, mono, full scale 1.
+            text: the text to align; None to recognise the words.
         """
         self._is_aligned = text is not None
         self._heard: Heard | None = None
@@ -91,7 +93,7 @@ class Hearing:
             self._child.end()
 
     def is_over(self, wait_s: float = 0.0) -> bool:
-        """Whether all was heard that can be, after at most so many seconds."""
+        """Check whether the result is ready, waiting at most ``wait_s`` seconds."""
         if self._heard is None and self._child is not None:
             try:
                 if self._child.has_message(wait_s):
@@ -103,7 +105,7 @@ class Hearing:
         return self._heard is not None
 
     def heard(self) -> Heard:
-        """What was said, waited for. It never raises."""
+        """Wait for the result and return it. It never raises."""
         while not self.is_over(0.5):
             pass
         assert self._heard is not None
@@ -126,7 +128,7 @@ def _is_sure(word: Word) -> bool:
 
 
 def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> Heard:
-    """Without what is unsure, or without anything."""
+    """Return the words that are sure, or none if too many are unsure."""
     sure = [(word, phones) for word, phones in words if _is_sure(word)]
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)

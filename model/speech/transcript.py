@@ -1,6 +1,5 @@
 """Words, phones and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and
-our corpus write them, or from recognisers and captions; and plain texts, whose times are still to
-be found."""
+our corpus write them, or from recognisers and captions; and plain texts, to be aligned later."""
 
 from __future__ import annotations
 
@@ -16,68 +15,68 @@ from model.speech.word_files import parse_captions, parse_ctm, parse_json, parse
 from model.storage.files import bytes_within
 
 MAX_BYTES = 8 * 2**20
-"""An hour of speech with all its phones has less than 4 MiB."""
+"""Size limit of a file in bytes; an hour of speech with all its phones has less than 4 MiB."""
 MAX_WORDS = 50_000
-"""Intervals of a tier."""
+"""Largest number of intervals in a tier."""
 MAX_GESTURE_TIERS = 4
 MAX_NAME = 200
-"""Characters of a tier's name that are looked at."""
+"""Number of characters of a tier's name that are matched."""
 MAX_TEXT = 256 * 2**10
-"""Characters of a plain text; what is said in an hour has less than 80,000."""
+"""Largest number of characters of a plain text; an hour of speech has less than 80,000."""
 ENDINGS = (".TextGrid", ".txt", ".tsv", ".json", ".srt", ".vtt", ".ctm", ".lab")
 WORD_TIERS = ("words", "word", "ort-mau", "ort")
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "mau")
-"""Names of tiers, as Montreal's, FAVE's and Munich's aligners write them."""
+"""Names of phone tiers; the aligners of Montreal, FAVE and Munich use these."""
 _SPEAKER = re.compile(r".*\S\s+-\s+")
 """Name of a speaker before that of a tier: "anna - words"."""
 SPARE_S = 0.5
-"""Time by which words and plans may be longer than the speech without a note."""
+"""Time by which words and plans may be longer than the speech without a note (s)."""
 MOST_IN_A_ROW = 1.5
-"""Words in a row, on average, up to which rows are words, not sentences."""
+"""Average number of words per row up to which rows count as words, not sentences."""
 AnyInterval = TypeVar("AnyInterval", bound=Interval)
 Origin = Literal["given", "aligned", "recognised"]
-"""Where words and their times come from: a TextGrid; a plain text, looked for in the speech; or the
-speech alone."""
+"""Source of the words and their times: a file with times, alignment of a plain text, or recognition
+of the speech."""
 GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
-"""Part of the name of a tier that says what hands do."""
+"""Pattern in the names of gesture tiers."""
 ACCENT_TIER = "accents"
-"""Name of our corpus's tier of points, each labelled with how strong an accent is."""
+"""Name of our corpus's tier of points, each labelled with the strength of an accent."""
 _ACCENT = re.compile(r"\d+(?:\.\d+)?")
 
 
 class TranscriptError(ValueError):
-    """A transcript that cannot be used; the message is one sentence for a person."""
+    """A transcript that cannot be used; the message is one sentence for the user."""
 
 
 @dataclass(frozen=True)
 class Word(Interval):
-    """A word, and how sure it is that it was said there."""
+    """A word with its times and a confidence."""
 
     confidence: float = 1.0
-    """0 to 1; 1 of what a person has given."""
+    """Confidence, 0 to 1; 1 for words from a file."""
 
 
 @dataclass(frozen=True)
 class Accent:
-    """A moment of stress, in seconds from the start of the speech."""
+    """A point of stress, in seconds from the start of the speech."""
 
     time_s: float
     strength: float
-    """0 to 1."""
+    """Strength, 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Transcript:
-    """What was said, and what hands did meanwhile where that was written down, too."""
+    """Words, phones and accents of speech, and annotated gestures if there are any."""
 
     words: tuple[Word, ...] = ()
     gestures: Mapping[str, tuple[Interval, ...]] = field(default_factory=dict)
-    """What somebody has called the parts of gestures, by one name for each hand or scheme."""
+    """Gesture intervals by tier name; a tier is one hand or one annotation scheme."""
     origin: Origin = "given"
     phones: tuple[Interval, ...] = ()
-    """Sounds of the words, where they are known."""
+    """Phones of the words, if known."""
     accents: tuple[Accent, ...] = ()
-    """Where they are known."""
+    """Accents, if known."""
 
 
 NOTHING_SAID = Transcript()
@@ -85,8 +84,8 @@ NOTHING_SAID = Transcript()
 
 @dataclass(frozen=True)
 class GivenWords:
-    """Content of a file of words: words with their times, or a text whose words are still to be
-    aligned with the speech."""
+    """Content of a file of words: words with their times, or a text to be aligned with the
+    speech."""
 
     transcript: Transcript = NOTHING_SAID
     text: str | None = None
@@ -95,11 +94,10 @@ class GivenWords:
     name: str = ""
     """Name of the file."""
     length_s: float = 0.0
-    """Time up to which the file goes (s)."""
+    """Time of the end of the file's last word or tier (s)."""
 
     def within(self, speech_s: float) -> GivenWords:
-        """Leave out what lies beyond the end of the speech, with a note, if the file goes on for
-        longer than the speech."""
+        """Leave out, with a note, what lies beyond the end of the speech."""
         if self.length_s <= speech_s + SPARE_S:
             return self
         said = self.transcript
@@ -126,13 +124,12 @@ def _before(end_s: float, rows: Iterable[AnyInterval]) -> tuple[AnyInterval, ...
 
 
 def read_transcript(path: str | Path) -> Transcript:
-    """The words, phones, gestures and accents of a TextGrid in one of Praat's text formats, pauses
-    left out.
+    """Read the words, phones, gestures and accents of a TextGrid in one of Praat's text formats.
 
-    Words are taken from the tier called as one of `WORD_TIERS`, or from that of the one speaker
-    ("anna - words"), or from the only interval tier there is; phones from that called as one of
-    `PHONE_TIERS`, if it can be read; gestures from the first `MAX_GESTURE_TIERS` that
-    `GESTURE_TIER` finds in their names.
+    Pauses are left out. Words are taken from the tier with a name in `WORD_TIERS`, or from the only
+    one with a speaker's name ("anna - words"), or from the only interval tier; phones from the tier
+    with a name in `PHONE_TIERS`, if it is valid; gestures from the first `MAX_GESTURE_TIERS` with a
+    name that matches `GESTURE_TIER`.
 
     Raises:
         TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
@@ -145,7 +142,7 @@ def read_transcript(path: str | Path) -> Transcript:
 def read_words(path: str | Path) -> GivenWords:
     """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
 
-    Captions and segments that hold more than a word each are given as a text without times.
+    Captions and segments of more than one word each are returned as a text without times.
 
     Raises:
         TranscriptError: as `read_transcript`, or if another file is too large, damaged, or has no
@@ -187,7 +184,7 @@ def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
 
 
 def _plain(text: str, name: str) -> str:
-    """Return a plain text as it is, once it is known to be one."""
+    """Return a plain text unchanged, after a check that it is one."""
     if len(text) > MAX_TEXT:
         raise TranscriptError(f"{name} holds more than {MAX_TEXT} characters.")
     if any(ord(sign) < 32 and not sign.isspace() for sign in text):
@@ -198,7 +195,7 @@ def _plain(text: str, name: str) -> str:
 
 
 def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> GivenWords:
-    """Words, if most rows hold one each; else the text of all rows, to be aligned."""
+    """Make words, if most rows hold one each, or else the text of all rows, to be aligned."""
     found = _intervals(rows, "word", name)
     length_s = max((row.end_s for row in found), default=0.0)
     count = sum(len(row.text.split()) for row in found)
@@ -242,7 +239,7 @@ def _of_grid(text: str, name: str) -> GivenWords:
 
 
 def _kind_of(name: str) -> Literal["words", "phones", ""]:
-    """Return what a tier's name says that it holds: "words", "anna - words"."""
+    """Classify a tier by its name, such as "words" or "anna - words"."""
     own = name.strip()[len(_speaker(name)) :].lower()
     return "words" if own in WORD_TIERS else "phones" if own in PHONE_TIERS else ""
 
@@ -286,7 +283,7 @@ def _refuse_same_names(tiers: Sequence[NamedTier], name: str) -> None:
 
 
 def _phones(tiers: Sequence[NamedTier], name: str) -> tuple[Interval, ...]:
-    """Of the tier that has them; one that is damaged is left out, and the words are not."""
+    """Return the phones of the tier; a damaged tier is left out, but not the words."""
     try:
         return tuple(row for tier in tiers for row in _intervals(tier.rows, "phone", name))
     except TranscriptError:
@@ -294,7 +291,7 @@ def _phones(tiers: Sequence[NamedTier], name: str) -> tuple[Interval, ...]:
 
 
 def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
-    """Of the tier that has them, in time; what is no number is left out."""
+    """Return the accents in order of time, without labels that are not numbers."""
     rows = next((t.rows for t in tiers if t.has_points and t.name == ACCENT_TIER), ())
     found = [Accent(r.start_s, float(r.text)) for r in rows if _ACCENT.fullmatch(r.text)]
     told = (accent for accent in found[:MAX_WORDS] if 0 <= accent.time_s < inf)
@@ -302,7 +299,7 @@ def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
 
 
 def _intervals(rows: Sequence[Interval], what: str, name: str) -> tuple[Interval, ...]:
-    """Those with a label, in time."""
+    """Return the intervals with a label, in order of time."""
     found = []
     for row in rows:
         label = row.text.strip()

@@ -1,5 +1,5 @@
-"""WavLM (Chen et al. 2022) and HuBERT (Hsu et al. 2021) as GlobalDiff's authors hear by them:
-windows of 2 s, each on its own, whose 99 vectors are stretched to 60 frames.
+"""WavLM (Chen et al. 2022) and HuBERT (Hsu et al. 2021) features, computed as GlobalDiff's authors
+do: separate windows of 2 s, with 99 vectors each that are resampled to 60 frames.
 
 Needs the ``transformers`` package and a folder with ``config.json`` and the weights, such as
 ``patrickvonplaten/wavlm-libri-clean-100h-large`` that GlobalDiff uses. Nothing is downloaded.
@@ -20,19 +20,19 @@ from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 
 WINDOW_SAMPLES, WINDOW_FRAMES = 32_000, 60
 Hear = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 dim"]]
-"""Windows of speech to features of their frames."""
+"""Function from windows of speech (n, 32000) to features of their frames (n, 60, dim)."""
 
 
 class WavLMEncoder:
-    """WavLM's last hidden state, of windows that follow each other."""
+    """Encoder with WavLM's last hidden state, computed in consecutive windows."""
 
     name = "wavlm"
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Load the weights, by default those that ``WAVLM_DIR`` names.
+        """Load the weights, by default from the folder in ``WAVLM_DIR``.
 
         Raises:
-            EncoderError: if the folder or the ``transformers`` package is not there.
+            EncoderError: if the folder or the ``transformers`` package is missing.
         """
         folder = folder or Path(os.environ.get(WEIGHTS_VARIABLE, ""))
         if folder == Path() or not (folder / "config.json").is_file():
@@ -51,8 +51,9 @@ class WavLMEncoder:
 
 
 def hearing(folder: Path, name: str) -> tuple[Hear, int]:
-    """What hears by a model of transformers, by the name of its class and with the weights in a
-    folder, and how many numbers each of its features has.
+    """Load a model of transformers by its class name and its folder of weights.
+
+    Returns an encoder of windows of speech, and the dimension of its features.
 
     Raises:
         EncoderError: if the package is not installed, or the weights cannot be read.
@@ -88,7 +89,7 @@ def hearing(folder: Path, name: str) -> tuple[Hear, int]:
 
 
 def resampled(features: Float[Tensor, "n heard dim"]) -> Float[Tensor, "n 60 dim"]:
-    """Linear in time, from the first number to the last."""
+    """Resample features to 60 frames, linearly in time with both ends aligned."""
     return torch.nn.functional.interpolate(
         features.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=True
     ).transpose(1, 2)

@@ -1,4 +1,4 @@
-"""Readers of timed words and captions: tables of times (GENEA, Whisper, Audacity, HTK), CTM, SRT,
+"""Parsers of timed words and captions: tables of times (GENEA, Whisper, Audacity, HTK), CTM, SRT,
 WebVTT, and the JSON of Whisper, WhisperX and Gentle."""
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 from model.plan.tier_files import Interval
 
 SHORTEST_S = 0.01
-"""Length of a word that recognisers write with the same time for start and end."""
+"""Duration (s) of a word that a recogniser wrote with equal start and end."""
 _NUMBER = r"(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
 _TABLE_ROW = re.compile(rf"\s*{_NUMBER}[\t ]+{_NUMBER}[\t ]+(\S.*)")
 _MILLISECONDS = re.compile(r"start\tend\ttext", re.IGNORECASE)
-"""Head of the tables that Whisper writes."""
+"""Header of the tables that Whisper writes."""
 _HTK_S = 1e-7
 """Unit of the whole numbers in HTK's label files."""
 _CLOCK = r"(?:(\d{1,4}):)?(\d{1,2}):(\d{1,2})[.,](\d{1,3})"
@@ -26,11 +26,10 @@ _SILENCES = {"sil", "sp", "pau", "<eps>", "<sil>", "#"}
 
 
 def parse_table(text: str, is_label_file: bool = False) -> list[Interval] | None:
-    """Parse lines of start, end and label in seconds; in milliseconds under Whisper's head, in
-    units of 100 ns where a label file (.lab) has whole numbers only.
+    """Parse lines of start, end and label in seconds.
 
-    Returns:
-        None where a line is none of these.
+    Times are milliseconds below Whisper's header, and units of 100 ns in a label file (.lab) of
+    whole numbers. Returns None if any line is not of this form.
     """
     lines = [line for line in text.splitlines() if line.strip()]
     unit_s = 1.0
@@ -50,7 +49,7 @@ def parse_ctm(text: str, name: str, error: type[ValueError]) -> list[Interval]:
     """Parse lines of recording, channel, start, duration and word, in seconds.
 
     Raises:
-        error: if a line is none of these, or they are of several recordings.
+        error: if a line is not of this form, or the lines are of several recordings.
     """
     spans: list[tuple[float, float, str]] = []
     recordings: dict[str, None] = {}
@@ -76,7 +75,7 @@ def parse_ctm(text: str, name: str, error: type[ValueError]) -> list[Interval]:
 
 
 def parse_captions(text: str) -> list[Interval]:
-    """Parse the cues of SRT or WebVTT, without their markup; what is no cue is passed over."""
+    """Parse the cues of SRT or WebVTT, without their markup; other lines are skipped."""
     spans: list[tuple[float, float, str]] = []
     lines = iter(text.splitlines())
     for line in lines:
@@ -93,13 +92,13 @@ def parse_captions(text: str) -> list[Interval]:
 
 
 def parse_json(text: str, name: str, error: type[ValueError]) -> tuple[list[Interval], int]:
-    """Parse the words of Whisper, WhisperX or Gentle, else the segments of Whisper.
+    """Parse the words of Whisper, WhisperX or Gentle, or else the segments of Whisper.
 
     Returns:
         Words or segments, and the number of words without times, which are left out.
 
     Raises:
-        error: if it is none of these.
+        error: if the text is none of these.
     """
     try:
         content = json.loads(text)
@@ -135,7 +134,7 @@ def _labelled(spans: list[tuple[float, float, str]]) -> Iterator[Interval]:
 
 
 def _number(value: object) -> float | None:
-    """Return a finite number, given as such or as text; else None."""
+    """Convert a number or numeric text to a finite float; None if it is neither."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
@@ -152,6 +151,6 @@ def _clock(parts: tuple[str | None, ...]) -> float:
 
 
 def _dicts(value: object) -> Iterator[Mapping[str, Any]]:
-    """The objects of a list, if it is one."""
+    """Yield the dictionaries in a list; nothing if the value is not a list."""
     if isinstance(value, list):
         yield from (each for each in value if isinstance(each, dict))
