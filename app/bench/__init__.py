@@ -1,2 +1,1 @@
-"""What a visitor waits for, and what each step of it costs; may import all of app but page and
-commands."""
+"""Benchmark of waiting times and their parts; may import all of `app` except page and commands."""

@@ -1,4 +1,4 @@
-"""``python -m app.bench``: what each step costs here, as a table and bench.json."""
+"""Command ``python -m app.bench``: cost of each step on this machine, as a table and bench.json."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ CLIP_S = 10.0
 
 
 def measure(short: bool = False, out: Path = Path("bench.json")) -> None:
-    """What each step costs here, as a table and a file.
+    """Measure the cost of each step on this machine; print a table and write a file.
 
     Args:
-        short: without stages of drawing, training and memory.
+        short: skip drawing stages, training and memory.
     """
     figures = []
     with tempfile.TemporaryDirectory(prefix="bench-") as name:

@@ -1,4 +1,4 @@
-"""What drawing costs: finished videos, and each stage apart, beside the usual pyrender loop."""
+"""Benchmark of drawing: finished videos, and each stage against the usual pyrender loop."""
 
 import os
 import resource
@@ -23,13 +23,15 @@ from renderer.video.workers import RenderJob, draw_jobs
 
 SIZE_PX = 512
 NAIVE_FRAMES = 30
-"""The usual loop is slow."""
+"""Frames drawn by the usual loop, which is slow."""
 Result = TypeVar("Result")
 
 
 def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
-    """Frames of finished video in a second, as the app draws them, with processes that have to
-    start; several are compared side by side. By CPU time as if all cores had been free."""
+    """Measure the frames per second of finished videos, including the start of worker processes.
+
+    Several videos are also composed side by side. The CPU rate assumes that all cores were free.
+    """
     choose_backend()  # which is asked once
     figures = []
     for title, count, settings, aim in (
@@ -57,9 +59,12 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
 
 
 def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
-    """Skinning, normals, ground shadow, drawing and encoding of a clip of some seconds, whose
-    vertices are all held, one after the other; and how often normals, shadow and drawing go into
-    the usual loop, which has its vertices ready as well."""
+    """Measure skinning, normals, ground shadow, drawing and encoding of a clip of some seconds.
+
+    The vertices of all frames are in memory. The last figure compares normals, shadow and drawing
+    with
+    the usual loop, which also gets its vertices ready-made.
+    """
     whole, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
     stage = stage_for(whole, [motion], settings)
     body = mesh_of(whole, stage, stage.shots[0], settings.panels[0])
@@ -104,13 +109,13 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
 
 
 def _timed(work: Callable[[], Result]) -> tuple[Result, float, float]:
-    """With seconds by the clock and of the CPU."""
+    """Run ``work``; return its result, wall time (s) and CPU time (s)."""
     cpu_started, started = _cpu_s(), time.perf_counter()
     result = work()
     return result, time.perf_counter() - started, _cpu_s() - cpu_started
 
 
 def _cpu_s() -> float:
-    """CPU time of this process and of its children that have ended."""
+    """Return the CPU time (s) of this process and of its children that have ended."""
     usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)

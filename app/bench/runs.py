@@ -1,5 +1,4 @@
-"""What speech, generation, training and whole runs cost, and what is measured in processes of its
-own."""
+"""Benchmark of speech features, generation, training, whole runs, page start and memory."""
 
 from __future__ import annotations
 
@@ -34,7 +33,7 @@ from model.training.task import TaskSetup
 START_TIMEOUT_S = 60.0
 SAMPLES = 5
 PAGE_SIZE_PX = 640
-"""Height of a body in the page's player."""
+"""Height of a body in the page's player (pixels)."""
 SHORT_S, LONG_S = 60.0, 600.0
 BATCH, WARM_STEPS, TIMED_STEPS = 64, 2, 8
 SPEECH_DIMS = {"mel64": 68, "wavlm": 1024}
@@ -43,14 +42,14 @@ _FRAMES = 600
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number beside what was aimed at."""
+    """One measured number and its target."""
 
     name: str
     value: float
     unit: str
     aim: str = ""
     cpu: float | None = None
-    """The same by CPU time, which a busy machine disturbs less."""
+    """Value by CPU time, which is less sensitive to a busy machine."""
 
     def line(self) -> str:
         cpu = "" if self.cpu is None else f"(CPU {self.cpu:.2f})"
@@ -58,7 +57,7 @@ class Figure:
 
 
 def peak_mb(*arguments: str) -> float:
-    """Peak memory of Python with these arguments, or of a process it starts if that is more."""
+    """Measure the peak memory (MB) of Python with these arguments, or of a larger child process."""
     command, nowhere = [sys.executable, *arguments], subprocess.DEVNULL
     child = subprocess.Popen(command, cwd=PROJECT, stdout=nowhere, stderr=nowhere)
     _, status, usage = os.wait4(child.pid, 0)
@@ -68,7 +67,7 @@ def peak_mb(*arguments: str) -> float:
 
 
 def time_page_start(folder: Path) -> Figure:
-    """Until a page answers that has just been started, as on a fresh machine."""
+    """Measure the time until a newly started page answers, with empty caches."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory(dir=folder) as fresh:
         page = subprocess.Popen(
@@ -93,7 +92,7 @@ def time_page_start(folder: Path) -> Figure:
 
 
 def speech_of(duration_s: float, folder: Path) -> Path:
-    """Speech of exactly that length, made by cutting or repeating an example."""
+    """Write speech of exactly this duration, made by cutting or repeating an example."""
     from model.speech.audio import load_speech, write_wav
 
     out = folder / f"{duration_s:g}.wav"
@@ -103,7 +102,7 @@ def speech_of(duration_s: float, folder: Path) -> Path:
 
 
 def time_motion(clip: Path) -> list[Figure]:
-    """Features, generation of each system at the default number of steps, and five samples."""
+    """Measure features, generation of each system with default steps, and a batch of samples."""
     from model.generation.windows import generation_ms
     from model.speech.audio import load_speech
 
@@ -124,16 +123,18 @@ def time_motion(clip: Path) -> list[Figure]:
 
 
 def time_training() -> list[Figure]:
-    """Training at the demo's size, without compiling, which takes minutes by itself."""
+    """Measure training at the demo's size, without compilation, which takes minutes."""
     rates = {name: training_rate(name, BUNDLED_WEIGHTS) for name in usual_systems("bench-training")}
     title = "training, {}, demo size, not compiled"
     return [Figure(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 
 
 def time_page_run(clip: Path, folder: Path) -> list[Figure]:
-    """A run as the page asks for it, of the ladder of systems, in a process that is warm: until the
-    first of them moves on the stage, until all of its motion is there, as a stage without windows
-    begins with, and until everything is there."""
+    """Measure a run of the explained systems with the page's settings, in a warm process.
+
+    Times: until the first motion of the first system can be shown, until its whole motion is there,
+    which players without window playback wait for, and until the run is finished.
+    """
     moving_at: list[float] = []
     whole_at: list[float] = []
 
@@ -170,7 +171,7 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
 
 
 def time_measures(motion: Motion) -> Figure:
-    """All measures of a motion of a minute, raw and filtered."""
+    """Measure the time of all measures for one minute of motion, raw and filtered."""
     from model.diagnostics import diagnose
     from model.motion.kinematics import open_body_skeleton
 
@@ -183,8 +184,7 @@ def time_measures(motion: Motion) -> Figure:
 
 
 def measure_memory(folder: Path) -> list[Figure]:
-    """Peak memory of any process of a run of one system, for a long clip against a short, without
-    videos, which stream."""
+    """Measure the peak memory of a run without videos, for a long and a short clip."""
     system = list_systems(BUNDLED_WEIGHTS)[-1]
     imports = (
         "import app.run.pipeline, model.diagnostics, model.generation.windows, "
@@ -208,12 +208,11 @@ def measure_memory(folder: Path) -> list[Figure]:
 
 
 def training_rate(system: str, helpers: Path, config_name: str = "demo") -> float:
-    """Windows a second in training a system, in one process; of data that are made up, as only
-    their shape costs time.
+    """Measure training of a system in windows per second, in one process, on synthetic data.
 
     Args:
         helpers: folder of networks that the system needs.
-        config_name: whose size; a preset of its family.
+        config_name: preset of the system's family that sets the size.
 
     Raises:
         CheckpointError: if an encoder is missing.

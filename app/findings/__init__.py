@@ -1,1 +1,1 @@
-"""What the numbers of a run say, in words; of app it imports nothing."""
+"""Findings of a run in words, made from its numbers; imports nothing else of `app`."""

@@ -1,4 +1,4 @@
-"""Numbers of several systems and their samples beside each other, in words."""
+"""Comparison of numbers of several systems and their samples, and its wording."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from conventions.joints import TIP_VERTICES
 from conventions.names import REFERENCE_NAME, SampleName, short_names
 
 ALIKE = 1 / 0.95
-"""Two numbers whose ratio lies within this factor of 1 are told as equal: 5 % less or, seen from
-the other one, as much more."""
+"""Largest ratio that counts as equal: two numbers are alike if one is at most 5 % less than the
+other."""
 
 Samples = dict[int, float]
-"""Number of a sample, or of a clip, from 1, to its value."""
+"""Value by number of the sample, or of the clip, from 1."""
 Table = Mapping[str, Mapping[str, Samples]]
-"""By the key of a measure, what each system has, and the reference."""
+"""Values by key of the measure, then by system or reference."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """One system's mean over another's, with a 95 % interval where they share several samples."""
+    """Ratio of two systems' means, with a 95 % interval where they share several samples."""
 
     value: float
     num_samples: int = 1
@@ -35,12 +35,12 @@ class Ratio:
 
     @property
     def is_open(self) -> bool:
-        """Whether the interval holds 1: the samples do not tell the two systems apart."""
+        """True if the interval contains 1, so that the systems do not differ significantly."""
         return self.low is not None and self.high is not None and self.low <= 1.0 <= self.high
 
 
 def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
-    """The names of each system's samples: ``a`` and ``a.s2`` are samples 1 and 2 of ``a``."""
+    """Return sample names by system and number: ``a`` and ``a.s2`` are samples 1 and 2 of ``a``."""
     names = list(names)
     systems: dict[str, dict[int, str]] = {}
     for name in names:
@@ -52,11 +52,10 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
 
 
 def by_measure(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
-    """Each measure of the samples of one clip; of several clips a value of each, the mean of its
-    samples.
+    """Return the values by measure: of one clip each sample, of several the mean of each clip.
 
     Args:
-        clips: by motion and the key of a measure.
+        clips: values by motion, then by key of the measure, for each clip.
     """
     clips = list(clips)
     found: dict[str, dict[str, Samples]] = {}
@@ -74,9 +73,9 @@ def mean(samples: Samples) -> float:
 
 
 def ratio_of(above: Samples, below: Samples) -> Ratio | None:
-    """Mean over mean; samples with the same number had the same noise and are drawn in pairs.
+    """Compute the ratio of two means; samples with the same number have the same noise.
 
-    None where a value is not positive, so that there is no ratio.
+    Shared samples are resampled in pairs for the interval. Returns None if a value is not positive.
     """
     if min([*above.values(), *below.values()]) <= 0.0:
         return None
@@ -90,7 +89,7 @@ def ratio_of(above: Samples, below: Samples) -> Ratio | None:
 
 
 def told_of(values: Mapping[str, Samples]) -> str:
-    """Each system's mean: a 1, b 2; reference 3."""
+    """Format the mean of each system as one line, for example "a 1, b 2; reference 3"."""
     means = {name: plain(mean(each)) for name, each in values.items()}
     reference = means.pop(REFERENCE_NAME, None)
     told = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
@@ -98,12 +97,12 @@ def told_of(values: Mapping[str, Samples]) -> str:
 
 
 def kinds_told(kinds: Iterable[str]) -> str:
-    """Kinds of findings, in words."""
+    """Format kinds of findings as a list in words."""
     return ", ".join(kinds).replace("_", " ")
 
 
 def plain(value: float) -> str:
-    """Two significant digits, whole numbers from ten on, and no exponent."""
+    """Format a number with two significant digits, whole numbers from ten on, without exponent."""
     rounded = float(f"{value:.2g}")
     if abs(rounded) >= 10.0 or rounded == 0.0:
         return f"{value:.0f}"
@@ -113,7 +112,7 @@ def plain(value: float) -> str:
 
 
 def point_title(point: str) -> str:
-    """A point's name for a person: ``right_middle`` is the 'Right middle fingertip'."""
+    """Return the title of a point: 'Right middle fingertip' for ``right_middle``."""
     words = re.sub(r"(\d)$", r" joint \1", point).replace("_", " ").capitalize()
     if point not in TIP_VERTICES:
         return words

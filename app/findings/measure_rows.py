@@ -1,5 +1,4 @@
-"""Which measures the page's table shows, how they are read from the diagnostics, and whose value is
-nearest to the reference's."""
+"""Measures of the page's table, and which of their values are nearest to the reference."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def mean(values: np.ndarray) -> float:
-    """Over all joints; NaN where one has a gap."""
+    """Compute the mean over all joints; NaN if one has a gap."""
     return sum(values.tolist()) / len(values)
 
 
@@ -29,26 +28,27 @@ class Measure:
     title: str
     unit: str
     about: str
-    """What it is, for somebody who has not met it."""
+    """Explanation for a reader who does not know the measure."""
     read: Callable[[Measures], float | None]
-    """None or NaN where there is no such number."""
+    """Function that reads the value; None or NaN where there is no such number."""
     scale: float = 1.0
-    """From the unit of the file to that of the table."""
+    """Factor from the unit of the file to that of the table."""
     has_target: bool = True
-    """Whether nearness to the reference says something; not for chance or for errors."""
+    """True if nearness to the reference is meaningful; false for chance levels and errors."""
     is_first: bool = False
-    """Whether it is among the few that are shown before the others are asked for."""
+    """True if the row is among the few that the table shows before it is expanded."""
     needs: tuple[str, ...] = ()
-    """Parts that a motion may lack (`model.formats.read.Part`), without any of which this says
-    nothing; ``detail`` is what frames that were filled in never had."""
+    """Parts (`model.formats.read.Part`) that the measure requires; it is left out for a motion that
+    lacks one. ``detail`` is missing in frames that were interpolated.
+    """
     compared_with: tuple[str, ...] = ()
-    """Parts without which it is another number: not to be compared with motions that have them."""
+    """Parts that change the measure: values with and without them are not comparable."""
     partner: str = ""
-    """Key of a measure without which this one says nothing: both are shown, or neither."""
+    """Key of a measure that must be shown with this one: both are shown, or neither."""
 
     @property
     def key(self) -> str:
-        """By which its numbers are kept."""
+        """Key of the measure's values, for example in ``run.json``."""
         return f"{self.group}: {self.title}"
 
 
@@ -150,14 +150,14 @@ MEASURES = (
 JERK, SPEED = "Followed point: Jerk", "Followed point: Speed"
 FAST_POWER, SEAMS = "Followed point: Power above 5 Hz", "All joints: Peak jerk at joins"
 Numbers = Mapping[Version, Mapping[str, float]]
-"""Of one motion by filter and the key of a measure, as ``run.json`` has them."""
+"""Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
 
 def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
     """Return by motion the parts that it lacks and another one has.
 
     Args:
-        lacks: parts (`model.formats.read.Part`) that each motion of a comparison lacks.
+        lacks: missing parts (`model.formats.read.Part`) of each motion of a comparison.
     """
     everywhere = frozenset.intersection(*map(frozenset, lacks.values())) if lacks else frozenset()
     return {name: frozenset(own) - everywhere for name, own in lacks.items()}
@@ -166,11 +166,10 @@ def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str
 def numbers_of(
     measures: Measures, lacks: Collection[str] = (), apart: Collection[str] = ()
 ) -> dict[str, float]:
-    """Return numbers by the keys of `MEASURES`, in their units, without those that were not
-    measured, say nothing or cannot be compared.
+    """Return values by the keys of `MEASURES`, in their units, where measured and comparable.
 
     Args:
-        lacks: parts without which a measure that needs them is left out.
+        lacks: missing parts; a measure that needs one of them is left out.
         apart: parts that this motion lacks and others have (`parts_apart`).
     """
     read = {
@@ -192,16 +191,14 @@ T = TypeVar("T")
 
 
 def with_partners(by_key: Mapping[str, T]) -> dict[str, T]:
-    """Leave out what says nothing without another measure that is missing, such as BeatAlign
-    without its chance level."""
+    """Leave out measures without their partner, such as BeatAlign without its chance level."""
     return {key: of for key, of in by_key.items() if PARTNERS.get(key, key) in by_key}
 
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
-    """Return the names whose value is nearest to ``target``; several where some are equally near or
-    are written alike.
+    """Return the names with the value nearest to ``target``, several if values are written alike.
 
-    None where there is no target, or where no value is nearer than another.
+    Empty if there is no target, or if no value is nearer than another.
     """
     known = {name: value for name, value in values.items() if value is not None}
     if target is None or len({written(value) for value in known.values()}) < 2:
@@ -214,7 +211,7 @@ def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[s
 
 
 def written(value: float | None) -> str:
-    """Three significant digits, no exponent where one can do without."""
+    """Format a number with three significant digits, with an exponent only if necessary."""
     if value is None:
         return "n/a"
     if value == 0 or 1e-4 <= abs(value) < 1e6:
@@ -224,13 +221,12 @@ def written(value: float | None) -> str:
 
 
 def ranged(mean: float, low: float, high: float, write: Callable[[float], str] = written) -> str:
-    """Format a mean with its interval; the mean alone where resamples cannot differ, as of one
-    clip."""
+    """Format a mean with its interval, or the mean alone where the interval is a point."""
     return write(mean) if low == high else f"{write(mean)} [{write(low)}, {write(high)}]"
 
 
 def signed(value: float | None) -> str:
-    """The same of a difference, with its sign."""
+    """Format a difference with its sign, and three significant digits."""
     if value is None:
         return "n/a"
     sign = "+" if value > 0 else "\N{MINUS SIGN}" if value < 0 else ""

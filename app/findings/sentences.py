@@ -1,4 +1,4 @@
-"""One plain sentence under each plot, made from its numbers."""
+"""Plain sentences under the plots, made from their numbers."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, Versions
 
 SMOOTHED = "After Savitzky-Golay smoothing"
-"""Of `model.motion.altered`, as the official code does it."""
+"""Start of a sentence about motion that was filtered by `model.motion.altered` as in the official
+code."""
 SMALL_SHARE = 0.05
 
 
 def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
-    """The sentences of a run's numbers, by plot; empty where there is nothing to say.
+    """Return one text per plot on the numbers of a run; empty where there is nothing to report.
 
-    Samples of one system, ``<system>.s2`` and on, are taken together, and called as on the page.
+    Samples of one system, ``<system>.s2`` and on, are averaged and named as on the page.
     """
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
@@ -61,8 +62,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
 
 
 def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
-    """One number of each system and of the reference, as generated and smoothed; empty where none
-    was measured."""
+    """Format one measure of all systems as generated and smoothed; empty if none was measured."""
     told = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
     return " ".join(
         f"{start}: {told_of(values)}."
@@ -72,7 +72,7 @@ def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
 
 
 def _depth(of_all: Mapping[str, Versions]) -> str:
-    """Say how jerk grows along the chain."""
+    """Describe how jerk grows along the kinematic chain."""
     told = []
     for system, samples in samples_by_system(of_all).items():
         found = [of_all[name].raw.positions for name in samples.values()]
@@ -84,7 +84,7 @@ def _depth(of_all: Mapping[str, Versions]) -> str:
 
 
 def _attribution(diagnostics: Diagnostics) -> str:
-    """The joint of each system whose smoothing takes most jerk from the point."""
+    """Name the joint of each system that reduces the point's jerk most when it is smoothed."""
     told, without = [], []
     for system, samples in samples_by_system(diagnostics.systems).items():
         shares: dict[str, list[float]] = {}
@@ -109,7 +109,7 @@ def _attribution(diagnostics: Diagnostics) -> str:
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
-    """Say how far the joins of windows stand out, and where a finding says that they do."""
+    """Describe how far window seams stand out, and which motions have a finding about them."""
     values = raw.get(SEAMS, {})
     if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
@@ -132,7 +132,7 @@ def _with_finding(diagnostics: Diagnostics, kind: str) -> list[str]:
 
 
 def _periods(diagnostics: Diagnostics) -> str:
-    """Say what was found where nobody says how motions were cut."""
+    """Describe detected jerk periods, for motions with unknown windows."""
     found = _with_finding(diagnostics, "period")
     told = [
         f"in {name} every {period.frames} frames, most in the {period.part}"
@@ -147,7 +147,7 @@ def _periods(diagnostics: Diagnostics) -> str:
 
 
 def _beats(diagnostics: Diagnostics) -> str:
-    """Say in which motions beats follow the speech more than chance has it; empty where in none."""
+    """List the motions with beats that follow the speech more than chance; empty without any."""
     found = {name: versions.raw.beats for name, versions in diagnostics.of_all.items()}
     beats = {
         name: (of.beat_align, of.beat_align_chance, of.beat_align_chance_highest)
@@ -164,7 +164,7 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 
 def _step(diagnostics: Diagnostics) -> str:
-    """How late each motion is."""
+    """Describe the lag of each motion behind the speech."""
     found = {name: versions.raw.lag for name, versions in diagnostics.of_all.items()}
     told = [
         f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"

@@ -1,3 +1,4 @@
-"""Speech while it is spoken, and the body that follows it: sessions that share one process. May
-import `run`, `config`, `errors` and `text`; knows nothing of the page.
+"""Live sessions: motion that follows speech while it is spoken, in one process for all sessions.
+
+May import `run`, `config`, `errors` and `text`; knows nothing of the page.
 """

@@ -1,6 +1,6 @@
-"""The process of all live sessions: sound comes in, frames go out, one window after the other.
+"""Process of all live sessions: it receives sound, generates windows and sends frames.
 
-It ends by itself when nobody has asked for anything for as long as a last minute is kept.
+It exits after `KEEP_S` without messages and open sessions.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from processes.child import parent_channel
 
 MAX_SESSIONS = 10
 MAX_SESSIONS_EACH = 6
-"""Of one address, so that the others have places left."""
+"""Most sessions of one address, so that other visitors find places."""
 KEPT_SESSIONS = 20
 KEEP_S = 600.0
-"""How long the last minute of a session that has ended can still be kept."""
+"""Time (s) for which the last minute of an ended session stays available."""
 SEED_LIMIT = 2**31 - 1
 FULL = (
     "{limit} visitors speak live on this machine already, and more would make all of them wait; "
@@ -45,10 +45,10 @@ TAKEN_OVER = "The live session goes on in another tab of this browser."
 
 
 def live_options(told: Any) -> SamplingOptions:
-    """From the first message of a browser.
+    """Parse the sampling options of a browser's first message.
 
     Raises:
-        RunError: if that asks for nothing that can be.
+        RunError: if the system, speaker or seed is missing or invalid.
     """
     if not isinstance(told, dict):
         raise RunError("The page asked for no live session; load it again.")
@@ -61,22 +61,24 @@ def live_options(told: Any) -> SamplingOptions:
 
 
 class Performers:
-    """Gives every session its turn. Sessions are known by numbers."""
+    """All open and recently ended sessions by number; generates their windows in turn."""
 
     def __init__(self, weights: Path, tell: Callable[[int, object], None]) -> None:
-        """
+        """Make an empty set of sessions.
+
         Args:
-            tell: takes a number and what is for whoever has it: frames as bytes, what is told
-                beside them as an object, and as text the sentence with which it ends.
+            tell: callback with a session's number and a message: frames as bytes, other messages as
+                an
+                object, and text for the sentence with which the session ends.
         """
         self._weights, self._tell = weights, tell
         self.open: dict[int, LiveSession] = {}
-        """Whoever has waited longest is first."""
+        """Open sessions by number, the one that has waited longest first."""
         self.ended: deque[LiveSession] = deque(maxlen=KEPT_SESSIONS)
         self._prepared: set[str] = set()
 
     def take(self, number: int, verb: str, told: Any) -> None:
-        """What the page says."""
+        """Handle a message of the page: ``open``, ``sound``, ``lead``, ``close`` or ``keep``."""
         while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
             self.ended.popleft()
         session = self.open.get(number)
@@ -96,7 +98,7 @@ class Performers:
             self._end(number, visitor_sentence(error))
 
     def _open(self, number: int, told: Any, cookie: str, address: str) -> None:
-        """A place for one browser; an earlier one of the same browser ends."""
+        """Open a session for a browser; an earlier session of the same browser ends."""
         options = live_options(told)
         mine = {each for each, of in self.open.items() if cookie and of.cookie == cookie}
         others = [of for each, of in self.open.items() if each not in mine]
@@ -121,7 +123,7 @@ class Performers:
         raise RunError(NOT_THERE)
 
     def turn(self) -> bool:
-        """One window of whoever has waited longest and has work; whether anybody had."""
+        """Generate one window for the longest waiting session; return whether one had work."""
         number = next((each for each, of in self.open.items() if of.has_work), None)
         if number is None:
             return False
@@ -133,11 +135,10 @@ class Performers:
         return True
 
     def prepare(self, name: str, speaker: str | None = None) -> System:
-        """Read a system, and make a first window with it, so that no visitor waits for what is slow
-        only once.
+        """Load a system and generate a first window, so that no visitor waits for one-time costs.
 
         Raises:
-            RunError, UnknownNameError, CheckpointError: if it cannot be had live.
+            RunError, UnknownNameError, CheckpointError: if the system cannot be used live.
         """
         system = get_system(name, self._weights)
         check_live(system)
@@ -158,7 +159,7 @@ class Performers:
 
 
 def main() -> None:
-    """Do what the page says, and make windows in between."""
+    """Handle messages of the page, and generate windows in between."""
     torch.set_num_threads(1)  # windows are small, and others want to work too
     channel, (weights,) = parent_channel()
     performers = Performers(Path(weights), lambda number, told: channel.send((number, told)))

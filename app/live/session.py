@@ -1,5 +1,7 @@
-"""One visitor's live session as its process has it: sound in, frames out; and of its last minute
-sound, motion and plan, frame beside frame. What goes back is in `app.run.pieces`."""
+"""Live session of one visitor: sound in, frames out; and sound, motion and plan of its last minute.
+
+The format of its messages is in `app.run.pieces`.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,17 @@ from model.speech.audio import write_wav
 from model.speech.features import CausalMel
 
 SHORTEST_S = 0.5 / FPS
-"""What is left of a cut event, at the least."""
+"""Shortest remainder (s) of an event that is cut."""
 LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
 
 def performed(plans: Iterable[tuple[int, PlannedAhead]], first: int, count: int) -> GesturePlan:
-    """The plan of some frames of a session, the first of which is its second 0. Each takes the
-    place of all that was planned before from the frame of the session on that stands beside it."""
+    """Return the plan performed in ``count`` frames of a session from ``first``, its second 0.
+
+    Args:
+        plans: planned events with the frame of the session from which they replace all earlier
+            ones.
+    """
     events: dict[str, list[Any]] = {name: [] for name in LISTS}
     for frame, ahead in plans:
         from_s, zero_s = frame / FPS, ahead.origin / FPS
@@ -61,7 +67,7 @@ def _shifted(event: Any, by_s: float) -> Any:
 
 
 def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
-    """What of events lies between two moments."""
+    """Return events cut to the time between two seconds."""
     found = []
     for one in events:
         if isinstance(one, Moment):
@@ -83,38 +89,38 @@ NOTHING_YET = (
 
 @dataclass(frozen=True)
 class Minute:
-    """What is kept: sound and motion of the same length."""
+    """Recording that is saved: sound and motion of the same length."""
 
     waveform: np.ndarray
-    """(N,) float32, 16 kHz."""
+    """Waveform (N,) float32, 16 kHz."""
     motion: Motion
     first_frame: int
-    """Of the session."""
+    """Index of the first frame in the session."""
     plan: GesturePlan | None = None
-    """That the motion performs; None of a system that performs none."""
+    """Plan that the motion performs; None for a system without plans."""
 
 
 class LastMinute:
-    """Pieces of sound and motion as they came; forgets those that are older than a minute."""
+    """Buffer of sound and motion in pieces; drops those older than a minute."""
 
     def __init__(self) -> None:
         self.frames = 0
-        """Of the session, so far."""
+        """Number of motion frames of the session so far."""
         self._motion: deque[tuple[int, Motion, PlannedAhead | None]] = deque()
-        """Each with its first frame, and the plan that it performs."""
+        """Pieces of motion, each with its first frame and its plan."""
         self._sound: deque[np.ndarray] = deque()
         self._forgotten = 0
-        """Samples."""
+        """Number of samples dropped from the start."""
 
     def __len__(self) -> int:
-        """How many samples and frames are held."""
+        """Return the number of samples and frames in the buffer."""
         return sum(map(len, self._sound)) + sum(each.num_frames for _, each, _ in self._motion)
 
     def add_sound(self, samples: np.ndarray) -> None:
         self._sound.append(samples)
 
     def add_motion(self, motion: Motion, ahead: PlannedAhead | None = None) -> None:
-        """The next frames, and the plan that they perform."""
+        """Append the next frames and the plan that they perform."""
         self._motion.append((self.frames, motion, ahead))
         self.frames += motion.num_frames
         while len(self._motion) > 1 and self._motion[1][0] <= self._first_frame:
@@ -127,10 +133,10 @@ class LastMinute:
         return max(0, self.frames - KEPT_FRAMES)
 
     def kept(self) -> Minute:
-        """The last minute, or all there is of it.
+        """Return the last minute, or all of a shorter session.
 
         Raises:
-            RunError: if that is too little.
+            RunError: if there is too little.
         """
         if self.frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
@@ -152,16 +158,17 @@ def _sample_of(frame: int) -> int:
 
 
 BEHIND_S = 8.0
-"""Speech without its motion after which a machine is too slow."""
+"""Delay (s) of motion behind speech after which the machine is too slow."""
 MAX_WINDOW_MS = 400.0
-"""Of one processor: with more, a body alone on the machine follows later than in 1.5 s."""
+"""Most CPU time (ms) of a window: with more, a body alone on the machine lags by more than 1.5 s.
+"""
 TRIAL_WINDOWS = 3
 PLANNING_STEPS = 4
-"""Of the sampler, of systems that plan beside making motion; six leave half of them no time."""
+"""Sampling steps of systems that also plan: with six, half of them could not keep up."""
 Tell = Callable[[bytes | dict[str, Any]], None]
 
 USUAL_S = 2.0
-"""Of speech whose motion has not been made yet while a body keeps up."""
+"""Speech (s) without motion yet while a body keeps up."""
 
 EARLIER = "Only the last {kept:.0f} s are held; the {first:.1f} s before them are gone."
 BEHIND = (
@@ -179,7 +186,7 @@ SLOW_SYSTEM = (
 
 
 class LiveSession:
-    """One body that follows what is heard; used from one thread."""
+    """Live session of one body that follows the speech; used from one thread."""
 
     def __init__(
         self,
@@ -188,12 +195,13 @@ class LiveSession:
         tell: Tell,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """
+        """Make a session and its generator.
+
         Args:
-            tell: takes frames as bytes, and what is told beside them as an object.
+            tell: callback that takes frames as bytes and other messages as an object.
 
         Raises:
-            RunError, UnknownNameError: if the system cannot be had live with that speaker.
+            RunError, UnknownNameError: if the system cannot be used live with that speaker.
         """
         check_live(system)
         self.sampling, self.pace, self.name = sampling, Pace(), system.name
@@ -202,24 +210,24 @@ class LiveSession:
         self._frames_of_window = system.windowing.frames
         self._features = CausalMel()
         self.plans = system.condition_type is GesturePlan
-        """Whether it plans, and its sliders can be moved."""
+        """True if the system performs plans, so that the style sliders have an effect."""
         steps = PLANNING_STEPS if self.plans else None
         options = GenerateOptions(sampling.speaker or "", seed=sampling.seed, steps=steps)
         self._live = LiveMotion(system, options, self.pace)
         self._manner: Manner | None = None
-        """What the sliders say since the last window."""
+        """Slider values to apply at the next window; None if they have not been moved."""
         self._inbox: list[np.ndarray] = []
         self._samples = 0
         self._due_since = 0.0
         self._costs: deque[float] = deque(maxlen=64)
         self.windows = 0
         self.cookie = self.address = ""
-        """Of the visitor's browser and machine; empty where there is none, or it is not known."""
+        """Visitor's cookie and address; empty if there is none or it is not known."""
         self.token = secrets.token_urlsafe(32)
         self.ended = 0.0
 
     def ready(self) -> dict[str, Any]:
-        """What a browser must know before it sends sound."""
+        """Return the settings that a browser needs before it sends sound."""
         return {
             "hop": self.pace.hop,
             "ahead": self.pace.heard_ahead,
@@ -227,19 +235,19 @@ class LiveSession:
         }
 
     def put(self, samples: np.ndarray) -> None:
-        """The next sound."""
+        """Append the next samples to the input."""
         self._samples += len(samples)
         self._inbox.append(samples)
         self.minute.add_sound(samples)
 
     def lead(self, told: Any) -> None:
-        """The sliders have been moved: from the next window on.
+        """Set the style sliders from the next window on.
 
         Args:
-            told: as a browser says it.
+            told: message of the browser.
 
         Raises:
-            RunError: if it is no such thing, or the system performs no plans.
+            RunError: if the message is invalid, or the system performs no plans.
         """
         if not self.plans:
             raise RunError(f"{self.name} performs no plans, so its sliders do nothing.")
@@ -247,17 +255,17 @@ class LiveSession:
 
     @property
     def has_work(self) -> bool:
-        """Whether there is sound to hear, or enough of it for a window."""
+        """True if there is new sound, or enough of it for a window."""
         return bool(self._inbox) or self._live.is_due
 
     def work(self, visitors: int = 1) -> None:
-        """Hear what has come, and make one window if it is due.
+        """Compute features of new sound, and generate one window if it is due.
 
         Args:
-            visitors: who share the machine.
+            visitors: number of open sessions on the machine.
 
         Raises:
-            RunError: if system or machine are too slow.
+            RunError: if the system or the machine is too slow.
         """
         sound, self._inbox = self._inbox, []
         if sound:
@@ -291,11 +299,11 @@ class LiveSession:
 
     @property
     def window_ms(self) -> float:
-        """What a window takes of one processor; NaN before the first."""
+        """Median CPU time of a window (ms); NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
     def keep(self, folder: Path) -> GenerateRequest:
-        """Lay the last minute into a folder, to have a run made of it.
+        """Write the last minute to a folder, and return the request for a run of it.
 
         Raises:
             RunError: if there is too little.
@@ -333,10 +341,10 @@ class LiveSession:
 
 
 def why_less(minute: Minute, spoken_s: float) -> str:
-    """Why less is kept than was spoken, in a sentence or two; empty where nothing is missing.
+    """Explain in a sentence or two why less is saved than was spoken; empty if nothing is missing.
 
     Args:
-        spoken_s: of all of the session.
+        spoken_s: duration of the session's speech.
     """
     kept_s = minute.motion.num_frames / FPS
     made_s = minute.first_frame / FPS + kept_s
@@ -349,7 +357,7 @@ def why_less(minute: Minute, spoken_s: float) -> str:
 
 
 def check_live(system: System) -> None:
-    """Refuse what needs all of the speech before it begins.
+    """Check that a system can be used live: its encoder must not need the whole speech in advance.
 
     Raises:
         RunError: with one sentence.
@@ -362,7 +370,7 @@ def check_live(system: System) -> None:
 
 
 def rehearse(system: System, speaker: str) -> None:
-    """Make a first window of nothing.
+    """Generate a first window from silence.
 
     Raises:
         UnknownNameError: if the system does not know the speaker.
@@ -373,11 +381,12 @@ def rehearse(system: System, speaker: str) -> None:
 
 
 def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
-    """Events of the plan from a frame of the session on, in its seconds; they take the place of all
-    that was told from there on.
+    """Return the JSON of planned events from a frame on, in seconds of the session.
+
+    They replace all events sent earlier for that time.
 
     Args:
-        first: the frame; what goes on there is told, too.
+        first: frame of the session; an event that continues there is included.
     """
     plan, zero_s, from_s = ahead.condition, ahead.origin / FPS, first / FPS
 
@@ -397,10 +406,10 @@ def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
 
 
 def manner_of(told: Any) -> Manner:
-    """What the sliders say.
+    """Parse the style sliders of a browser's message.
 
     Raises:
-        RunError: if it is anything else.
+        RunError: if the message has no valid sliders.
     """
     sliders = told.get("manner") if isinstance(told, dict) else None
     try:

@@ -1,5 +1,7 @@
-"""The way between all who speak live and the process that moves their bodies (`app.live.child`),
-which decides who has a place. What comes from a microphone is judged before it goes on."""
+"""Connections between browsers and the process of live sessions (`app.live.child`).
+
+Sound is checked before it is passed on; the process decides which sessions are opened.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,14 @@ Tell = Callable[[object], None]
 
 
 MAX_SOUND_BYTES = 32_000
-"""Of one message: a second."""
+"""Largest message of sound: one second."""
 
 
 def read_sound(content: bytes) -> np.ndarray:
-    """Samples between -1 and 1.
+    """Parse 16-bit samples as floats between -1 and 1.
 
     Raises:
-        RunError: if these are no such bytes, or more than a second of sound.
+        RunError: if the bytes are no such samples, or more than a second of sound.
     """
     if not content or len(content) % 2:
         raise RunError("The sound that came is damaged; start again.")
@@ -43,15 +45,15 @@ def read_sound(content: bytes) -> np.ndarray:
 
 
 MAX_S = 30 * 60.0
-"""Of sound in one session."""
+"""Longest sound of one session (s)."""
 AHEAD_S = 3.0
-"""How much more sound than time may have come: networks gather and let go."""
+"""Sound (s) that may arrive ahead of real time, as networks deliver in bursts."""
 WATCHED_S = 20.0
-"""A session that sends sound for less than a quarter of such a time does not need its place."""
+"""Interval (s) in which sound for at least a quarter must arrive; else the session is ended."""
 QUIET_S = 180.0
-"""Without any sound that could be heard, a microphone has been forgotten."""
+"""Longest silence (s), after which the microphone counts as forgotten."""
 AUDIBLE = 0.001
-"""Of full scale, -60 dB; what a microphone that is switched off stays below."""
+"""Amplitude of full scale (-60 dB) below which sound is silence, as of a muted microphone."""
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = "Sound came faster than it can be spoken; start again."
@@ -66,7 +68,7 @@ TOO_QUIET = (
 
 
 class Microphone:
-    """Of one session."""
+    """Check of the sound of one session: amount, rate and silence."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -75,10 +77,10 @@ class Microphone:
         self._watched_samples = 0
 
     def check(self, content: bytes) -> None:
-        """Take the next sound for what it is.
+        """Check the next block of sound.
 
         Raises:
-            RunError: if it is no sound, too much or too fast, or if next to none has come lately.
+            RunError: if it is invalid, too long, too fast or silent, or if too little came lately.
         """
         samples, now = read_sound(content), self._clock()
         if not self._samples:  # the models may have taken long to be read
@@ -103,7 +105,7 @@ class Microphone:
 
 
 class LiveSessions:
-    """Safe to use from several threads; the process is there while anybody is, and a while more."""
+    """Thread-safe access to all live sessions; starts and ends their process."""
 
     def __init__(self, weights: Path) -> None:
         self._weights = weights
@@ -114,27 +116,28 @@ class LiveSessions:
         self._child: Child | None = None
 
     def wake(self) -> None:
-        """Start the process, so that whoever is about to speak need not wait for it."""
+        """Start the process in advance, so that the first session need not wait for it."""
         with self._lock:
             if self._child is None:
                 self._child = Child("app.live.child", str(self._weights), is_log_handed_on=True)
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
     def open(self, told: object, cookie: str, tell: Tell, address: str = "") -> int:
-        """A session for one browser, by its number.
+        """Open a session for one browser, and return its number.
 
         Args:
-            told: what the browser asks for.
-            tell: takes what a browser must know first, then frames as bytes and what is told beside
-                them as an object, and as text the sentence with which it ends, at once where it
-                cannot be.
+            told: first message of the browser.
+            tell: callback that takes the session's settings first, then frames as bytes and other
+                messages
+                as an object, and as text the sentence with which it ends, at once if it cannot be
+                    opened.
         """
         number = self._ask(tell, "open", (told, cookie, address))
         self._microphones[number] = Microphone()
         return number
 
     def put(self, number: int, content: bytes) -> None:
-        """Sound, judged before it goes on: nobody can send more than the process takes.
+        """Check sound and pass it on, so that nobody can send more than the process can handle.
 
         Raises:
             RunError: see `Microphone.check`.
@@ -143,19 +146,20 @@ class LiveSessions:
         self._send(number, "sound", content)
 
     def lead(self, number: int, told: object) -> None:
-        """The sliders have been moved."""
+        """Set the style sliders of a session."""
         self._send(number, "lead", told)
 
     def close(self, number: int) -> None:
-        """The visitor has stopped or gone."""
+        """Close a session when its visitor has stopped or left."""
         with self._lock:
             self._ears.pop(number, None)
             self._microphones.pop(number, None)
             self._send(number, "close")
 
     def keep(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
-        """A run of the last minute of a session, open or ended lately, of this browser; what that
-        needs is laid into a folder.
+        """Make the request for a run of a session's last minute, with its files in a folder.
+
+        The session is open or has ended lately, and belongs to this browser.
 
         Raises:
             RunError: if there is none.
@@ -171,7 +175,7 @@ class LiveSessions:
         raise RunError(str(answer))
 
     def end(self) -> None:
-        """End the process; whoever is there is told."""
+        """End the process; open sessions get a message."""
         if self._child is not None:
             self._child.end()
 

@@ -1,1 +1,1 @@
-"""A motion as BVH, glTF or Blender script; may import `video`, `scene` and `body`."""
+"""Export of a motion as BVH, glTF or Blender file; may import `video`, `scene` and `body`."""

@@ -1,6 +1,6 @@
-"""Files for other programs: BVH, an npz for Blender's SMPL-X add-on, one frame as OBJ or PLY.
+"""Export for other programs: BVH, an npz for Blender's SMPL-X add-on, one frame as OBJ or PLY.
 
-Metres, y up, 30 frames a second. What cannot be written is an OSError.
+Metres, y up, 30 frames a second. A failure to write raises OSError.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from renderer.scene.stage import frames_of
 
 
 def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
-    """Write the posed body; metres, y up. The ending of ``out`` says which format."""
+    """Write the posed body in metres, y up; the suffix of ``out`` selects the format."""
     import trimesh  # takes long, and is of this format alone
 
     (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
@@ -42,9 +42,10 @@ _ENDS = {
 
 
 def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
-    """Write the joints of ``motion``, with the bone lengths of ``body``, to ``out``: no mesh, no
-    face. The root has three positions, every joint three rotations in degrees in the order Z, X, Y
-    (the matrix is ``Rz @ Rx @ Ry``).
+    """Write the joints of ``motion`` with the bone lengths of ``body``, without mesh and face.
+
+    The root has three positions, every joint three rotations in degrees in the order Z, X, Y (the
+    matrix is ``Rz @ Rx @ Ry``).
     """
     vertices, joints = body.shaped(motion)
     order = _depth_first()
@@ -63,7 +64,7 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
 
 
 def _depth_first(joint: int = 0) -> list[int]:
-    """Joints in the order in which the hierarchy, and so each frame, lists them."""
+    """Return the joint indices in the depth-first order of the hierarchy and of each frame."""
     order = [joint]
     for child in (k for k in range(NUM_JOINTS) if PARENTS[k] == joint):
         order += _depth_first(child)
@@ -108,7 +109,7 @@ def _numbers(vector: np.ndarray) -> str:
 
 
 def _angles(motion: BodyMotion) -> Float[np.ndarray, "T J 3"]:
-    """Degrees about Z, X and Y of each joint's local rotation."""
+    """Compute the local rotation of each joint as Euler angles about Z, X and Y in degrees."""
     rotations = Rotation.from_rotvec(motion.poses.astype(np.float64).reshape(-1, 3))
     with warnings.catch_warnings():
         # At a right angle about X the other two are not unique; any choice is the same rotation.
@@ -117,11 +118,11 @@ def _angles(motion: BodyMotion) -> Float[np.ndarray, "T J 3"]:
 
 
 _FEWEST_BETAS = 10
-"""Shape keys of the smallest model of the add-on, which complains about every further beta."""
+"""Fewest betas written: the smallest model of the add-on has as many and warns about more."""
 
 
 def blender_notes(motion: BodyMotion) -> tuple[str, ...]:
-    """Return what of a motion a file for the add-on leaves out, one sentence each."""
+    """Return one sentence for each part of a motion that a file for the add-on leaves out."""
     if motion.expression_basis == "flame100" or not motion.expressions.any():
         return ()
     return (
@@ -133,17 +134,19 @@ def blender_notes(motion: BodyMotion) -> tuple[str, ...]:
 def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()) -> None:
     """Write ``motion`` for the SMPL-X add-on's "Add Animation" (Load animation); radians.
 
-    What the add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and
-    later): ``trans``, ``gender``, ``mocap_frame_rate``, ``betas`` and ``poses``, all of them
-    needed, without pickled objects. The other keys are those of AMASS for SMPL-X, for tools that
-    want the pose in parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's
-    version of the add-on needs; zeros where the motion has ARKit's weights.
+    The add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and later)
+    ``trans``, ``gender``, ``mocap_frame_rate``, ``betas`` and ``poses``, all of them required,
+    without
+    pickled objects. The other keys are those of AMASS for SMPL-X, for tools that read the pose in
+    parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's version of the add-on
+    requires; zeros where the motion has ARKit's weights.
     Choose in Blender: Format "SMPL-X" (y up; "AMASS" would lay the body down), hand pose reference
     "Flat".
 
     Args:
-        markers: moments in seconds with names: the arrays ``marker_frames``, counted from 0, and
-            ``marker_names``, which the add-on leaves alone.
+        markers: times in seconds with names; written as the arrays ``marker_frames``, counted from
+            0,
+            and ``marker_names``, which the add-on ignores.
     """
     num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
     betas = np.zeros(num_betas, np.float32)

@@ -1,9 +1,9 @@
-"""GLB: body, colours and motion in one binary glTF 2.0 file, and the other builds for who has one.
+"""GLB export: body, colours and motion in one binary glTF 2.0 file; and offsets of other bodies.
 
 Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each
-vertex, and face expressions are morph targets. The camera of the front view is in it, framed and
-following as in a video. Pose correctives have no place in glTF, so elbows, knees and shoulders fold
-a little less cleanly than in the videos.
+vertex, and face expressions are morph targets. The camera of the front view is included, framed
+and following as in a video. glTF has no pose correctives, so elbows, knees and shoulders fold a
+little less cleanly than in the videos.
 
 Other builds are little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets
 of all vertices at rest to the first build, in steps of ``STEP_M``, then their unit normals, in
@@ -31,7 +31,7 @@ from renderer.scene.stage import Stage, set_stage
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
-"""Expressions that stay below this are left out."""
+"""Expression weight below which, in all frames, a component is left out."""
 
 _BODY_NODE, _CAMERA_NODE = NUM_JOINTS, NUM_JOINTS + 1  # after the joints
 _CAMERA_VIEW = "front"
@@ -46,12 +46,12 @@ def glb_bytes(
     coarser: Sequence[UInt16[np.ndarray, "_ 3"]] = (),
     markers: Sequence[tuple[float, str]] = (),
 ) -> bytes:
-    """The file as bytes; about 0.25 MB for each 10 s on top of 1.5 MB for the body.
+    """Return the file as bytes: about 0.25 MB per 10 s of motion, and 1.5 MB for the body.
 
     Args:
-        coarser: faces of meshes that no node shows, for who draws slowly.
-        markers: moments in seconds with names; glTF has no markers, so they stand in the
-            animation's ``extras``, with their frame.
+        coarser: faces of meshes with fewer faces for slow viewers, which no node shows.
+        markers: times in seconds with names; glTF has no markers, so they are in the animation's
+            ``extras``, with their frame.
     """
     vertices, joints = body.shaped(motion)
     buffer = _Buffer()
@@ -123,7 +123,7 @@ def glb_bytes(
 
 
 class _Buffer:
-    """The binary part of a GLB, with its views and accessors as they are added."""
+    """Binary part of a GLB, with its buffer views and accessors."""
 
     def __init__(self) -> None:
         self.content = bytearray()
@@ -138,7 +138,7 @@ class _Buffer:
         normalized: bool = False,
         bounds: bool = False,
     ) -> int:
-        """Add an array of scalars (N,) or vectors (N, C); returns its accessor's number."""
+        """Add an array of scalars (N,) or vectors (N, C); return the index of its accessor."""
         entry = {"bufferView": self._view(array, target), **_description(array)}
         if normalized:
             entry["normalized"] = True
@@ -151,7 +151,7 @@ class _Buffer:
     def sparse_accessor(
         self, indices: np.ndarray, values: Float32[np.ndarray, "M 3"], count: int
     ) -> int:
-        """Add ``count`` vectors that are zero but for ``values`` at ``indices``."""
+        """Add ``count`` vectors, zero except ``values`` at ``indices``; return its index."""
         bounds = np.concatenate([values, np.zeros((1, 3), np.float32)])
         self.accessors.append(
             {
@@ -191,7 +191,7 @@ def _description(array: np.ndarray) -> dict:
 
 
 def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
-    """Expression components that this motion moves and that move this body."""
+    """Return the indices of expression components that move in this motion and affect this body."""
     if motion.expression_basis != body.expression_basis:
         return []
     directions = body.expression_dirs
@@ -234,7 +234,7 @@ def _mesh(
 
 
 def _coarser_mesh(buffer: _Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
-    """Other faces among the vertices of a mesh."""
+    """Return a mesh of other faces with the vertices of ``mesh``."""
     indices = buffer.accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]
     return {
@@ -244,7 +244,7 @@ def _coarser_mesh(buffer: _Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"])
 
 
 def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Joint numbers (V, 4) uint8 and shares (V, 4) uint16 that sum to 65535."""
+    """Return joint indices (V, 4) uint8 and weights (V, 4) uint16 that sum to 65535."""
     weights = body.weights.toarray()
     joints = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
     shares = np.take_along_axis(weights, joints, axis=1)
@@ -263,7 +263,7 @@ def _animation(
     nodes: list[dict],
     used: list[int],
 ) -> dict:
-    """The moving body; a joint that never turns gets its rotation in ``nodes`` instead."""
+    """Return the animation; a joint with constant rotation has its rotation in ``nodes``."""
     frames = np.arange(motion.num_frames, dtype=np.float32) / FPS
     times = buffer.accessor(frames, bounds=True)
     rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
@@ -301,11 +301,11 @@ def _animation(
 
 
 STEP_M = 4e-6
-"""Offsets of up to 13 cm fit; a build's are below 5."""
+"""Step of the integer offsets (m): offsets of up to 13 cm fit, and those of builds are below 5."""
 
 
 def builds_bytes() -> bytes:
-    """All of it; 180 kB a build."""
+    """Return vertex offsets and normals of all builds after the first; 180 kB per build."""
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
     parts: list[np.ndarray] = []
