@@ -9,7 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, make_dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -204,8 +204,9 @@ def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> C
         return functools.partial(does, *given, **named)
 
     told = io.StringIO()
+    shown = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding or "utf-8")
     try:
-        with redirect_stderr(told):
+        with redirect_stderr(told), redirect_stdout(shown):
             return tyro.cli(held, prog=program, args=list(argv), config=_SHAPE)  # type: ignore[return-value]
     except RunError as error:  # of a value that cannot stand with the others
         sys.stderr.write(f"{printable(f'{program}: {error} See --help.')}\n")
@@ -214,7 +215,47 @@ def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> C
         if left.code:
             sentence = f"{program}: {_sentence(told.getvalue(), program)} See --help."
             sys.stderr.write(f"{printable(sentence)}\n")
+        shown.seek(0)
+        sys.stdout.write(_in_groups(shown.read()))
         raise
+
+
+GROUPS: Mapping[str, str] = {
+    "positional arguments": "Input",
+    "output options": "Output",
+    "speech options": "Speech",
+    "sampling options": "Systems and sampling",
+    "planning options": "Plan",
+    "imports options": "Reference and import of motion files",
+    "motions options": "Motions",
+    "metrics options": "Metrics",
+    "options": "Options",
+    "figures options": "Figures",
+    "video options": "Video",
+    "video.display options": "Video overlays",
+    "stills options": "Stills and meshes",
+    "pool options": "Many clips",
+    "files options": "Checkpoints of other authors",
+}
+"""Titles of the groups of flags in help, by tyro's, in their order."""
+
+
+def _in_groups(help_text: str) -> str:
+    """Return tyro's help with its boxes under the titles of `GROUPS`, in their order; where boxes
+    are drawn in ASCII, as it is."""
+    above, boxes = [], []
+    for line in help_text.splitlines():
+        if line.startswith("╭─ "):
+            boxes.append([line])
+        else:
+            (boxes[-1] if boxes else above).append(line)
+    order, known = [*GROUPS], {}
+    for head, *rest in boxes:
+        title = head.strip("╭╮─ ")
+        own = GROUPS.get(title, title)
+        known[title] = [f"╭─ {own} {'─' * (len(head) - len(own) - 4)}╮", *rest]
+    titles = sorted(known, key=lambda title: order.index(title) if title in order else len(order))
+    return "".join(f"{line}\n" for line in [*above, *(each for t in titles for each in known[t])])
 
 
 def _sentence(box: str, program: str) -> str:
