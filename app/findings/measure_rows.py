@@ -22,7 +22,7 @@ def mean(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Measure:
-    """One row of the table."""
+    """One row of the page's table of measures."""
 
     group: str
     title: str

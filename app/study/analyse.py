@@ -1,4 +1,4 @@
-"""``study analyse``: answers in, report out."""
+"""Command ``study analyse``: report on the answers of a study."""
 
 from __future__ import annotations
 
@@ -19,23 +19,25 @@ NO_KEY = (
 
 @dataclass(frozen=True)
 class AnalysisRequest:
-    """What is to be analysed."""
+    """Input and output of an analysis."""
 
     answers: Sequence[Path]
-    """Files, and folders of them; or one table of battles."""
+    """Answer files and folders of them; or one table of battles."""
     key: Path | None
-    """None for battles."""
+    """Key of the study; None for a table of battles."""
     out: Path
     diagnostics: Path | None = None
     """Folder of measured clips (see `app.study.statistics.results.read_jitter`)."""
 
 
 def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
-    """Write ``report.html``, ``results.csv``, ``participants.csv``, ``table.tex``,
-    ``preference.pdf`` and, of choices, ``battles.csv``, the report first of those returned.
+    """Write the report and its tables and figure; return their paths, the report first.
+
+    The files are ``report.html``, ``results.csv``, ``participants.csv``, ``table.tex``,
+    ``preference.pdf`` and, of choices, ``battles.csv``.
 
     Raises:
-        RunError: if the key cannot be used, or nobody is left to analyse.
+        RunError: if the key cannot be used, or no participant is left to analyse.
     """
     from app.study.report.figures import preference_bars, write_pdf
     from app.study.report.report import csv_of, latex_table, page_of, participants_csv

@@ -1,4 +1,4 @@
-"""From a plan to the bundle for participants and the folder for the researcher."""
+"""Export of a study: from a plan to the participants' bundle and the researcher's folder."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from renderer.scene.stage import set_stage
 from renderer.video.workers import RenderJob, draw_jobs
 
 Draw = Callable[..., object]
-"""As `renderer.video.workers.draw_jobs`."""
+"""Function with the parameters of `renderer.video.workers.draw_jobs`."""
 
 
 def export_planned(request: ExportRequest, ear: Ear) -> Workspace:
-    """As `export_study`."""
+    """Export the study of a plan file and zip both folders, see `export_study`."""
     asked = request.out, request.weights, request.body
     return zipped(export_study(read_plan(request.plan), *asked, ear), request)
 
 
 def zipped(made: Workspace, request: ExportRequest) -> Workspace:
-    """With the zips that were asked for."""
+    """Add the plan to the researcher's folder, and zip both folders."""
     shutil.copyfile(request.plan, made.private / request.plan.name)
     for folder, out in zip((made.bundle, made.private), request.zips, strict=True):
         zip_folder(folder, out)
@@ -57,17 +57,17 @@ def export_study(
     ear: Ear = DEAF,
     draw: Draw = draw_jobs,
 ) -> Workspace:
-    """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
+    """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish an interrupted export.
 
-    The key is written before anything else, and knows which videos are finished. A run that is
-    stopped and started again with the same plan keeps both, and ends with the same bytes as one
-    that was not.
+    The key is written before anything else and records which videos are finished. An export that is
+    interrupted and started again with the same plan keeps both, and ends with the same bytes as an
+    uninterrupted one.
 
     Args:
         body: a licensed SMPL-X npz; None is the open body.
 
     Raises:
-        Cancelled: when ``ear`` said so; what is finished stays for the next run.
+        Cancelled: if ``ear`` cancels; finished videos stay for the next run.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
@@ -90,7 +90,7 @@ def export_study(
 
 
 def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
-    """That of an earlier run, or a new one, which is kept before anything uses it."""
+    """Return the key of an earlier run, or write a new one before anything uses it."""
     if workspace.key.is_file():
         key = read_key(workspace.key)
         if key.made_of != made_of:
@@ -106,7 +106,7 @@ def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
 
 @dataclass(frozen=True)
 class _Maker:
-    """Videos: generated, drawn under one camera, encoded alike, joined."""
+    """Maker of a study's videos: generated, drawn with one camera, encoded alike and muxed."""
 
     plan: Plan
     workspace: Workspace
@@ -116,8 +116,10 @@ class _Maker:
     ear: Ear
 
     def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
-        """Make every video that is not there yet, scene after scene (a clip from one view); the key
-        that knows them, which is kept after each scene."""
+        """Make all missing videos, scene by scene (a clip from one view); return the updated key.
+
+        The key is written after each scene.
+        """
         names, video = stimuli_of(key), self.workspace.video
         undone = {
             (stimulus.clip, stimulus.view)
@@ -147,7 +149,7 @@ class _Maker:
         return key
 
     def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
-        """One track for each speech that is heard."""
+        """Encode one audio track for each speech in ``heard``; return the paths by clip."""
         tracks = {}
         for number, source in enumerate(sources):
             if source.clip.name in heard and source.speech is not None:
@@ -164,7 +166,7 @@ class _Maker:
         tracks: Mapping[str, Path],
         on_progress: Callable[[float], None],
     ) -> None:
-        """All videos of a clip from one view, of equal length in frames and bytes."""
+        """Make all videos of a clip from one view, with equal numbers of frames and bytes."""
         firsts: dict[str, str] = {}
         for stimulus, blind in scene.items():
             firsts[stimulus.system] = min(blind, firsts.get(stimulus.system, blind))
@@ -187,7 +189,7 @@ class _Maker:
         shares: Mapping[str, float],
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
-        """The picture of each system as a stream; the n-th pictures have equally many bytes."""
+        """Encode each system's picture as a stream; the n-th frames have equally many bytes."""
         video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
         settings = picture_of(video, view, crf=0)  # encoded once more
         stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
@@ -213,7 +215,7 @@ class _Maker:
 
 
 def _fingerprint(plan: Plan, sources: tuple[Source, ...], weights: Path, body: Path | None) -> str:
-    """Of everything that decides what the study is.
+    """Compute a digest of everything that determines the study.
 
     Raises:
         UnknownNameError: if a system or its speaker does not exist.

@@ -1,6 +1,6 @@
-"""The leak test: whether anything that a participant can get hold of tells the method.
+"""Leak test: checks that nothing accessible to participants reveals the method behind a video.
 
-It reads the bundle as a participant could (files, bytes, boxes, times) and holds it against the
+It reads the bundle as a participant could (files, bytes, MP4 boxes, times) and compares it with the
 researcher's key. What can be equal must be equal; what must differ, such as names, is tested for an
 order that follows the method (`app.study.design.blinding`).
 """
@@ -41,17 +41,21 @@ _KNOWN_KEYS = {
     *("reasons", *FREE_TEXTS),
 }
 _VOCABULARY = {"kind", "press", "attention", *KIND_OF_PROTOCOL.values(), *CHOICES}
-"""What a trial may say of itself."""
+"""Words that a trial in the page's data may contain."""
 _LEAST_PART = 4
 _SIZE_CHANCE = {"size": 0, "bit rate": 0, "filling": 512, "compressed size": 64}
-"""By what is measured of the videos of a scene, how many bytes they may differ by chance: the
-encoder misses its rate by a step of its quantiser in one key frame, which is much of a video of
-half a second and nothing of one of ten; equally filled videos compress a little differently."""
+"""Bytes by which the videos of a scene may differ by chance, per measure.
+
+The encoder misses its rate by a step of its quantiser in one key frame, which is much of a video of
+half a second and nothing of one of ten; equally filled videos compress a little differently.
+"""
 _SIZE_SPREAD = {"size": 0.02, "bit rate": 0.02, "filling": 0.1, "compressed size": 0.001}
-"""The share beyond which they may not; filling is the bytes of the pictures without what fills them
-up, compressed size shows filling of another kind."""
+"""Largest relative difference beyond chance, per measure.
+
+Filling counts the bytes of the frames without padding; compressed size shows other padding.
+"""
 _EQUAL = ("duration", "frames", "streams", "encoding", "file structure", "packet sizes")
-"""What is the same in all videos of a scene."""
+"""Properties that must be equal in all videos of a scene."""
 _MAX_FIRST_SHARE_ERROR = 0.1
 _QUIET_HANDLERS = {b"VideoHandler", b"SoundHandler"}
 _TELLING_BOXES = {"udta", "meta", "uuid", "ilst", "mdta"}
@@ -60,16 +64,16 @@ _ENCODER_NOTES = (b"x264 - core", b"Lavf", b"Lavc")
 
 @dataclass(frozen=True)
 class Study:
-    """An export, as the checks see it."""
+    """Export under test."""
 
     workspace: Workspace
     key: Key
     stimuli: Mapping[Stimulus, str]
-    """Blind ids."""
+    """Blind ids by stimulus."""
 
     @cached_property
     def files(self) -> dict[Stimulus, media.Mp4]:
-        """Every video, taken apart."""
+        """Parsed MP4 file of every video."""
         return {
             stimulus: media.read_mp4(self.workspace.video(blind))
             for stimulus, blind in self.stimuli.items()
@@ -77,7 +81,7 @@ class Study:
 
     @cached_property
     def facts(self) -> pd.DataFrame:
-        """What can be measured of each video, a row each."""
+        """Measurements of the videos, one row each."""
         rows = []
         for stimulus, blind in self.stimuli.items():
             path, file = self.workspace.video(blind), self.files[stimulus]
@@ -105,7 +109,7 @@ class Study:
 
     @cached_property
     def data(self) -> dict[str, Any]:
-        """What the page's script reads."""
+        """JSON that the page's script reads."""
         text = (self.workspace.bundle / DATA).read_text("utf-8")
         if not text.startswith(DATA_START):
             raise RunError(f"{DATA} is not what the export wrote.")
@@ -119,7 +123,7 @@ def check_study(folder: Path) -> list[str]:
     """Test an export folder.
 
     Returns:
-        One sentence for each leak; empty when none was found.
+        One sentence for each leak; empty without leaks.
 
     Raises:
         RunError: if the folder holds no finished export.
@@ -138,7 +142,7 @@ def check_study(folder: Path) -> list[str]:
 
 
 def _stray_files(study: Study) -> Iterator[str]:
-    """Anything in the bundle that is not part of it, or not as the key says."""
+    """Yield files of the bundle that are unexpected, missing or changed after the export."""
     bundle = study.workspace.bundle
     wanted = {INDEX, DATA, *FIXED, *(f"media/{name}.mp4" for name in study.key.videos)}
     found = {
@@ -164,7 +168,7 @@ def _names(study: Study) -> Iterator[str]:
 
 
 def _times(study: Study) -> Iterator[str]:
-    """Copies made later would show the order of making, which is the order of the systems."""
+    """Yield files with another time stamp: times would show the order of the systems."""
     bundle = study.workspace.bundle
     for path in sorted(bundle.rglob("*")):
         if path.stat().st_mtime != media.LONG_AGO_S:
@@ -195,7 +199,7 @@ def _metadata(study: Study) -> Iterator[str]:
 
 
 def _videos(study: Study) -> Iterator[str]:
-    """What is equal is equal within a scene, and the order of what is not tells nothing."""
+    """Yield differences within a scene, and orders of values over scenes that follow the method."""
     for _, scene in study.facts.groupby(["clip", "view"]):
         clip = scene["clip"].iloc[0]
         for what in _EQUAL:
@@ -217,7 +221,7 @@ def _videos(study: Study) -> Iterator[str]:
 
 
 def _sounds(study: Study) -> Iterator[str]:
-    """One stream for each speech, and none where the study is silent."""
+    """Yield videos with an unexpected audio stream, or with audio in a silent study."""
     streams: dict[str, set[str]] = {}
     for stimulus, blind in study.stimuli.items():
         digest = media.sound_digest(study.workspace.video(blind))
@@ -234,7 +238,7 @@ def _sounds(study: Study) -> Iterator[str]:
 
 
 def _lists(study: Study) -> Iterator[str]:
-    """Nothing in the order of ids or on the screen follows the method."""
+    """Yield orders of ids or of videos on the screen that follow the method."""
     trials = list(study.data.get("trials", {}))
     if trials != sorted(trials):
         yield "JSON: the trials do not stand in the order of their random ids."
@@ -257,11 +261,13 @@ def _lists(study: Study) -> Iterator[str]:
 
 
 def _texts(study: Study) -> Iterator[str]:
-    """Names of systems and clips, addresses and unknown fields in what the page consists of.
+    """Yield names of systems and clips, addresses and unknown fields in the page's texts and data.
 
-    The page's own files hold no word of a study; they must be as this program has them. Sentences
-    from `questions.toml` may hold any word. Everything else is searched: ids and structure for
-    names and parts of names, what the researcher wrote for whole names.
+    The page's fixed files contain no word of a study and must equal those of this program.
+    Sentences
+    from `questions.toml` may contain any word. Everything else is searched: ids and structure for
+    names
+    and parts of names, the researcher's texts for whole names.
     """
     bundle, data = study.workspace.bundle, study.data
     for name in FIXED:
@@ -289,7 +295,7 @@ def _texts(study: Study) -> Iterator[str]:
 
 
 def _strings(value: Any) -> Iterator[str]:
-    """All texts and names of fields inside a JSON value."""
+    """Yield all strings and keys of a JSON value."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):
@@ -299,7 +305,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _holds(text: str, name: str) -> bool:
-    """Whether the name occurs as a word, whatever its case."""
+    """Check whether the name occurs in a text as a word, in any case."""
     return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
 
 

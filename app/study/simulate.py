@@ -1,8 +1,8 @@
-"""Raters of known taste, whose answers try a study and its whole analysis.
+"""Simulated raters with known preferences, for testing a study and its whole analysis.
 
-Every system has a log-strength; a rater sees it plus their own taste for that system. Choices
-follow Davidson's model (`app.study.statistics.models`), rankings Plackett-Luce (strength plus
-Gumbel noise, so that any two systems follow Bradley-Terry), sliders a straight line in strength. In
+Every system has a log-strength; a rater perceives it plus an individual taste for the system.
+Choices follow Davidson's model (`app.study.statistics.models`), rankings Plackett-Luce (strength
+plus Gumbel noise, so that any two systems follow Bradley-Terry), sliders are linear in strength. In
 matched trials the log-strength is that of the matched video against 0 for the other.
 """
 
@@ -29,33 +29,33 @@ MAX_RATERS = 10_000
 MAX_LOG_STRENGTH = 20.0
 RATING_PER_LOG_STRENGTH, RATING_NOISE_SD = 12.0, 10.0
 _START = datetime(2026, 1, 1, tzinfo=UTC)
-"""Fixed, so that the same seed writes the same files."""
+"""Fixed start time, so that the same seed writes the same files."""
 
 
 @dataclass(frozen=True)
 class RaterModel:
-    """How raters vary and err."""
+    """Variation and errors of raters."""
 
     taste_sd: float = 0.5
-    """Of a rater's own taste for each system, in log-strength."""
+    """Standard deviation of raters' tastes for each system, in log-strength."""
     tie: float = 0.5
-    """Davidson's tie parameter: 0.5 makes 1 in 5 of equals a tie."""
+    """Davidson's tie parameter: with 0.5, 1 in 5 choices between equals is a tie."""
     left_advantage: float = 0.1
-    """Log-strength that standing on the left adds."""
+    """Log-strength added to the video on the left."""
     lapse: float = 0.02
-    """Chance to fail an attention check."""
+    """Probability of failing an attention check."""
     smoothness: float = 0.3
-    """Chance to name motion smoothness as a reason."""
+    """Probability of naming motion smoothness as a reason."""
 
 
 ALIKE = RaterModel(taste_sd=0)
-"""All raters alike: Davidson's model itself, without anything it leaves out."""
+"""Raters without individual tastes: exactly Davidson's model."""
 
 
 def simulate(
     study_dir: Path, raters: int, strengths: dict[str, float], seed: int, out: Path
 ) -> None:
-    """Write an answers file for each rater and ``truth.json`` with what they were made from.
+    """Write an answers file for each rater, and ``truth.json`` with the parameters.
 
     Args:
         study_dir: folder of an export; its `researcher_only/key.json` is read.
@@ -63,7 +63,8 @@ def simulate(
 
     Raises:
         RunError: if a number is out of range, a system is missing or unknown, or ``out`` holds
-            answers of an earlier run.
+            answers
+            of an earlier run.
     """
     key = read_key(study_dir / "researcher_only" / "key.json")
     if not 1 <= raters <= MAX_RATERS:
@@ -102,8 +103,10 @@ def made_answers(
     model: RaterModel,
     rng: np.random.Generator,
 ) -> Iterator[dict[str, Any]]:
-    """What the page would send for each rater, who work on one list after the other. Places turn
-    with the list, so that sides are balanced over participants."""
+    """Yield the answers that the page would send for each rater, assigned to the lists in turn.
+
+    Video positions rotate with the list, so that sides are balanced over participants.
+    """
     lists = sorted(key.lists)
     for rater in range(raters):
         number = lists[rater % len(lists)]
@@ -171,7 +174,7 @@ def _value(
 def davidson(
     difference: Float[np.ndarray, " *many"] | float, tie: float
 ) -> Float[np.ndarray, "*many 3"]:
-    """Chances of left, tie and right at a difference of log-strengths, left minus right."""
+    """Compute the probabilities of left, tie and right for log-strengths left minus right."""
     half = np.asarray(difference, float) / 2
     weights = np.stack([np.exp(half), np.full_like(half, tie), np.exp(-half)], axis=-1)
     return weights / weights.sum(-1, keepdims=True)

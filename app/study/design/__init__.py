@@ -1,1 +1,1 @@
-"""What a study is: plan, trials, balance, blind ids, key; imports no other room of `study`."""
+"""Design of a study: plan, trials, balance, blind ids, key; imports no other room of `study`."""

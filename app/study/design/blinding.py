@@ -1,9 +1,8 @@
-"""Random names for everything that participants can see, the key that undoes them, and whether an
-order of names, or of anything else that can be seen, follows the method.
+"""Blind ids of videos and trials, and the test whether visible orders follow the method.
 
-Within each scene (one clip from one view) the values of its videos are ranked. Were they unrelated
-to the method, every assignment of systems within a scene would be equally likely; a permutation
-test says how rare the orders found are.
+Within each scene (one clip from one view) the values of its videos are ranked. If they were
+unrelated to the method, every assignment of systems within a scene would be equally likely; a
+permutation test gives the probability of the observed orders.
 """
 
 from __future__ import annotations
@@ -18,16 +17,18 @@ from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
 from app.study.design.trials import Design
 
 NOT_MADE = "not made yet"
-"""In place of a video's sha256 while the export has not finished."""
+"""Placeholder of a video's sha256 until the video is finished."""
 LEVEL = 0.01
-"""Below this probability an order counts as a leak. The export draws names until it is above."""
+"""Probability below which an order counts as a leak; the export draws ids until it is above."""
 _DRAWS, _BATCH = 20_000, 2_000
 
 
 def make_key(plan: Plan, design: Design) -> Key:
-    """The key of a study none of whose videos is made: new ids from the system's source of
-    randomness. Orders of names that would suggest the method, as chance may give them, are drawn
-    again. Videos are listed by id, so that their order says nothing; trials as the design has them.
+    """Make the key of a study without finished videos, with new random ids.
+
+    Ids in an order that follows the method by chance are drawn again. Videos are sorted by id, so
+    that
+    their order says nothing; trials are in the order of the design.
     """
     names: dict[Stimulus, str] = {}
     while not names or order_tells(names):
@@ -74,7 +75,7 @@ def _distinct(count: int, num_bytes: int) -> list[str]:
 
 
 def blind_lists(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
-    """Of each list its pages: the trial and the videos that it shows, none where it is a check."""
+    """Return the pages of each list: trial id and ids of its videos (none for checks)."""
     trials, names = tuple(key.trials), stimuli_of(key)
     return [
         [(trials[page.trial], [names[each] for each in page.shown]) for page in pages]
@@ -83,7 +84,7 @@ def blind_lists(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
 
 
 def stimuli_of(key: Key) -> dict[Stimulus, str]:
-    """Blind ids by what they show."""
+    """Return the blind ids by stimulus."""
     return {
         Stimulus(video.system, video.clip, video.speech, video.view): blind
         for blind, video in key.videos.items()
@@ -91,14 +92,15 @@ def stimuli_of(key: Key) -> dict[Stimulus, str]:
 
 
 def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
-    """Probability under chance of orders that agree over scenes at least as much as these.
+    """Compute the probability under chance of orders that agree over scenes as much as these.
 
     The statistic is Friedman's: the sum over systems of their squared rank totals. Up to `_DRAWS`
-    arrangements are counted, of more so many are drawn. One scene alone tells nothing (every order
-    is as likely as any other) and gives 1.
+    arrangements are enumerated; of more, as many are sampled. One scene alone gives 1, as all of
+    its
+    orders are equally likely.
 
     Args:
-        scenes: for each, a value by system. All have the same systems.
+        scenes: a value by system for each scene, all with the same systems.
     """
     from scipy import stats  # takes a second to import, for what the page seldom needs
 
@@ -124,15 +126,16 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
 
 
 def order_tells(names: Mapping[Stimulus, str]) -> list[str]:
-    """Ways in which the alphabetical order of the videos' names suggests the method: one sentence
-    each; empty when nothing is suggested."""
+    """Return one sentence for each way in which the sorted ids suggest the method."""
     place = {name: float(rank) for rank, name in enumerate(sorted(names.values()))}
     return value_tells({stimulus: place[name] for stimulus, name in names.items()}, "file name")
 
 
 def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
-    """The same of the order of some value of the videos; right and wrong speech under a motion are
-    compared as well."""
+    """Return one sentence for each way in which the order of a value suggests the method.
+
+    Systems are compared, and matched and mismatched speech of the same motion.
+    """
     ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
         ("follows the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
         (

@@ -1,8 +1,7 @@
-"""The researcher's key of a study: which system and clip each blind video shows, and the secret by
-which participants' links work once.
+"""Researcher's key of a study: system and clip of each blind video, and the secret of signed links.
 
-The page, which anyone can read, cannot tell a good link from a bad one: it carries the token into
-the answers, and the analysis looks at it.
+The page, which anyone can read, cannot verify a link: it copies the token into the answers, and the
+analysis verifies it.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ ListNumber = Annotated[int, Field(ge=0)]
 
 @dataclass(frozen=True, config=STRICT)
 class Question:
-    """What a trial asks."""
+    """Question of a trial."""
 
     id: Text
     text: Text
@@ -56,30 +55,30 @@ class Question:
 
 @dataclass(frozen=True, order=True, config=STRICT)
 class Stimulus:
-    """What a video shows, and what is heard."""
+    """System, clip, speech and view of a video."""
 
     system: Text
     clip: Text
     speech: Text | None
-    """Clip whose speech is heard; None when muted."""
+    """Clip with the speech that is played; None for a muted video."""
     view: Text
 
     @property
     def is_matched(self) -> bool:
-        """Whether the speech is the one that the motion belongs to."""
+        """True if the speech belongs to the motion."""
         return self.speech == self.clip
 
 
 @dataclass(frozen=True, config=STRICT)
 class Video(Stimulus):
-    """What stands behind a blind id."""
+    """Stimulus behind a blind id."""
 
     sha256: Text
 
 
 @dataclass(frozen=True, config=STRICT)
 class Expected:
-    """What an attention check says to press."""
+    """Answer that an attention check expects."""
 
     question: Text
     value: Text | float
@@ -87,29 +86,29 @@ class Expected:
 
 @dataclass(frozen=True, config=STRICT)
 class Trial:
-    """One page of the study."""
+    """Trial: one page of the study."""
 
     kind: TrialKind
     clip: Text
     videos: Ids
-    """Blind ids of what is shown."""
+    """Blind ids of the videos."""
     questions: Ids
     expected: Expected | None = None
-    """For attention checks alone."""
+    """Expected answer; only of attention checks."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class AttentionRule:
     max_failed: Annotated[int, Field(ge=0, le=MAX_TRIALS_OF_LIST)]
-    """Attention checks that a participant may fail and still count."""
+    """Most attention checks that an included participant may fail."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class Key:
-    """Everything that participants must not know. Consistent: every id that it uses it has."""
+    """Everything that participants must not know; consistent, without dangling ids."""
 
     study: Text
-    """16 hexadecimal digits, also in the answers."""
+    """Id of 16 hexadecimal digits, also in the answers."""
     title: Text
     protocol: Protocol
     systems: Systems
@@ -117,19 +116,19 @@ class Key:
     videos: Mapping[Text, Video]
     trials: Mapping[Text, Trial]
     lists: Annotated[Mapping[ListNumber, List], Field(max_length=MAX_PARTICIPANTS)]
-    """Trials of participant p, in order."""
+    """Trial ids of each list, in order."""
     attention_rule: AttentionRule
     participants: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS)]
-    """How many are planned."""
+    """Planned number of participants."""
     video_s: Annotated[float, Field(gt=0, le=3600)] | None = None
-    """How long each video lasts; None where they differ."""
+    """Duration of each video (s); None if they differ."""
     panel_ids: Annotated[tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS)] = ()
-    """Names of the ids that the page takes from its address into the answers; the first is the
-    participant's own."""
+    """Names of the ids that the page copies from its address into the answers, the participant's
+    first."""
     link_secret: Text | None = None
-    """Signs participants' links; None where answers need none."""
+    """Secret that signs participants' links; None if answers need no links."""
     made_of: Text | None = None
-    """What the plan, its files and weights were, by which an interrupted export goes on."""
+    """Digest of plan, files and weights, by which an interrupted export is resumed."""
     format: Literal[1] = 1
 
     def __post_init__(self) -> None:
@@ -162,30 +161,32 @@ class Key:
 
     @cached_property
     def clips(self) -> tuple[str, ...]:
-        """Every clip that is judged."""
+        """Names of all clips in trials, sorted."""
         judged = {trial.clip for trial in self.trials.values() if trial.expected is None}
         return tuple(sorted(judged))
 
     def token(self, number: int) -> str:
-        """What signs the link of participant ``number``: the number and 128 bits of its
-        HMAC-SHA256 by the secret, which there must be."""
+        """Return the token of a participant's link: the number and 128 bits of its HMAC-SHA256.
+
+        The study must have a secret.
+        """
         assert self.link_secret is not None
         message = f"{self.study}/{number}".encode()
         signature = hmac.new(self.link_secret.encode(), message, hashlib.sha256).hexdigest()
         return f"{number}-{signature[:_SIGNATURE_HEX]}"
 
     def list_of(self, number: int) -> int:
-        """The list of participant ``number``: one after the other, then from the first again."""
+        """Return the list of a participant: the lists in turn, then from the first again."""
         return sorted(self.lists)[number % len(self.lists)]
 
     def link(self, number: int, address: str) -> str:
-        """What participant ``number`` is sent.
+        """Return the link of a participant.
 
         Args:
-            address: where the bundle is hosted.
+            address: URL of the hosted bundle.
 
         Raises:
-            RunError: if that is no address of a page.
+            RunError: if the address is no URL of a page.
         """
         parts = urlsplit(address)
         is_page = parts.scheme in ("http", "https") and parts.netloc
@@ -196,8 +197,7 @@ class Key:
         return f"{address}?{urlencode({'p': self.list_of(number), 't': self.token(number)})}"
 
     def doubt_of_link(self, token: str | None, list_number: int) -> str | None:
-        """Why answers did not come by a link of the study, as the end of a sentence; None if they
-        did, or if the study has no links."""
+        """Return why a link is invalid, as the end of a sentence; None if valid or not needed."""
         if self.link_secret is None:
             return None
         if token is None:
@@ -214,10 +214,10 @@ class Key:
 
 
 def read_key(path: Path) -> Key:
-    """The key at ``path``, checked.
+    """Read and check the key at ``path``.
 
     Raises:
-        RunError: if it is missing, damaged or contradicts itself.
+        RunError: if it is missing, damaged or inconsistent.
     """
     if not path.is_file():
         raise RunError(f"There is no key at {path}; name the key.json of `researcher_only`.")
@@ -230,7 +230,7 @@ def read_key(path: Path) -> Key:
 
 
 def write_key(key: Key, path: Path) -> None:
-    """Write it so that no half-written key ever stands at ``path``; only its owner may read it."""
+    """Write the key atomically; only its owner may read it."""
     written = {"format": key.format, **adapter(Key).dump_python(key, mode="json")}
     for trial in written["trials"].values():
         if trial["expected"] is None:

@@ -1,4 +1,4 @@
-"""The plan of a study: a small TOML file, read and checked before anything is made; its wording."""
+"""Plan of a study: a small TOML file, read and checked before anything is made; and its wording."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from model.systems.registry import families, planning_systems
 MAX_LENGTH_S = 120.0
 _NO_OTHERS = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 OWN_PARAMETERS = ("p", "t", "preview")
-"""Of the page's address."""
+"""Parameters of the page's address that the page itself uses."""
 _SEPARATORS = set(",=")
-"""Of what `study simulate --strengths` is given."""
+"""Separators in ``study simulate --strengths``, which names must not contain."""
 _PLAIN_URL = re.compile(r"https?://[A-Za-z0-9.\-]+(:\d+)?(/[A-Za-z0-9._~/%\-?=&]*)?")
 
 
@@ -48,14 +48,14 @@ def _is_address(url: str) -> str:
 
 
 def _beside(path: Any, info: Any) -> Path:
-    """A path of the plan, from its folder."""
+    """Parse a path of the plan, relative to the plan's folder."""
     if not isinstance(path, str | Path) or not str(path):
         raise ValueError(f"`{info.field_name}` must name a file")
     return info.context["folder"] / path if info.context else Path(path)
 
 
 def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
-    """A pattern with {clip}, or a table of one path for each clip."""
+    """Parse paths by clip: a pattern with {clip}, or a table of one path for each clip."""
     if not info.context:
         return value
     what, clips = info.field_name, info.context["clips"]
@@ -71,7 +71,7 @@ def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
 
 
 def _style(value: Any, info: Any) -> Any:
-    """A style file, or its tables in place."""
+    """Parse a style: a path of a style file, or the tables of one."""
     from model.plan.plan import PlanError
     from model.plan.style import StyleWish, read_wish, wish_of  # bring torch: only once needed
 
@@ -106,39 +106,39 @@ Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 @dataclass(frozen=True, config=_NO_OTHERS)
 class Clip:
-    """One excerpt that every system shows."""
+    """Excerpt that every system shows."""
 
     name: Name
     speech: File | None = None
     start_s: Annotated[float, Field(ge=0, le=36_000)] = 0.0
-    """Where the excerpt begins, in the speech and in every motion file."""
+    """Start of the excerpt in the speech and in every motion file (s)."""
 
 
 @dataclass(frozen=True, config=_NO_OTHERS)
 class Condition:
-    """What is compared: motion files by clip, or a bundled system that generates them."""
+    """Compared condition: motion files by clip, or a bundled system that generates them."""
 
     name: Name
     motion: Files | None = None
     system: Text | None = None
-    """The bundled one; None where there are files. By default it is the name."""
+    """Name of the bundled system, by default that of the condition; None with motion files."""
     seed: Seed = 0
     speaker: Text | None = None
-    """None is the first speaker that the system knows."""
+    """Speaker style; None is the first speaker of the system."""
     steps: Annotated[int, Field(ge=1, le=1000)] = 10
-    """By default as many as its sampler usually takes."""
+    """Number of sampling steps; by default that of the sampler."""
     sampler: str = "euler"
-    """One of the system's own; by default its usual one."""
+    """Name of a sampler of the system; by default its first."""
     post_filter: PostFilter = "none"
     style: Annotated[Any, PlainValidator(_style)] = None
-    """What is done to the plan that the system performs (a `StyleWish`); None leaves it."""
+    """Style change (a `StyleWish`) of the plan that the system performs; None changes nothing."""
     plan: Files | None = None
-    """By clip what the system performs; None lets it draw plans from the speech."""
+    """Plan file by clip for the system to perform; None lets it sample plans from the speech."""
 
     @model_validator(mode="before")
     @classmethod
     def _usual(cls, values: Any) -> Any:
-        """What depends on the system, put in where it is not said."""
+        """Fill in the defaults that depend on the system, and check its name, sampler and plans."""
         if not isinstance(values, dict):
             return values
         name = values.get("name")
@@ -169,7 +169,7 @@ class Condition:
 
 @dataclass(frozen=True, config=_NO_OTHERS)
 class Plan:
-    """Everything a study is made from."""
+    """Settings of a study."""
 
     title: Text
     protocol: Protocol
@@ -180,37 +180,41 @@ class Plan:
     seed: Seed = 0
     views: Annotated[tuple[View, ...], AfterValidator(_in_order)] = ("front",)
     length_s: Annotated[float, Field(ge=0.5, le=MAX_LENGTH_S)] | None = None
-    """Length of every excerpt; None takes clips whole, and then all their lengths must agree."""
+    """Length of every excerpt (s); None uses whole clips, which must then be equally long."""
     size: Annotated[int, Field(ge=64, le=1080)] = 512
     """Width and height of a video, pixels."""
     face: Literal["still", "moving"] = "still"
     trials_per_participant: Annotated[int, Field(ge=1, le=5000)] | None = None
-    """None gives every participant every trial."""
+    """Trials per participant; None gives every participant every trial."""
     attention_checks: Annotated[int, Field(ge=0, le=20)] | None = None
-    """In each list, at most one in ten pages; None is two, or one where two are too many."""
+    """Attention checks per list, at most one in ten pages; None is two, or one if two are too many.
+    """
     max_failed: Annotated[int, Field(ge=0, le=20)] | None = None
-    """Attention checks that a participant may fail and still count; None is half of them."""
+    """Most attention checks that an included participant may fail; None is half of them."""
     reasons: bool = True
     consent: Text | None = None
-    """In place of the text in `questions.toml`."""
+    """Consent text; None uses that of `questions.toml`."""
     researchers: Text | None = None
-    """Who asks, as participants read it."""
+    """Names of the researchers, shown to participants."""
     contact: Text | None = None
-    """Whom to ask, and to send the file of answers to."""
+    """Contact for questions and for answer files that participants send."""
     ethics: Text | None = None
-    """Who approved the study, and under which number."""
+    """Ethics approval: institution and number."""
     panel_ids: Annotated[
         tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS), AfterValidator(_no_own_names)
     ] = ()
-    """Names of parameters of the page's address that go into the answers, the participant's own id
-    first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others do."""
+    """Names of parameters of the page's address that are copied into the answers, the participant's
+    id
+    first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied.
+    """
     post_to: Address | None = None
     return_to: Address | None = None
-    """Where participants go at the end: the completion link of Prolific, SONA or the like."""
+    """URL to which participants return at the end: the completion link of Prolific, SONA or the
+    like."""
 
     @property
     def has_sound(self) -> bool:
-        """Realism is judged without sound, everything else with it."""
+        """True if videos have sound; realism (pairwise) is judged without."""
         return self.protocol != "pairwise"
 
     def __post_init__(self) -> None:
@@ -244,10 +248,10 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """The plan at ``path``. Paths inside it are relative to its folder.
+    """Read and check the plan at ``path``; its paths are relative to its folder.
 
     Raises:
-        RunError: if it is missing or asks for something that cannot be.
+        RunError: if it is missing or invalid.
     """
     try:
         found = tomllib.loads(path.read_bytes().decode("utf-8"))
@@ -275,10 +279,10 @@ ATTENTION_QUESTION = "attention"
 
 @functools.cache
 def wording() -> dict[str, Any]:
-    """All sentences that a participant reads."""
+    """Return all sentences for participants, from `questions.toml`."""
     return tomllib.loads(Path(__file__).with_name("questions.toml").read_text("utf-8"))
 
 
 def questions_of(protocol: str) -> tuple[Question, ...]:
-    """What each trial of the protocol asks."""
+    """Return the questions of each trial of a protocol."""
     return tuple(Question(**item) for item in wording()["protocols"][protocol]["questions"])

@@ -1,7 +1,7 @@
-"""From a plan to stimuli, trials and lists of pages, balanced in order and side, and what they ask.
+"""Stimuli, trials and lists of pages of a plan, balanced in order and side, and their statistics.
 
-Everything here follows from the plan and its seed. Random ids are given afterwards, so that an
-export that is resumed keeps them (`app.study.design.blinding`).
+Everything here is determined by the plan and its seed. Random ids are assigned afterwards, so that
+a resumed export keeps them (`app.study.design.blinding`).
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from app.study.design.plan import CHOICES, Choice, Plan
 from conventions.names import counted
 
 PAGES_PER_CHECK = 10
-"""At most one page in so many is an attention check."""
+"""Fewest pages per attention check."""
 USUAL_CHECKS = 2
 
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """One page. ``stimuli`` stand in the order in which participant 0 sees them."""
+    """One trial with its ``stimuli`` in the order that participant 0 sees."""
 
     kind: TrialKind
     clip: str
     stimuli: tuple[Stimulus, ...] = ()
     press: Choice | None = None
-    """Attention checks: what the page says to press."""
+    """Answer that an attention check asks for; None otherwise."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """A trial in a list, with the order of its videos on the screen."""
+    """Trial in a list, with the order of its videos on the screen."""
 
     trial: int
     """Index into `Design.trials`."""
@@ -46,28 +46,28 @@ class Page:
 
 @dataclass(frozen=True)
 class Design:
-    """Everything that is shown, to whom, in which order."""
+    """Stimuli, trials and lists of a study."""
 
     stimuli: tuple[Stimulus, ...]
     trials: tuple[PlannedTrial, ...]
     lists: tuple[tuple[Page, ...], ...]
-    """Of participant p."""
+    """Pages of each list, in order."""
 
     @property
     def num_checks(self) -> int:
-        """Attention checks in each list."""
+        """Number of attention checks in each list."""
         return sum(trial.kind == "attention" for trial in self.trials)
 
     def max_failed(self, plan: Plan) -> int:
-        """Attention checks that a participant may fail and still count."""
+        """Return how many attention checks an included participant may fail."""
         return self.num_checks // 2 if plan.max_failed is None else plan.max_failed
 
 
 def make_design(plan: Plan) -> Design:
-    """The whole study.
+    """Make the design of a study.
 
     Raises:
-        RunError: if there are more trials in a list than can be handled, or too many checks.
+        RunError: if a list has too many trials or attention checks.
     """
     rng = np.random.default_rng(plan.seed)
     trials = {"pairwise": _pairs, "matched": _matches}.get(plan.protocol, _groups)(plan)
@@ -96,11 +96,12 @@ def make_design(plan: Plan) -> Design:
 
 
 def _num_checks(plan: Plan, count: int) -> int:
-    """Return how many attention checks stand among ``count`` trials: more than one in ten pages
-    teach participants to look for them.
+    """Return the number of attention checks among ``count`` trials.
+
+    More than one in ten pages would teach participants to look for them.
 
     Raises:
-        RunError: if the plan asks for more.
+        RunError: if the plan sets more.
     """
     most = max(1, count // (PAGES_PER_CHECK - 1))
     asked = plan.attention_checks
@@ -120,7 +121,7 @@ def _scenes(plan: Plan) -> list[tuple[str, str]]:
 
 
 def _pairs(plan: Plan) -> list[PlannedTrial]:
-    """Every two systems in every scene, silent."""
+    """Make a silent trial of every pair of systems in every scene."""
     names = [system.name for system in plan.systems]
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
@@ -133,8 +134,11 @@ def _pairs(plan: Plan) -> list[PlannedTrial]:
 
 
 def _matches(plan: Plan) -> list[PlannedTrial]:
-    """The right and a wrong speech under each motion, the same for every system. Clips stand on a
-    circle, so that each speech is as often right as it is wrong."""
+    """Make a trial of each motion with its own and another speech, equal for every system.
+
+    Each clip's mismatched speech is that of the next clip, so that each speech is used equally
+    often.
+    """
     names = [clip.name for clip in plan.clips]
     wrong = dict(zip(names, [*names[1:], names[0]], strict=True))
     trials = []
@@ -147,7 +151,7 @@ def _matches(plan: Plan) -> list[PlannedTrial]:
 
 
 def _groups(plan: Plan) -> list[PlannedTrial]:
-    """All systems of a scene on one page."""
+    """Make one trial with all systems for each scene."""
     kind = KIND_OF_PROTOCOL[plan.protocol]
     return [
         PlannedTrial(
@@ -158,10 +162,11 @@ def _groups(plan: Plan) -> list[PlannedTrial]:
 
 
 def is_first_left(first: int, second: int, num_systems: int, scene: int) -> bool:
-    """Which of two systems stands left, so that within a scene each is left as often as right.
+    """Check whether the first of two systems is on the left; in a scene each is left equally often.
 
-    Systems stand on a circle and each is left of those on the half that follows it; opposite ones
-    (an even number of systems) take turns from scene to scene.
+    Systems are arranged on a circle and each is left of those on the half that follows; opposite
+    ones
+    (with an even number of systems) alternate from scene to scene.
     """
     ahead = (second - first) % num_systems
     if 2 * ahead == num_systems:
@@ -170,9 +175,10 @@ def is_first_left(first: int, second: int, num_systems: int, scene: int) -> bool
 
 
 def williams_square(size: int) -> list[list[int]]:
-    """Orders of ``size`` treatments, balanced for position and for what comes before what.
+    """Return orders of ``size`` treatments, balanced for position and for direct succession.
 
-    Over all rows each treatment stands equally often in each place and directly follows each other
+    Over all rows each treatment stands equally often in each position and directly follows each
+    other
     one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is odd.
     """
     zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(size)]
@@ -183,8 +189,7 @@ def williams_square(size: int) -> list[list[int]]:
 
 
 def _shown(trial: PlannedTrial, index: int, turn: int) -> tuple[Stimulus, ...]:
-    """Two videos swap sides from one showing of all trials to the next; more follow a Williams
-    square."""
+    """Return the videos in screen order: two swap each turn, more follow a Williams square."""
     stimuli = trial.stimuli
     if len(stimuli) <= 2:
         return stimuli[::-1] if turn % 2 else stimuli
@@ -195,10 +200,11 @@ def _shown(trial: PlannedTrial, index: int, turn: int) -> tuple[Stimulus, ...]:
 def _orders(
     num_trials: int, count: int, participants: int, rng: np.random.Generator
 ) -> list[list[int]]:
-    """Trials of each participant: rows of a Williams square with its treatments shuffled.
+    """Return the trials of each participant: rows of a Williams square with shuffled treatments.
 
-    Where a participant sees fewer than all trials, consecutive ones share a row, each going on
-    where the one before stopped, so that every trial is seen about equally often.
+    If a participant sees fewer than all trials, consecutive participants share a row, each
+    continuing
+    where the last one stopped, so that every trial is seen about equally often.
     """
     names = rng.permutation(num_trials)
     rows = williams_square(num_trials)
@@ -212,9 +218,12 @@ def _orders(
 
 
 def _check_places(count: int, num_checks: int, rng: np.random.Generator) -> list[int]:
-    """Before which trial each attention check stands: evenly spread, give or take one, and no two
-    in a row as long as there are trials to keep them apart. The only one of a short list stands at
-    its end, where it tells whether somebody still looks."""
+    """Return the trial before which each attention check comes: evenly spaced, plus or minus one.
+
+    Two checks are never adjacent if there are enough trials. The only check of a short list is at
+    its
+    end, where it shows whether the participant still pays attention.
+    """
     if num_checks == 1 and count < PAGES_PER_CHECK - 1:
         return [count]
     middles = [(i + 1) * count / (num_checks + 1) for i in range(num_checks)]
@@ -227,24 +236,25 @@ def _check_places(count: int, num_checks: int, rng: np.random.Generator) -> list
 
 @dataclass(frozen=True)
 class Balance:
-    """What was reached; a spread is the largest count minus the smallest, 0 is perfect."""
+    """Balance of a design; a spread is the largest count minus the smallest, 0 is perfect."""
 
     appearances_spread: int
-    """Over trials: in how many lists."""
+    """Spread over trials of the number of lists with the trial."""
     position_spread: int
-    """Over trials and places."""
+    """Spread over trials and positions."""
     follows_spread: int
-    """Over ordered pairs of trials: how often one directly follows the other."""
+    """Spread over ordered pairs of trials of how often one directly follows the other."""
     first_place_spread_within_trial: int
-    """Largest over trials: over its videos, how often each is shown first (left)."""
+    """Largest spread within a trial of how often each of its videos is first (left)."""
     first_place_unfairness: float
-    """Largest over lists and systems: times shown first minus its fair share of them, unsigned."""
+    """Largest absolute difference, over lists and systems, of times first and the fair share of
+    them."""
     first_place_shares: dict[str, float]
-    """By condition: how often it is first where it is shown, over all lists."""
+    """Share of showings in which a condition is first, over all lists."""
 
 
 def measure_balance(design: Design) -> Balance:
-    """How balanced the lists are, attention checks aside; right and wrong speech are conditions."""
+    """Measure the balance of the lists without attention checks; speech match is a condition."""
     is_matched = any(trial.kind == "match" for trial in design.trials)
 
     def label(stimulus: Stimulus) -> str:
@@ -285,19 +295,21 @@ def _spread(counts: pd.Series) -> int:
 
 
 BEFORE_S, ANSWER_S, USUAL_LENGTH_S = 60.0, 8.0, 10.0
-"""What reading and practice take, an answer, and a video of which the plan does not say it."""
+"""Estimated times (s) of reading and practice, of an answer, and of a video of unknown length."""
 _WHAT = {
     "pair": ("vote", "pair of systems"),
     "match": ("vote", "system"),
     "rank": ("ranking", "system"),
     "rate": ("rating", "system"),
 }
-"""By kind of trial: what a page gives, and to whom it is counted."""
+"""Unit of an answer, and of what answers are counted for, by kind of trial."""
 
 
 def size_of(plan: Plan, design: Design) -> tuple[int, str]:
-    """Minutes of the longest list (each video once, and for each page the time of an answer), and a
-    sentence for the researcher: what the study asks, and how many votes it brings if all finish."""
+    """Return the minutes of the longest list, and a sentence on duration, pages and votes.
+
+    Each video counts once, and each page the time of an answer.
+    """
     length_s = plan.length_s or USUAL_LENGTH_S
     seconds = max(
         sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists

@@ -1,1 +1,1 @@
-"""The files of a study: videos, page and records; may import `design`."""
+"""Files of a study: videos, page and records; may import `design`."""

@@ -1,6 +1,7 @@
-"""What stands beside the videos: the page for participants, the same trials for the GENEA
-leaderboard, and what the researcher keeps besides the key. Its texts are the templates beside
-this file."""
+"""Files of a study other than videos: participants' page, GENEA tables and researcher's records.
+
+Their texts are the templates in this folder.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ FREE_TEXTS = (
     *("title", "consent", "researchers", "contact", "ethics", "postTo", "returnTo"),
     "panelIds",
 )
-"""What the researcher wrote, as the page's script reads it."""
+"""Fields of the page's data that the researcher wrote."""
 DATA_START = "window.STUDY = "
 _SHARED_WORDS = (
     *("attention", "buttons", "slider", "consent", "headphones", "practice", "preview"),
@@ -55,7 +56,7 @@ def templates() -> jinja2.Environment:
 
 
 def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> None:
-    """Write everything but the videos, and give all files of the bundle the same time."""
+    """Write everything but the videos, and set the same time on all files of the bundle."""
     for name in FIXED:
         workspace.write_text(workspace.bundle / name, (SITE / name).read_text("utf-8"))
     workspace.write_text(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
@@ -66,7 +67,7 @@ def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> 
 
 
 def index_html(title: str, post_to: str | None) -> str:
-    """The page with a policy that lets it load its own files and reach one address at most."""
+    """Return the page, with a policy that allows its own files and at most one address."""
     parts = urlsplit(post_to) if post_to else None
     return (
         templates()
@@ -80,7 +81,7 @@ def index_html(title: str, post_to: str | None) -> str:
 
 
 def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
-    """What the page's script reads. Trials stand in the order of their random ids."""
+    """Return the JSON for the page's script; trials are sorted by their random ids."""
     trials = {
         trial_id: {"kind": trial.kind, **({"press": trial.press} if trial.press else {})}
         for trial_id, trial in sorted(zip(key.trials, design.trials, strict=True))
@@ -102,7 +103,7 @@ def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
 
 
 def fixed_words(protocol: str) -> dict[str, Any]:
-    """The sentences that are the same in every study of a protocol."""
+    """Return the sentences that are the same in every study of a protocol."""
     words = wording()
     return {
         "instruction": words["protocols"][protocol]["instruction"],
@@ -120,7 +121,7 @@ def write_records(
     body: Path | None,
     workspace: Workspace,
 ) -> None:
-    """Write what the researcher keeps besides the key."""
+    """Write the researcher's records other than the key."""
     balance = measure_balance(design)
     lists = blind_lists(design, key)
     manifest = {
@@ -205,11 +206,13 @@ def _file_names(files: Any) -> dict[str, str] | None:
 
 
 def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
-    """Pairs of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), one row for each
-    trial; the trial's id takes the clip's place.
+    """Return tables of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), by name.
 
-    The table of mismatched speech tells the GENEA server which video is which, as it must.
-    Studies that rank or rate more than two videos have no such table.
+    One row per trial; the trial's id replaces the clip's name. The table of mismatched speech
+    reveals
+    to the GENEA server which video is which, as it must. Studies that rank or rate more than two
+    videos
+    have no such table.
     """
     name, header = {
         "pairwise": ("pairwise.csv", ["clip_name", "system_1", "system_2"]),

@@ -1,14 +1,14 @@
-"""Videos of a study that differ in what they show and in nothing else that can be measured.
+"""Encoding of study videos that differ only in content, and in nothing else that can be measured.
 
 Picture: H.264 at a fixed rate, without B-frames, a key frame each second, no encoder's note, then
-filled up so that the n-th pictures of all videos of a scene have exactly the same number of bytes
-(a fixed quality would make jittery motion the larger file). A light grain, the same in every video,
-takes what bits a calm picture leaves, so that hardly anything has to be filled up. What fills a
-frame up is a message that decoders pass over (SEI, user data), of bytes that cannot be compressed,
-as the picture's own cannot. One thread: with more, x264's rate control gives other bytes each time.
+padded so that the n-th frames of all videos of a scene have exactly the same number of bytes (a
+fixed quality would make jittery motion the larger file). A light grain, the same in every video,
+uses the bits that calm motion leaves, so that hardly any padding is needed. The padding of a frame
+is a message that decoders skip (SEI, user data), of bytes that cannot be compressed, like those of
+the picture. One thread: with more, x264's rate control gives other bytes each time.
 Sound: one AAC stream for each speech, copied into every file.
 
-What a file tells besides its picture (boxes, times, each picture's size) is read without ffmpeg.
+The metadata of a file (boxes, times, size of each frame) are parsed without ffmpeg.
 """
 
 from __future__ import annotations
@@ -31,34 +31,35 @@ from model.storage.files import write_atomically, written_atomically
 from renderer.video.encoder import VideoError, run_ffmpeg
 
 TARGET_LUFS = -23.0
-"""Programme loudness of EBU R128."""
+"""Target loudness (LUFS), as in EBU R128."""
 PEAK_DBFS = -1.0
-"""What the limiter lets through; speech at -23 LUFS seldom reaches it."""
+"""Limiter threshold (dBFS); speech at -23 LUFS seldom reaches it."""
 SILENT_LUFS = -60.0
 
 BITS_PER_PIXEL = 0.2
 MIN_BIT_RATE = 100_000
 MAX_ENCODINGS = 4
 RATE_TOLERANCE = 0.004
-"""Of the rate that the encoder was asked for."""
+"""Relative tolerance of the encoder's bit rate."""
 RATE_STEP = 0.01
-"""Between the rates of two videos of a scene, so that chance does not decide which is filled up
-more; see `app.study.export`."""
+"""Relative step between the rates of two videos of a scene, so that chance does not decide which is
+padded more; see `app.study.export`.
+"""
 _GRAIN = "noise=c0s=4:c0f=t:all_seed=7"
 
 LONG_AGO_S = 946_684_800
-"""2000-01-01, the modification time of every file that participants get."""
+"""Modification time of every file for participants: 2000-01-01 (s since 1970)."""
 
 _BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact",
              "-flags", "+bitexact")  # fmt: skip
 _X264 = "level=40:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
 _TICKS = 1_200_000 // FPS
-"""Of one frame, in the time base of ffmpeg's reader of bare H.264; it rounds by itself."""
+"""Duration of a frame in the time base of ffmpeg's raw H.264 demuxer, which rounds by itself."""
 _LEAST_BOX = 8
 
 
 def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
-    """Speech at 16 kHz as one AAC track of -23 LUFS.
+    """Encode speech at 16 kHz as one AAC track of -23 LUFS.
 
     Raises:
         RunError: if the excerpt is silent.
@@ -80,7 +81,7 @@ def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
 
 
 def measure_loudness(path: Path) -> float:
-    """Integrated loudness of the sound in a file by EBU R128, in LUFS; -70 is silence."""
+    """Measure the integrated loudness of a file by EBU R128, in LUFS; -70 is silence."""
     said = run_ffmpeg(
         *("-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-"),
         log="info",
@@ -92,15 +93,15 @@ def measure_loudness(path: Path) -> float:
 
 
 def bit_rate(size: int) -> int:
-    """Bits per second of a square picture of that many pixels."""
+    """Return the bits per second of a square picture of ``size`` pixels."""
     return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size * size * FPS))
 
 
 def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> None:
-    """The picture of a video as a bare H.264 stream of the fixed rate, with a light grain.
+    """Encode the picture of a video as a raw H.264 stream of a fixed rate, with a light grain.
 
     Args:
-        share: of the rate, which is held as nearly as the encoder can.
+        share: fraction of the rate, met as closely as the encoder can.
     """
     wanted = share * bit_rate(size)
     rate, best = wanted, None
@@ -119,7 +120,7 @@ def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> Non
 
 
 def _encode(drawn: Path, out: Path, rate: int) -> int:
-    """Number of frames."""
+    """Encode once without padding; return the number of frames."""
     run_ffmpeg(
         *("-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
         *("-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1"),
@@ -136,7 +137,7 @@ def _encode(drawn: Path, out: Path, rate: int) -> int:
 
 
 def join(stream: Path, track: Path | None, out: Path) -> None:
-    """Picture, and sound if there is any, copied as they are into one mp4."""
+    """Mux the picture, and sound if any, into one MP4 without re-encoding."""
     sound = () if track is None else ("-i", str(track), "-map", "0:v:0", "-map", "1:a:0")
     with written_atomically(out) as part:
         run_ffmpeg(
@@ -160,12 +161,12 @@ def pad_alike(videos: Sequence[Path]) -> None:
 
 
 def set_time(path: Path) -> None:
-    """Give a file or folder the time that all of them have."""
+    """Set the modification time that all files of a bundle share."""
     os.utime(path, (LONG_AGO_S, LONG_AGO_S))
 
 
 def sound_digest(path: Path) -> str | None:
-    """Digest of a video's sound as it is stored; None when it has none."""
+    """Return a digest of a video's encoded sound; None without sound."""
     try:
         return run_ffmpeg("-i", str(path), "-map", "0:a", "-c", "copy", "-f", "hash", "-").strip()
     except VideoError as error:
@@ -175,7 +176,7 @@ def sound_digest(path: Path) -> str | None:
 
 
 def picture_stream(path: Path) -> bytes:
-    """The picture of a video as a bare H.264 stream."""
+    """Return the picture of a video as a raw H.264 stream."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "picture.h264"
         copy = ("-map", "0:v:0", "-c", "copy", "-bsf:v", "h264_mp4toannexb", "-f", "h264")
@@ -189,29 +190,29 @@ _TIMED = {b"mvhd", b"tkhd", b"mdhd"}
 
 @dataclass(frozen=True)
 class Track:
-    """One stream of a file."""
+    """One track of an MP4 file."""
 
     handler: str
-    """``vide`` or ``soun``."""
+    """Handler: ``vide`` or ``soun``."""
     duration: float
-    """Seconds."""
+    """Duration (s)."""
     sizes: tuple[int, ...]
-    """Bytes of each sample: the stream itself, without the file around it."""
+    """Size of each sample (bytes): the stream itself, without its container."""
     description: bytes
-    """The codec's settings (`stsd`), and how its samples are timed (`stts`, `elst`)."""
+    """Codec settings (`stsd`) and timing of the samples (`stts`, `elst`)."""
 
 
 @dataclass(frozen=True)
 class Mp4:
-    """One file."""
+    """Structure of an MP4 file."""
 
     num_bytes: int
     boxes: tuple[str, ...]
-    """Kinds of all boxes, in order."""
+    """Types of all boxes, in order."""
     has_times: bool
-    """Whether a creation or modification time is set."""
+    """True if a creation or modification time is set."""
     names: tuple[bytes, ...]
-    """What the handlers call themselves."""
+    """Names of the handlers."""
     tracks: tuple[Track, ...]
 
     def track(self, handler: str) -> Track | None:
@@ -219,10 +220,10 @@ class Mp4:
 
 
 def read_mp4(path: Path) -> Mp4:
-    """Take a file apart.
+    """Parse an MP4 file.
 
     Raises:
-        RunError: if it is no whole mp4.
+        RunError: if the file is no complete MP4.
     """
     data = path.read_bytes()
     try:
@@ -247,7 +248,7 @@ def read_mp4(path: Path) -> Mp4:
 
 
 def blank_user_data(path: Path) -> None:
-    """Turn `udta` boxes, which muxers write even when there is nothing to say, into empty room."""
+    """Replace `udta` boxes, which muxers write even if empty, with `free` boxes of equal length."""
     data = bytearray(path.read_bytes())
     for kind, start, end in list(_places(bytes(data), 0, len(data))):
         if kind == b"udta":
@@ -256,7 +257,7 @@ def blank_user_data(path: Path) -> None:
 
 
 def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
-    """All boxes, containers before what they hold: kind, and where their contents begin and end."""
+    """Yield type, start and end of the contents of all boxes, containers before their children."""
     while start < end:
         size, kind = int.from_bytes(data[start : start + 4], "big"), data[start + 4 : start + 8]
         header = 8
@@ -286,8 +287,10 @@ def _track(found: dict[bytes, bytes]) -> Track:
 
 
 def _numbers(header: bytes) -> tuple[int, int, int, int]:
-    """Of an `mvhd` or `mdhd` creation and modification time, time scale and duration; a `tkhd`
-    begins with the same times."""
+    """Parse creation and modification time, time scale and duration of an `mvhd` or `mdhd` box.
+
+    A `tkhd` box begins with the same times.
+    """
     length = 8 if header[0] == 1 else 4
     ends = np.cumsum([4, length, length, 4, length])
     first, second, scale, units = (
@@ -298,17 +301,17 @@ def _numbers(header: bytes) -> tuple[int, int, int, int]:
 
 _START_CODE = re.compile(rb"\x00{2,3}\x01")
 _START = b"\x00\x00\x00\x01"
-"""In an mp4 each unit has four bytes of length, so four are counted here too."""
+"""Start code of four bytes, as long as the length of each unit in an MP4."""
 _SLICES = (1, 5)
 _MESSAGE, _FILLER = 6, 12
 _USER_DATA = 5
 _NAME_BYTES = 16
 _LEAST = len(_START) + 3 + _NAME_BYTES + 1
-"""Bytes of the smallest message: kind, kind of payload, length, name, end."""
+"""Bytes of the smallest message: unit type, payload type, length, name, end."""
 
 
 def frames_of(stream: bytes) -> list[list[bytes]]:
-    """Units by frame: what comes before a picture's slice belongs to it. One slice a picture."""
+    """Split a stream into the NAL units of each frame, which ends with its one slice."""
     frames: list[list[bytes]] = [[]]
     for unit in _START_CODE.split(stream)[1:]:
         frames[-1].append(unit)
@@ -318,19 +321,19 @@ def frames_of(stream: bytes) -> list[list[bytes]]:
 
 
 def joined(frames: Sequence[Sequence[bytes]]) -> bytes:
-    """A stream of these units."""
+    """Join NAL units to a stream."""
     return b"".join(_START + unit for units in frames for unit in units)
 
 
 def num_picture_bytes(stream: bytes) -> int:
-    """Without what only fills it up."""
+    """Count the bytes of a stream without padding."""
     units = _START_CODE.split(stream)[1:]
     own = [unit for unit in units if unit[0] & 31 not in (_MESSAGE, _FILLER)]
     return sum(len(_START) + len(unit) for unit in own)
 
 
 def fill_alike(streams: Sequence[Path]) -> None:
-    """Fill up frame by frame until the n-th frames of all streams have the same number of bytes."""
+    """Pad frame by frame until the n-th frames of all streams have the same number of bytes."""
     all_frames = [frames_of(path.read_bytes()) for path in streams]
     # As many for all: a frame that has none would be seen to be the largest.
     targets = [max(map(_size, frames)) + 2 * _LEAST for frames in zip(*all_frames, strict=True)]
@@ -349,7 +352,7 @@ def _size(units: Sequence[bytes]) -> int:
 
 
 def _messages(num_bytes: int, rng: np.random.Generator) -> list[bytes]:
-    """Two that take so many bytes with their start codes: some lengths no single one can have."""
+    """Make two padding messages with a total length: a single one cannot have every length."""
     for second in (_NAME_BYTES, _NAME_BYTES + 1):
         wanted = num_bytes - _message_size(second)
         for first in range(wanted - 8 - wanted // 255, wanted - 7):
@@ -363,7 +366,7 @@ def _message_size(payload: int) -> int:
 
 
 def _message(payload: int, rng: np.random.Generator) -> bytes:
-    """Bytes without zeros look like no start code."""
+    """Make a padding message; bytes without zeros cannot look like a start code."""
     content = rng.integers(1, 256, payload, np.uint8).tobytes()
     length = b"\xff" * (payload // 255) + bytes([payload % 255])
     return bytes([_MESSAGE, _USER_DATA]) + length + content + b"\x80"

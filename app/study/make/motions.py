@@ -1,4 +1,4 @@
-"""Motions of a clip as a study shows them: same length, body, face and place for every system."""
+"""Motions of a study's clips with equal length, body, face and position for every system."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ FACE_JOINTS = slice(3 * 22, 3 * 25)
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A clip with everything that was read for it."""
+    """Clip with its speech, motions and plans."""
 
     clip: Clip
     num_frames: int
     speech: Speech | None
-    """The excerpt."""
+    """Excerpt of the speech; None without speech."""
     files: Mapping[str, str]
-    """sha256 of each file it comes from, by ``speech`` or the system's name."""
+    """SHA-256 of each source file, by ``speech`` or the system's name."""
     recorded: Mapping[str, Motion]
-    """The excerpts of motion files, by system."""
+    """Excerpts of motion files, by system."""
     plans: Mapping[str, GesturePlan] = field(default_factory=dict)
-    """What systems are given to perform, by system."""
+    """Plans for systems to perform, by system."""
 
 
 def read_sources(plan: Plan) -> tuple[Source, ...]:
-    """Read all speech and motion files and see that they fit together.
+    """Read all speech and motion files and check that their lengths match.
 
     Raises:
         RunError, SpeechError, MotionError: with one sentence, before anything is made.
@@ -66,7 +66,7 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
 
 
 def read_source(plan: Plan, clip: Clip) -> Source:
-    """As `read_sources`, of one clip."""
+    """Read the speech, motion and plan files of one clip, see `read_sources`."""
     files: dict[str, str] = {}
     speech = None
     lengths: dict[str, int] = {}
@@ -122,7 +122,7 @@ def _read_plan(system: Condition, clip: Clip, path: Path, duration_s: float) -> 
 
 
 def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
-    """Frames of the excerpt: ``length_s``, or what everything of the clip has."""
+    """Return the frames of the excerpt: ``length_s``, or the common length of the clip's files."""
     if plan.length_s is not None:
         wanted = round(plan.length_s * FPS)
         for what, frames in lengths.items():
@@ -145,7 +145,7 @@ def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
 
 
 def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
-    """Exactly as long as the frames; where rounding leaves it short, by less than one, silence."""
+    """Cut the excerpt to exactly the frames' length; less than a frame of silence may be added."""
     start = round(start_s * SAMPLE_RATE)
     waveform = np.zeros(round(num_frames * SAMPLE_RATE / FPS), np.float32)
     heard = speech.waveform[start : start + len(waveform)]
@@ -160,11 +160,11 @@ def shown_motions(
     body_path: Path | None,
     should_cancel: Callable[[], bool],
 ) -> dict[str, BodyMotion]:
-    """Every system's motion of a clip, ready to be drawn.
+    """Return every system's motion of a clip, ready to be drawn.
 
     Raises:
         RunError: if two systems move exactly alike, or faces cannot be compared.
-        Cancelled: when ``should_cancel`` said so.
+        Cancelled: when ``should_cancel`` returns true.
         UnknownNameError, CheckpointError, BodyError: each with one sentence.
     """
     motions = {
@@ -192,9 +192,12 @@ def shown_motions(
 def _generate(
     system: Condition, source: Source, weights: Path, should_cancel: Callable[[], bool]
 ) -> Motion:
-    """From the excerpt alone: the system hears what the participants hear. No two clips share
-    noise, or participants would see the same gestures again and again; conditions of one system and
-    seed share it, and the plan that a style changes."""
+    """Generate motion from the excerpt alone, which is also what participants hear.
+
+    Clips have different noise, or participants would see the same gestures again and again;
+    conditions
+    of one system and seed share it, and the plan that a style changes.
+    """
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)
     options = GenerateOptions(
@@ -213,7 +216,7 @@ def _generate(
 
 
 def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> BodyMotion:
-    """The mean body, standing on the floor in the middle of the picture."""
+    """Return the motion on the mean body, standing on the floor in the middle of the picture."""
     poses, expressions = motion.poses.copy(), motion.expressions
     if face == "still":
         poses[:, FACE_JOINTS] = 0

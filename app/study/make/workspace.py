@@ -1,4 +1,4 @@
-"""The folder of an export: what is hosted, what stays, what is half done."""
+"""Folders of an export: bundle, researcher's files and unfinished work."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ EXPORT_STUDY = Task("app.study.export", "export_planned")
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """A study that is to be made of the plan in a file."""
+    """Request to export the study of a plan file."""
 
     plan: Path
     out: Path
     weights: Path
     body: Path | None
     zips: tuple[Path, Path]
-    """Where the participants' part goes as a zip, and the researcher's with the plan."""
+    """Paths of the zips: of the participants' part, and of the researcher's with the plan."""
 
 
 class Workspace:
-    """Paths. The researcher's folder can be entered by its owner alone."""
+    """Paths of an export; only the owner can open the researcher's folder."""
 
     def __init__(self, out: Path) -> None:
         self.bundle = out / "participant_bundle"
@@ -38,7 +38,7 @@ class Workspace:
         self.work = self.private / "unfinished"
 
     def open(self) -> None:
-        """Make the folders, or go on in those of an earlier run.
+        """Make the folders, or continue in those of an earlier run.
 
         Raises:
             RunError: if the folder holds something else.
@@ -61,11 +61,11 @@ class Workspace:
             raise RunError(f"The folder {out} cannot be written to; choose another.") from error
 
     def video(self, blind: str) -> Path:
-        """Where the video lies for the participants."""
+        """Return the path of a video in the bundle."""
         return self.media / f"{blind}.mp4"
 
     def write_json(self, path: Path, value: Any) -> None:
-        """Write a file whole or not at all."""
+        """Write a JSON file atomically."""
         self.write_text(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
 
     def write_text(self, path: Path, text: str) -> None:
@@ -73,5 +73,5 @@ class Workspace:
         write_atomically(path, text)
 
     def clean(self) -> None:
-        """Remove what only the making needed."""
+        """Remove the folder of unfinished work."""
         shutil.rmtree(self.work, ignore_errors=True)

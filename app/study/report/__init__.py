@@ -1,1 +1,1 @@
-"""The numbers as text, tables, figures and a page; may import `statistics` and `design`."""
+"""Report of a study as text, tables, figures and page; may import `statistics` and `design`."""

@@ -1,7 +1,7 @@
-"""The report's figures as SVG: bars after the paper's Figure 7, pairs and strengths.
+"""Figures of the report as SVG: bars as in the paper's Figure 7, pairs and strengths.
 
-Readable without colour: bars differ in lightness and hatching, points by what stands beside them.
-Text is drawn as paths, so that every reader sees the same.
+Readable without colour: bars differ in lightness and hatching, points have labels. Text is drawn as
+paths, so that it looks the same everywhere.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ INK = "#1f2933"
 FAINT = "#9aa5b1"
 DARKEST, LIGHTEST = (0.34, 0.48, 0.63), (0.91, 0.94, 0.98)
 FILLS_APART = 5
-"""More fills than these are not told apart by lightness alone; hatching helps."""
+"""Most fills that can be distinguished by lightness alone; with more, hatching is added."""
 HATCHES = ("", "///", "...", "xx")
 LINE_LENGTH = 14
-"""Characters of a question's name in one line under its bars."""
+"""Most characters per line of a question's name below its bars."""
 WIDTH_IN = 5.0
 ROW_IN = 0.38
 LONGEST_NAME = 26
-"""Characters of a system's name that figures show."""
+"""Most characters of a system's name in figures."""
 MOST_NUMBERS = 16
-"""More bars leave no room for their numbers."""
+"""Most bars with room for their numbers."""
 KEY_LENGTH, KEY_MARK = 72, 6
-"""Characters that fit in one line of the key, and what each mark takes of them."""
+"""Characters per line of the legend, and the width of a mark in characters."""
 _PLATE = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "path",
@@ -57,10 +57,11 @@ _STYLE: dict[Any, Any] = {
 
 
 def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
-    """One group of bars for each question, one bar for each system, 95 % intervals.
+    """Draw one group of bars per question, one bar per system, with 95 % intervals.
 
-    Shares in percent (of votes, of first places or of right choices), with chance as a line; mean
-    ratings for sliders.
+    Shares in percent (of votes, of first places or of right choices), with the chance level as a
+    line;
+    mean ratings for sliders.
     """
     label, chance = {
         "right_choices": ("matching speech picked (%)", 50.0),
@@ -114,8 +115,10 @@ def _add_legend(figure: Figure, key: Key) -> None:
 
 
 def forest(found: Sequence[Number]) -> Figure:
-    """Values of one measure with their intervals, one below the other: pairs as in their table,
-    systems from best to worst."""
+    """Draw a forest plot: values of one measure with intervals, one per row.
+
+    Pairs are in the order of their table, systems from best to worst.
+    """
     measure, count = found[0].measure, len(found)
     label, middle, limits = {
         "share": ("votes for the first, ties half (%)", 50, (0, 100)),
@@ -154,7 +157,7 @@ def forest(found: Sequence[Number]) -> Figure:
 
 
 def svg_of(figure: Figure, name: str, description: str) -> str:
-    """Inline SVG with a text alternative; ids carry ``name``, for all figures share one page."""
+    """Return inline SVG with a text alternative; ids contain ``name``, as figures share a page."""
     buffer = io.StringIO()
     with mpl.rc_context(_STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
@@ -169,13 +172,13 @@ def svg_of(figure: Figure, name: str, description: str) -> str:
 
 
 def write_pdf(figure: Figure, path: Path) -> None:
-    """For papers; fonts embedded as outlines."""
+    """Write a figure as PDF for papers, with fonts as outlines."""
     with mpl.rc_context({**_STYLE, "pdf.fonttype": 42}):
         figure.savefig(path, format="pdf", metadata={"CreationDate": None})
 
 
 def _fill(system: int, count: int) -> dict[str, Any]:
-    """Dark to light in one hue, which every eye and printer tells apart."""
+    """Return a bar's fill: dark to light in one hue, also distinguishable in print."""
     place = system / max(1, count - 1)
     shade = [dark + place * (light - dark) for dark, light in zip(DARKEST, LIGHTEST, strict=True)]
     hatch = HATCHES[system % len(HATCHES)] if count > FILLS_APART else ""
@@ -183,13 +186,13 @@ def _fill(system: int, count: int) -> dict[str, Any]:
 
 
 def _short(name: str) -> str:
-    """Start and end of a long name; tables have it whole."""
+    """Return start and end of a long name; tables have it whole."""
     name, half = printable(name), LONGEST_NAME // 2 - 1
     return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"
 
 
 def _against(first: str, second: str) -> str:
-    """Two names, one below the other where they are long."""
+    """Format two names as "A vs B", on two lines if they are long."""
     first, second = _short(first), _short(second)
     gap = "  " if len(first) + len(second) <= LONGEST_NAME + 8 else "\n"
     return f"{first}{gap}vs  {second}"

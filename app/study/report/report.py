@@ -1,5 +1,7 @@
-"""The report as one page that needs nothing beside it, its numbers as CSV and its main ones as a
-LaTeX table. Sentences and layout are in the templates beside this file."""
+"""Report as one self-contained page, its numbers as CSV and its main ones as a LaTeX table.
+
+Sentences and layout are in the templates in this folder.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,11 @@ from conventions.names import counted, listed, printable
 from model.storage import harmless
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
-"""Between a number and what belongs to it."""
+"""Separator between a number and its unit."""
 MAX_SENTENCES = 200
-"""Most files that are told of one by one; the rest are counted."""
+"""Most excluded files that are listed; the rest are counted."""
 BALANCED_WITHIN = 0.05
-"""Sides this near to one half are called balanced."""
+"""Largest distance of a side's share from one half that is called balanced."""
 _COLUMNS_OF_PARTICIPANTS = ("started", "finished", "counts", "why", "answers", "skipped")
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
@@ -43,14 +45,14 @@ def page_of(
     results: Sequence[QuestionResult],
     results_with_all: Sequence[QuestionResult],
 ) -> str:
-    """The whole page; ``results_with_all`` are those with who was set aside, if anyone was."""
+    """Render the page; ``results_with_all`` include participants that were set aside, if any."""
     skipped = [pages for one in screened.kept if (pages := skipped_by(one))]
     return templates().get_template("report.html.j2").render(**locals())
 
 
 @functools.cache
 def templates() -> jinja2.Environment:
-    """Where anyone's text stays text, whatever letters it has."""
+    """Return the template environment, which escapes all values."""
     env = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -85,18 +87,18 @@ def percent(share: float) -> str:
 
 
 def percents(found: Number) -> str:
-    """Its interval."""
+    """Format the interval of a share in percent."""
     _, low, high = found.limits
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"
 
 
 def number(value: float, form: str = "z.2f") -> str:
-    """With a true minus sign."""
+    """Format a number with a typographic minus sign."""
     return f"{value:{form}}".replace("-", "\N{MINUS SIGN}")
 
 
 def limits(found: Number, form: str = "z.2f") -> str:
-    """Format an interval as "from to"; "unknown" where resamples cannot differ."""
+    """Format an interval as "from to", or "unknown" if it is infinite."""
     _, low, high = found.limits
     if not math.isfinite(high - low):
         return "unknown"
@@ -104,18 +106,18 @@ def limits(found: Number, form: str = "z.2f") -> str:
 
 
 def p_number(p: float) -> str:
-    """As papers print it: no leading zero, three decimals."""
+    """Format p without leading zero and with three decimals, as papers do."""
     return f"<{NO_BREAK}.001" if p < 0.0005 else f"{min(p, 1):.3f}".removeprefix("0")
 
 
 def p_value(p: float) -> str:
-    """The same with its letter."""
+    """Format p with its letter, for example "p = .012"."""
     shown = p_number(p)
     return f"p{NO_BREAK}{shown}" if shown.startswith("<") else f"p{NO_BREAK}={NO_BREAK}{shown}"
 
 
 def ahead(gap: Number, is_ranking: bool) -> Number:
-    """The difference of two means with the better system first and above 0."""
+    """Return the difference of two means as positive, with the better system first."""
     is_first = (gap.limits[0] > 0) != is_ranking
     one = gap if is_first else gap.from_the_other_side()
     value, low, high = one.limits
@@ -123,8 +125,10 @@ def ahead(gap: Number, is_ranking: bool) -> Number:
 
 
 def headline(result: QuestionResult) -> str:
-    """Say which system came out best and which differences are beyond chance, by the same
-    comparisons that are printed below."""
+    """Describe which system ranks first and which differences are significant.
+
+    It uses the comparisons that the report prints.
+    """
     name = f"{result.question.id}: "
     if matches := result.all("right_choices"):
         good = [str(one.first) for one in matches if one.beyond > 0]
@@ -144,7 +148,7 @@ def headline(result: QuestionResult) -> str:
     better = -1 if ranks else 1
 
     def lead(one: str, other: str) -> int:
-        """1 where the first is better beyond chance, -1 where it is worse."""
+        """Return 1 if the first system is significantly better, -1 if worse, else 0."""
         found = result.one(measure, one, other)
         return better * found.beyond if found else 0
 
@@ -175,12 +179,12 @@ def headline(result: QuestionResult) -> str:
 
 
 def _drawn(kind: str, name: str, description: str, *about: Any) -> Markup:
-    """One of the figures, inline."""
+    """Return a figure as inline SVG."""
     return Markup(figures.svg_of(getattr(figures, kind)(*about), name, description))
 
 
 def csv_of(results: Sequence[QuestionResult]) -> str:
-    """One row for each number; what a row does not have is empty. Shares are 0 to 1."""
+    """Format one row per number as CSV, with empty cells for missing values; shares are 0 to 1."""
     names = [field.name for field in fields(Number)]
     rows: list[Sequence[object]] = [("question", *names)]
     for result in results:
@@ -194,8 +198,7 @@ def csv_of(results: Sequence[QuestionResult]) -> str:
 
 
 def participants_csv(key: Key, screened: Screened) -> str:
-    """Format one row for each participant: whether they count, pages skipped, and the ids of the
-    panel that they came from."""
+    """Format one row per participant as CSV: inclusion, skipped pages and ids of the panel."""
     rows: list[Sequence[object]] = [
         ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
     ]
@@ -211,12 +214,12 @@ def participants_csv(key: Key, screened: Screened) -> str:
 
 
 def _digits(value: float) -> str | None:
-    """Six digits; None for the limits of an interval that is unknown."""
+    """Format a number with six digits; None for the limits of an unknown interval."""
     return f"{value:.6g}" if math.isfinite(value) else None
 
 
 def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
-    """Systems by questions: the numbers of the bar chart with their intervals (needs booktabs)."""
+    """Return a table of systems by questions with the bar chart's numbers (needs booktabs)."""
     captions = {
         "right_choices": "Right choices in per cent, ties half, 95 % intervals.",
         "first_places": "First places in per cent, 95 % intervals.",

@@ -1,1 +1,1 @@
-"""From answers to numbers: screening, votes and tests; may import `design`."""
+"""Statistics of answers: screening, votes, tests and models; may import `design`."""

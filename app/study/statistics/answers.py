@@ -1,4 +1,4 @@
-"""Answers of participants: read, checked against the key, doubles settled."""
+"""Answers of participants: read, checked against the key, and one file per participant selected."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from model.storage.checked import STRICT, FieldError, Text, checked, read_checke
 
 TIE = "tie"
 TRUTH_NAME = "truth.json"
-"""What a simulation writes beside its answers; passed over in folders."""
+"""Name of the parameters' file of a simulation, which is skipped in folders."""
 MAX_FILES = 10_000
 MAX_FILE_BYTES = 4 * 2**20
 MAX_ANSWERS = 10_000
@@ -47,21 +47,22 @@ class Answer:
     shown: Ids
     """Blind ids from left to right."""
     value: Any
-    """Blind id or `TIE`; blind ids, best first; or blind id -> rating; anything in checks."""
+    """Blind id or `TIE`; blind ids, best first; or ratings by blind id; anything in attention
+    checks."""
     reasons: Ids = ()
     ms: Count = 0
-    """Spent on the page of the trial."""
+    """Time on the trial's page (ms)."""
     watched: Count = 0
-    """Full watches of the least-watched video."""
+    """Number of complete plays of the least played video."""
     is_strong: bool = False
-    """Whether it was said to be clear, where that was asked."""
+    """True if the participant called the preference clear; false where that is no option."""
     skipped: Text | None = None
-    """Blind id of a video that the participant's browser could not play, for which the page was
-    skipped; the value is then none."""
+    """Blind id of a video that the browser could not play, so that the page was skipped without a
+    value."""
 
 
 def _listed(values: Any) -> tuple[Any, ...]:
-    """Answers, which are checked one by one."""
+    """Check that ``answers`` is a list within the limit; answers are checked one by one later."""
     if not isinstance(values, list | tuple) or len(values) > MAX_ANSWERS:
         raise ValueError(f"`answers` must be a list of at most {MAX_ANSWERS} answers")
     return tuple(values)
@@ -69,7 +70,7 @@ def _listed(values: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True, config=ConfigDict(strict=True, validate_by_name=True))
 class Participant:
-    """What one person sent."""
+    """Answers file of one participant."""
 
     study: Text
     id: Annotated[Text, Field(validation_alias="participant")]
@@ -79,11 +80,11 @@ class Participant:
     finished: Time | None = None
     headphones: Any = None
     link: Text | None = None
-    """Token of the link by which they came."""
+    """Token of the participant's link."""
     panel: Annotated[Mapping[PanelName, PanelValue], Field(max_length=MAX_PANEL_IDS)] = field(
         default_factory=dict
     )
-    """Ids of a panel that stood in the address, of those that the plan names."""
+    """Panel ids from the page's address; only those that the plan names."""
     format: Literal[1] = 1
     source: str = ""
     """Name of the file."""
@@ -91,14 +92,14 @@ class Participant:
 
 @dataclass(frozen=True)
 class Collected:
-    """All participants of a study, each once, and a sentence for everything left out."""
+    """Participants of a study, each once, and a sentence for everything left out."""
 
     participants: tuple[Participant, ...]
     left_out: tuple[str, ...]
 
 
 def collect(paths: Iterable[Path], key: Key) -> Collected:
-    """Read files and folders of answers; what cannot be used costs a sentence, not the rest.
+    """Read files and folders of answers; unusable ones only add a sentence to ``left_out``.
 
     Raises:
         RunError: if a path does not exist or there are too many files.
@@ -136,11 +137,10 @@ def _files(paths: Iterable[Path]) -> list[Path]:
 
 
 def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
-    """With those answers alone that fit the key, and why others were refused with how many there
-    were of each reason.
+    """Return the participant with the valid answers only, and counts of the others by reason.
 
     Raises:
-        FieldError: if nothing of it can be used.
+        FieldError: if nothing of the file can be used.
     """
     if sent.study != key.study:
         raise FieldError("it belongs to another study")
@@ -166,7 +166,7 @@ def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
 
 
 def _fault(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
-    """Why the answer cannot be one to the study's list."""
+    """Return why an answer is invalid for the participant's list; None if it is valid."""
     if answer.trial not in trials:
         return "its trial is not on the participant's list"
     trial = key.trials[answer.trial]
@@ -199,7 +199,7 @@ def _fault_of_value(answer: Answer, question: Question) -> str | None:
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a JSON number; true and false are none."""
+    """Check whether a value is a JSON number; true and false are not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -219,8 +219,12 @@ _STANDINGS = ("came by a signed link", "is finished", "is later", "is longer")
 def _each_once(
     participants: Sequence[Participant], key: Key
 ) -> tuple[list[Participant], list[str]]:
-    """Of files by one participant those that came by a link of the study, where it has links, of
-    those the finished one, of those the later one: anybody can write a name and a time."""
+    """Select one file per participant, and describe the others.
+
+    Files with a valid link are preferred, if the study has links, then finished ones, then later
+    ones:
+    anybody can write a name and a time.
+    """
 
     def standing(one: Participant) -> tuple[bool, bool, datetime, int]:
         is_signed = key.doubt_of_link(one.link, one.list_number) is None
@@ -249,7 +253,7 @@ def _each_once(
 
 
 def _is_part(participant: Participant, better: Participant) -> bool:
-    """Whether it was sent after some page of what was sent whole later."""
+    """Check whether an unfinished file is contained in a later one."""
     return participant.finished is None and set(_named(participant)) <= set(_named(better))
 
 

@@ -1,15 +1,15 @@
-"""What lies behind the answers: strengths after Bradley and Terry, means, and how far raters agree.
+"""Models of the answers: Bradley-Terry strengths, means, and agreement of raters.
 
 Strengths: Davidson (1970) for ties, Davidson and Beaver (1977) for the advantage of one side: with
 ``x`` the log-strength of the left minus that of the right plus the advantage of the left, the
 outcomes left, tie and right are as likely as ``exp(x / 2) : tie : exp(-x / 2)``. That is a
 multinomial logit, linear in log-strengths, advantage and ``log(tie)``: the log-likelihood is
 concave, and Newton's method finds its one maximum. The prior, a normal with mean 0 and standard
-deviation `PRIOR_SD` on each of them, keeps a system that won everything finite; beside some hundred
-votes it is not felt.
+deviation `PRIOR_SD` on each of them, keeps the strength of a system that won everything finite;
+with some hundred votes its effect is negligible.
 
 Means: the participant is the unit; their answers over clips are averaged first, because they are
-alike. Intervals draw participants anew.
+correlated. Intervals resample participants.
 """
 
 from __future__ import annotations
@@ -28,33 +28,34 @@ from scipy import sparse, stats
 from app.study.statistics.shares import CONFIDENCE, Limits, Number, with_holm
 
 PRIOR_SD = 2.0
-"""In natural-log units: a strength ratio of exp(2 * 2) = 55 is still plausible before any vote."""
+"""Prior standard deviation (natural log): a strength ratio of exp(2 * 2) = 55 is still plausible.
+"""
 RESAMPLES = 2000
 SEED = 0
-"""Fixed, so that the same answers give the same report."""
+"""Fixed seed, so that the same answers give the same report."""
 ELO_MEAN, ELO_SCALE = 1000.0, 400.0
-"""Whose rating is so much higher is expected to win ten times of eleven."""
+"""Mean Elo rating, and the difference at which a system is expected to win ten times of eleven."""
 _MAX_ITERATIONS = 200
 _LONGEST_STEP = 2.0
 _TOLERANCE = 1e-9
 _LEAST_SPREAD = 1e-6
-"""Resamples that differ by less are equal; Newton's method leaves differences of 1e-9."""
+"""Difference below which resamples are equal; Newton's method leaves differences of 1e-9."""
 ALPHA_DRAWS = 500
-"""Resamples of what was judged, for the interval of Krippendorff's alpha."""
+"""Number of resamples of judged items for the interval of Krippendorff's alpha."""
 
 
 def participant_weights(count: int) -> Float[np.ndarray, "B R"]:
-    """How often each participant is drawn in each resample."""
+    """Return how often each of ``count`` participants is drawn in each resample."""
     rng = np.random.default_rng(SEED)
     return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
 
 
 def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np.ndarray, "C 2"]:
-    """Lower and upper limits from estimates of resamples of ``count`` participants.
+    """Compute lower and upper limits from estimates of resamples of ``count`` participants.
 
     Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know
-    about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by what
-    the normal quantile falls short of Student's.
+    about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by the
+    difference of the normal quantile and Student's.
 
     Returns:
         Infinite limits where resamples cannot differ (one participant, or all with the same
@@ -70,15 +71,19 @@ def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np
 
 
 def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
-    """Of the mean of each column over participants."""
+    """Compute the limits of the mean of each column over participants."""
     drawn = participant_weights(len(values)) @ values / len(values)
     return [(float(low), float(high)) for low, high in percentile_limits(drawn, len(values))]
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The most likely parameters (P): log-strengths that sum to 0, then the advantage of the left
-    if sides are seen, then log(tie) if there are ties; and those of resamples."""
+    """Fitted parameters (P) and those of resamples.
+
+    Log-strengths that sum to 0, then the advantage of the left if votes have sides, then log(tie)
+    if
+    there are ties.
+    """
 
     best: Float[np.ndarray, " P"]
     samples: Float[np.ndarray, "B P"]
@@ -86,7 +91,7 @@ class Fit:
     has_ties: bool
 
     def number(self, measure: str, weights: dict[int, float], *names: str) -> Number:
-        """A sum of parameters, with its interval."""
+        """Return a weighted sum of parameters with its interval."""
         each = np.zeros(len(self.best))
         each[list(weights)] = list(weights.values())
         ((low, high),) = percentile_limits((self.samples @ each)[:, None], self.num_raters)
@@ -96,10 +101,11 @@ class Fit:
 def fit_strengths(
     votes: pd.DataFrame, systems: Sequence[str], has_sides: bool, splits_ties: bool = False
 ) -> Fit:
-    """
+    """Fit log-strengths to votes.
+
     Args:
-        has_sides: whether left and right were seen as such (not in votes that rankings imply).
-        splits_ties: whether a tie is half a win for each, as for Elo ratings.
+        has_sides: true if videos were shown left and right (not in votes implied by rankings).
+        splits_ties: true to count a tie as half a win for each, as for Elo ratings.
     """
     sides = np.stack(
         [pd.Index(systems).get_indexer(votes[side].to_list()) for side in ("left", "right")]
@@ -135,7 +141,7 @@ def _maximum(
     counts: Float[np.ndarray, "B M O"],
     start: Float[np.ndarray, " P"],
 ) -> Float[np.ndarray, "B P"]:
-    """The most likely parameters of B tables of counts at once, by Newton's method."""
+    """Compute the maximum-likelihood parameters of B tables of counts by Newton's method."""
     beta = np.tile(start, (len(counts), 1))
     votes = counts.sum(2)
     squares = np.einsum("mop,moq->mopq", design, design)
@@ -160,7 +166,7 @@ def _maximum(
 
 
 def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: bool) -> list[Number]:
-    """Log-strengths, their differences, what ties and the left side do, and Elo ratings."""
+    """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
     fit = fit_strengths(votes, systems, has_sides)
     found = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
     found += [
@@ -174,8 +180,10 @@ def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: boo
 
 
 def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[Number]:
-    """Ratings as leaderboards print them: of the same model with ties as half a win for each and
-    without sides, clear preferences counted twice."""
+    """Compute Elo ratings as on leaderboards: a tie is half a win for each, sides are ignored.
+
+    Clear preferences count twice.
+    """
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
     found = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
@@ -185,8 +193,12 @@ def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[Number]:
 def mean_numbers(
     values: pd.DataFrame, systems: Sequence[str], measure: str
 ) -> tuple[int, list[Number]]:
-    """How many judged every system, and means, differences and tests (Friedman's and, for pairs,
-    Wilcoxon's signed-rank test over participants); nothing if nobody did."""
+    """Compute means, differences and tests over the participants that judged every system.
+
+    Tests are Friedman's and, for pairs, Wilcoxon's signed-rank test. Also returns the number of
+    these
+    participants; no numbers if it is 0.
+    """
     table = values.pivot_table(index="rater", columns="system", values="value", aggfunc="mean")
     means = table.reindex(columns=list(systems)).dropna().to_numpy()  # (R, K)
     if not len(means):
@@ -215,7 +227,7 @@ def _paired_p(gap: Float[np.ndarray, " R"]) -> float:
 
 
 def _friedman_p(means: Float[np.ndarray, "R K"]) -> float | None:
-    """That all systems are alike; None with fewer than 3 systems or 2 participants."""
+    """Compute p that all systems are equal; None with fewer than 3 systems or 2 participants."""
     if means.shape[1] < 3 or len(means) < 2:
         return None
     rounded = np.round(means, 9)
@@ -228,23 +240,23 @@ Level = Literal["nominal", "ordinal", "interval"]
 
 
 def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float | None:
-    """Compute alpha from coincidences (Krippendorff 2011, "Computing Krippendorff's
-    Alpha-Reliability").
+    """Compute Krippendorff's alpha from coincidences.
+
+    Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability".
 
     Args:
-        units: for each thing judged the values it got, in any order; raters may be missing.
-        level: what the values are: names, an order, or numbers.
+        units: values of each judged item, in any order; raters may be missing.
+        level: level of measurement of the values: names, an order, or numbers.
 
     Returns:
-        None if no unit has two values, or all values are the same: then there is nothing to agree
-        on.
+        None if no unit has two values, or all values are the same, so that alpha is undefined.
     """
     values, by_unit = _coincidences(units)
     return _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
 
 
 def alpha_number(units: Iterable[Sequence[float]], level: Level) -> Number:
-    """Compute alpha with its interval for other things of the same kind, which are drawn anew."""
+    """Compute alpha with its interval over resampled items."""
     values, by_unit = _coincidences(units)
     count = by_unit.shape[0]
     measure = f"krippendorff_alpha_{level}"
@@ -262,7 +274,7 @@ def alpha_number(units: Iterable[Sequence[float]], level: Level) -> Number:
 def _coincidences(
     units: Iterable[Sequence[float]],
 ) -> tuple[Float[np.ndarray, " V"], Any]:
-    """Find the different values, and how often two coincide in each unit (sparse, U x V * V)."""
+    """Return the distinct values (V), and their coincidences per unit (sparse, U x V * V)."""
     pairable = [np.asarray(unit, dtype=float) for unit in units if len(unit) >= 2]
     if not pairable:
         return np.empty(0), sparse.csr_matrix((0, 0))

@@ -1,5 +1,4 @@
-"""All numbers of a study, from the participants who count, with measured jitter where it is given,
-and how balanced it came out."""
+"""Results of a study from the included participants, with measured jitter and balance."""
 
 from __future__ import annotations
 
@@ -42,35 +41,35 @@ from app.study.statistics.votes import (
 from conventions.names import REFERENCE_NAME
 
 JERK = "tip_jerk_m_s3"
-"""Mean jerk of the fingertip in m/s³, of the motion as it stands in the file ("raw")."""
+"""Mean jerk of the fingertip in m/s³, of the unfiltered motion ("raw")."""
 Jitter = Mapping[tuple[str, str], float]
-"""(clip, system) -> `JERK`."""
+"""Value of `JERK` by (clip, system)."""
 
 
 @dataclass(frozen=True)
 class QuestionResult:
-    """Everything about one question."""
+    """Results of one question."""
 
     question: Question
     num_answers: int
     numbers: tuple[Number, ...]
-    """As ``results.csv`` has them; what the protocol does not have is not there."""
+    """Numbers as in ``results.csv``; those that the protocol does not have are missing."""
     level: Level
-    """Of Krippendorff's alpha."""
+    """Level of measurement for Krippendorff's alpha."""
     num_units: int
-    """Things judged by two raters or more."""
+    """Number of items judged by two raters or more."""
     num_raters: int
     num_of_means: int
-    """Raters who judged every system."""
+    """Number of raters that judged every system."""
     comparisons: int
     share_strictest: float | None
-    """What the sign test sees at Holm's first step over all comparisons."""
+    """Smallest share that the sign test detects at Holm's first step over all comparisons."""
 
     def all(self, measure: str) -> list[Number]:
         return [number for number in self.numbers if number.measure == measure]
 
     def one(self, measure: str, first: str | None = None, second: str | None = None) -> Any:
-        """The `Number` of that measure and these systems, from either side, or None."""
+        """Return the `Number` of a measure and systems, from either side, or None."""
         names = {first, second}
         for number in self.all(measure):
             if first is None or {number.first, number.second} == names:
@@ -83,13 +82,13 @@ class QuestionResult:
 
     @property
     def compared(self) -> list[Number]:
-        """What systems are compared by in the first place."""
+        """Main comparisons of systems."""
         kinds = ("mean_rank", "mean_rating", "share", "right_choices")
         return next((found for kind in kinds if (found := self.all(kind))), [])
 
     @property
     def ends(self) -> str:
-        """The measure of each system that the bars show."""
+        """Name of the measure of each system that the bars show."""
         kinds = ("right_choices", "first_places", "share_of_all_votes", "mean_rating")
         return next((kind for kind in kinds if self.all(kind)), kinds[-1])
 
@@ -97,7 +96,7 @@ class QuestionResult:
 def analyse_participants(
     participants: Sequence[Participant], key: Key, jitter: Jitter | None = None
 ) -> list[QuestionResult]:
-    """Results of every question that was answered."""
+    """Compute the results of every question with answers."""
     results = [_result(participants, key, question, jitter) for question in key.questions]
     return [result for result in results if result is not None]
 
@@ -168,8 +167,9 @@ def _result(
 
 
 def read_jitter(folder: Path, key: Key) -> Jitter:
-    """`JERK` from ``folder``/CLIP/diagnostics.json, by the names of systems; that of the measured
-    recording by `REFERENCE_NAME`.
+    """Read `JERK` from ``folder``/CLIP/diagnostics.json by system.
+
+    The recording's value has the name `REFERENCE_NAME`.
 
     Raises:
         RunError: if there is no file for any clip, or one is damaged.
@@ -196,8 +196,10 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
 
 
 def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
-    """Whether the smoother of two videos is preferred, where the reason was smoothness and where
-    not; nothing of what is not measured."""
+    """Compute how often the smoother video is preferred, with and without smoothness as a reason.
+
+    Votes without measured jerk are left out.
+    """
     jerk = {
         side: pd.Series(
             [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
@@ -219,20 +221,23 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
 
 @dataclass(frozen=True)
 class BalanceReached:
-    """How balanced the answers that count came out, attention checks aside."""
+    """Balance of the included answers without attention checks."""
 
     systems: pd.DataFrame
-    """By system ``first``, the share of its showings in which it stood first (leftmost; in matched
-    trials every video is of one system, and this says nothing), and ``place``, the mean place of
-    its trials on the list, 0 = first trial, 1 = last; even is 0.5."""
+    """Columns by system: ``first``, share of its showings as the first video (leftmost; meaningless
+    in
+    matched trials, where every video is of one system), and ``place``, mean position of its trials
+    on
+    the list, 0 = first trial, 1 = last; 0.5 is balanced.
+    """
     lists_used: int
     lists_planned: int
     most_of_one_list: int
-    """Participants on the list that most worked on."""
+    """Most participants on one list."""
 
 
 def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceReached:
-    """Counted over the answers that count."""
+    """Measure the balance of the included answers."""
     rows = []
     for participant in participants:
         trials = key.lists[participant.list_number]

@@ -1,6 +1,7 @@
-"""Whose answers count: finished, attentive by the key's rule, and such as the page can have sent.
+"""Inclusion of participants: finished, attentive by the key's rule, and with plausible answers.
 
-Nothing here proves a forgery, and a careful one passes. So results are shown with and without.
+Nothing here proves a forgery, and a careful one passes, so results are shown with and without
+the doubtful.
 """
 
 from __future__ import annotations
@@ -14,23 +15,25 @@ from app.study.statistics.answers import TIE, Answer, Participant, is_number
 from conventions.names import counted, listed
 
 SHORTEST_VIDEO_S = 0.5
-"""Where the key does not say how long the videos are."""
+"""Shortest video (s), used if the key does not have their duration."""
 TOLERANCE = 0.9
-"""Of times: clocks of browsers are coarse."""
+"""Factor on minimum times, as browsers' clocks are coarse."""
 HASTY_SHARE = 0.1
-"""Of trials answered sooner than their videos last, which a reload at a bad moment may cause."""
+"""Share of trials that may be answered before their videos end, as after a reload."""
 ALIKE_FROM = 10
-"""So many answers on the same place, with evidence of not looking beside them, are no judgement:
-sides are balanced on every list. A tie stands on no place."""
+"""Fewest answers at the same position that, with other evidence of inattention, are implausible:
+sides are balanced on every list. Ties have no position.
+"""
 COPY_FROM = 5
-"""As many answers with equal times to the millisecond are one person's, or a program's."""
+"""Fewest answers with times equal to the millisecond that count as a copy of another file."""
 SLIDER_TOLERANCE = 5
-"""How far from the number asked for a slider may stand: a thumb on a phone covers as much."""
+"""Largest distance of a slider from an attention check's number: a thumb on a phone covers as much.
+"""
 
 
 @dataclass(frozen=True)
 class Dropped:
-    """A participant whose answers do not count, and why as the end of a sentence."""
+    """Excluded participant, and the reason as the end of a sentence."""
 
     participant: Participant
     why: str
@@ -38,21 +41,22 @@ class Dropped:
 
 @dataclass(frozen=True)
 class Screened:
-    """Participants who count and those who do not."""
+    """Included and excluded participants."""
 
     kept: tuple[Participant, ...]
     dropped: tuple[Dropped, ...] = ()
     set_aside: tuple[Dropped, ...] = ()
-    """Finished and attentive, but not by a link of theirs, where the study has links, or not as
-    anyone answers."""
+    """Finished and attentive participants without a valid link, if the study has links, or with
+    implausible answers.
+    """
 
 
 def screen(participants: Iterable[Participant], key: Key) -> Screened:
-    """Keep who finished, failed at most `Key.max_failed` attention checks and is plausible.
+    """Include participants that finished, failed at most `Key.max_failed` checks and are plausible.
 
-    A half-finished list unbalances order and sides, and whoever leaves early may leave because of
-    what was seen; so the half-finished are listed, not mixed in. A check that a finished
-    participant did not answer is failed.
+    An unfinished list unbalances order and sides, and participants may leave because of what was
+    shown;
+    so they are listed, not mixed in. A check that a finished participant did not answer is failed.
     """
     kept: list[Participant] = []
     dropped: list[Dropped] = []
@@ -77,7 +81,7 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
 
 
 def failed_checks(participant: Participant, key: Key) -> int:
-    """How many attention checks of the participant's list were not answered as asked."""
+    """Count the failed attention checks of the participant's list; no answer is a failure."""
     given = {answer.trial: answer.value for answer in participant.answers}
     checks = {trial: key.trials[trial].expected for trial in key.lists[participant.list_number]}
     return sum(
@@ -95,8 +99,11 @@ def _is_as_asked(value: object, expected: Expected, key: Key) -> bool:
 
 
 def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
-    """By participant why they did not come by a link of their own. Of several by one link with
-    other answers none counts: whoever has it can write any time."""
+    """Return by participant why the link is not valid.
+
+    If a link was used several times with different answers, none counts: its owner can write any
+    time.
+    """
     found: dict[str, str] = {}
     used: dict[str, list[Participant]] = defaultdict(list)
     for one in participants:
@@ -113,8 +120,10 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
 
 
 def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
-    """Return by participant why they took part before: of several with the same id of a panel, the
-    first that the plan names, the one counts that finished first."""
+    """Return by participant why they are a repetition of another one.
+
+    Of several with the same panel id, the first that the plan names, the one finished first counts.
+    """
     found: dict[str, str] = {}
     first: dict[str, Participant] = {}
     own = key.panel_ids[0] if key.panel_ids else ""
@@ -127,7 +136,7 @@ def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, st
 
 
 def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
-    """By participant why their answers are not such as anyone gives; nothing for the others."""
+    """Return by participant why the answers are implausible; no entry for the others."""
     found = {}
     seen: dict[tuple, str] = {}
     for one in participants:
@@ -174,7 +183,7 @@ def _doubt(participant: Participant, key: Key) -> str | None:
 
 
 def _place(answer: Answer) -> object:
-    """Return the answer by where it stood on the screen; None for a tie, which stands nowhere."""
+    """Return the answer as a position on the screen; None for a tie, which has no position."""
     if isinstance(answer.value, dict):
         ratings = [answer.value.get(video) for video in answer.shown]
         return tuple(ratings) if len(set(ratings)) > 1 else None

@@ -1,12 +1,12 @@
-"""How often one thing is preferred to another: share, interval, test, power.
+"""Preference shares: estimate, interval, test and power.
 
-Votes of one participant are alike, so a vote is not the unit that chance acts on; a participant is.
+Votes of one participant are correlated, so the participant is the unit of chance, not the vote.
 
 - Share: of all votes, a tie counted as half a vote for each. Ties are votes (the participant looked
   and saw no difference); leaving them out would make a rare preference look strong.
 - Interval: Clopper-Pearson at the effective number of votes (Korn and Graubard 1998, as the U.S.
-  National Center for Health Statistics uses it for clustered samples). It speaks of other
-  participants who watch the same clips; that over clips of other clips, too.
+  National Center for Health Statistics uses it for clustered samples). It generalises to other
+  participants who watch the same clips; the interval over clips to other clips, too.
 - Test: exact binomial (sign) test over participants, each counted once for the side that got more
   of their votes. It is exact whatever the dependence within a participant. Barnard's test is for
   two independent groups, and here everybody judges everything.
@@ -23,7 +23,7 @@ from scipy import optimize, stats
 
 CONFIDENCE = 0.95
 MIN_CLIPS = 6
-"""Fewer clips do not tell how much clips differ."""
+"""Fewest clips for an interval over clips."""
 ALPHA = 0.05
 POWER = 0.8
 
@@ -43,13 +43,13 @@ class Number:
     high: float | None = None
     p: float | None = None
     p_holm: float | None = None
-    """Adjusted over the comparisons of the question."""
+    """P value adjusted over the comparisons of the question."""
     wins: int = 0
-    """Of the first; written where there are votes."""
+    """Votes for the first; of use only for measures of votes."""
     ties: int = 0
     losses: int = 0
     participants_for: int = 0
-    """With more votes for the first."""
+    """Participants with more votes for the first."""
     participants_against: int = 0
 
     @property
@@ -58,23 +58,28 @@ class Number:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the test is, after Holm's correction where there is one."""
+        """True if p is below `ALPHA`, after Holm's correction where it applies."""
         p = self.p if self.p_holm is None else self.p_holm
         return p is not None and p < ALPHA
 
     @property
     def side(self) -> int:
-        """1 where the interval, as it is printed, lies above what chance gives (one half of votes,
-        no difference), -1 where it lies below, else 0."""
+        """Side of chance (half of the votes, no difference) on which the printed interval lies.
+
+        1 above, -1 below, else 0.
+        """
         _, low, high = self.limits
         # Printed with two digits: in per cent without decimals, differences with two.
         return int(round(low, 2) > self._chance) - int(round(high, 2) < self._chance)
 
     @property
     def beyond(self) -> int:
-        """1 where test and interval both say that the first is preferred beyond chance, -1 for the
-        second, else 0. Of votes more participants lean to that side, too; an interval that is
-        unknown, as all answered alike, leaves it to the test."""
+        """Side that is significantly preferred: 1 the first, -1 the second, else 0.
+
+        Test and interval must agree; with votes, more participants must also lean to that side. If
+        the
+        interval is unknown, as all answered alike, the test decides.
+        """
         value, low, high = self.limits
         is_known = np.isfinite(high - low)
         side = self.side if is_known else int(np.sign(value - self._chance))
@@ -87,7 +92,7 @@ class Number:
 
     @property
     def limits(self) -> tuple[float, float, float]:
-        """Value, low and high, where there are such."""
+        """Value, low and high; all must be known."""
         assert self.value is not None and self.low is not None and self.high is not None
         return self.value, self.low, self.high
 
@@ -96,7 +101,7 @@ class Number:
         return replace(self, value=value + by, low=low + by, high=high + by)
 
     def from_the_other_side(self) -> Number:
-        """The same share seen from the second, or the same difference."""
+        """Return the same share from the second's side, or the negated difference."""
         whole = 1.0 if self.votes else 0.0
         value, low, high = self.limits
         return replace(
@@ -120,9 +125,10 @@ def share_numbers(
     second: str | None = None,
     is_tested: bool = True,
 ) -> list[Number]:
-    """Share, interval and test of ``score``, and the share with the two other intervals: also over
-    clips, from `MIN_CLIPS` on, and plain Clopper-Pearson of decided votes as if all were
-    independent, only to compare with papers that print it. Nothing without votes.
+    """Compute share, interval and test of ``score``, and the share with two other intervals.
+
+    The others are over clips too, from `MIN_CLIPS` on, and the plain Clopper-Pearson interval of
+    decided votes as if independent, only to compare with papers that print it. Empty without votes.
     """
     if not len(votes):
         return []
@@ -148,14 +154,14 @@ def share_numbers(
 
 
 def with_holm(numbers: Sequence[Number]) -> list[Number]:
-    """With p adjusted over all that have votes and a p."""
+    """Add p values adjusted over all numbers with a p value."""
     tested = [number for number in numbers if number.p is not None]
     adjusted = dict(zip(map(id, tested), holm([one.p for one in tested]), strict=True))  # type: ignore[misc]
     return [replace(one, p_holm=adjusted.get(id(one))) for one in numbers]
 
 
 def clopper_pearson(successes: float, trials: float) -> Limits:
-    """Exact binomial limits (Clopper and Pearson 1934); both numbers may be fractions."""
+    """Compute exact binomial limits (Clopper and Pearson 1934); both numbers may be fractions."""
     tail = (1 - CONFIDENCE) / 2
     failures = trials - successes
     low = stats.beta.ppf(tail, successes, failures + 1) if successes > 0 else 0.0
@@ -164,12 +170,12 @@ def clopper_pearson(successes: float, trials: float) -> Limits:
 
 
 def sign_test(more: int, fewer: int) -> float:
-    """Exact two-sided p that as many would differ by chance; 1 if nobody decided."""
+    """Compute the exact two-sided p of a sign test; 1 without decided participants."""
     return float(stats.binomtest(more, more + fewer).pvalue) if more + fewer else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down adjusted p (1979), in the order given."""
+    """Compute Holm's step-down adjusted p values (1979), in the order of the input."""
     adjusted = [0.0] * len(p_values)
     highest = 0.0
     for rank, index in enumerate(np.argsort(p_values, kind="stable")):
@@ -181,15 +187,16 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def effective_votes(
     votes: pd.DataFrame, variance: float | None = None, freedom: float | None = None
 ) -> float:
-    """Number of independent yes/no votes that would tell as much (Korn and Graubard 1998).
+    """Compute the number of independent yes/no votes with the same information.
 
-    The ratio of t quantiles widens for a variance that few clusters estimate. There are never more
-    than if all votes were independent: a smaller variance is nearly always luck. Where all votes
-    are the same, or one participant gave them all, nothing is known of how they vary, and each
-    participant counts as one vote.
+    Korn and Graubard 1998. The ratio of t quantiles widens for a variance that few clusters
+    estimate.
+    The result never exceeds the number if all votes were independent: a smaller variance is nearly
+    always luck. Where all votes are the same, or one participant gave them all, their variance is
+    unknown, and each participant counts as one vote.
 
     Args:
-        variance: of the share; by default that between participants, with its ``freedom``.
+        variance: variance of the share; by default that between participants, with its ``freedom``.
     """
     score, num_raters = votes.score, votes.rater.nunique()
     of_one, share = float(score.var(ddof=0)), float(score.mean())
@@ -206,7 +213,7 @@ def effective_votes(
 
 
 def _cluster_variance(votes: pd.DataFrame, by: list[str]) -> float:
-    """Variance of the share when whole clusters are drawn (ratio estimator, linearised)."""
+    """Compute the share's variance over clusters (ratio estimator, linearised)."""
     apart = votes.score - votes.score.mean()
     sums = apart.groupby([votes[name] for name in by]).sum()
     count = len(sums)
@@ -214,9 +221,10 @@ def _cluster_variance(votes: pd.DataFrame, by: list[str]) -> float:
 
 
 def _effective_over_clips(votes: pd.DataFrame) -> float | None:
-    """Participants and clips both drawn anew: two-way clustered variance (Cameron et al. 2011).
+    """Compute effective votes with participants and clips resampled; None for too few.
 
-    The few clips only weaken the part of the variance that they add (Satterthwaite 1946).
+    Two-way clustered variance (Cameron et al. 2011). The few clips only weaken the part of the
+    variance that they add (Satterthwaite 1946).
     """
     num_clips, num_raters = len(votes["clip"].unique()), len(votes.rater.unique())
     if num_clips < MIN_CLIPS or num_raters < 2:
@@ -231,7 +239,7 @@ def _effective_over_clips(votes: pd.DataFrame) -> float | None:
 
 
 def smallest_share_detected(count: int, alpha: float = ALPHA) -> float | None:
-    """The share that so many independent yes/no votes tell from one half with `POWER`.
+    """Compute the smallest share that ``count`` independent votes distinguish from 1/2 at `POWER`.
 
     Exact: the rejection region of the two-sided binomial test at ``alpha``.
 

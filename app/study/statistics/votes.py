@@ -1,6 +1,8 @@
-"""Answers as tables: comparisons of two, ranks and ratings, with who gave them; and comparisons in
-the form of the GENEA leaderboard's published analysis
-(github.com/genea-workshop/leaderboard-statistical-analysis), out and in."""
+"""Answers as tables: pairwise votes, ranks and ratings by rater; and tables of battles.
+
+Battles have the format of the GENEA leaderboard's published analysis
+(github.com/genea-workshop/leaderboard-statistical-analysis) and are written and read.
+"""
 
 from __future__ import annotations
 
@@ -17,28 +19,31 @@ from app.study.design.key import AttentionRule, Key, Question, Trial, Video
 from app.study.statistics.answers import TIE, Answer, Participant
 
 MISMATCHED = "_Mismatched"
-"""Behind the name of a system under another clip's speech."""
+"""Suffix of a system's name under another clip's speech."""
 SMOOTHNESS = "smoothness"
-"""The reason that measured jitter is joined with."""
+"""Id of the reason that measured jitter is compared with."""
 VOTES = ("rater", "trial", "clip", "left", "right", "score", "is_smooth", "weight")
-"""Columns of comparisons: index of the participant, trial (one clip from one view), clip, both
-names, 1 where the left one was preferred, 0 where the right one, 0.5 for a tie; whether smoothness
-was among the reasons; 2 where the preference was said to be clear, else 1. Votes that a ranking
-implies have no sides: the left one is that named first in the study."""
+"""Columns of votes: rater (index of the participant), trial (one clip from one view), clip, both
+names, score (1 if the left was preferred, 0 if the right, 0.5 for a tie), whether smoothness was a
+reason, and weight (2 for a clear preference, else 1). In votes implied by a ranking the left system
+is the first in the study.
+"""
 VALUES = ("rater", "trial", "clip", "system", "value")
-"""Columns of ranks (1 = best) and ratings, a row for each video."""
+"""Columns of ranks (1 = best) and ratings, one row per video."""
 BATTLES = (
     *("user", "input_code", "model_a", "model_b", "winner", "is_strong"),
     *("juiceOptions", "juiceOtherReason"),
 )
 _JUICE = {SMOOTHNESS: "MotionSmoothness", "amount": "AmountIntensityOfMotion"}
-"""Reasons that the leaderboard asks for as well, by its names."""
+"""Leaderboard's names of reasons that it has as well."""
 _MAX_BATTLES = 1_000_000
 
 
 def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
-    """Comparisons of two different systems, those asked for and those that rankings imply, or of a
-    system's motion under its own and another's speech."""
+    """Return all votes between two systems, or between matched and mismatched speech of one.
+
+    Rankings imply a vote for each pair.
+    """
     rows = []
     for *about, answer in _judged(participants, key, question):
         names = [_name(key, video) for video in answer.shown]
@@ -57,7 +62,7 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
 
 
 def values_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
-    """Places in rankings, or slider positions, 0 to 100."""
+    """Return ranks (1 = best), or slider values from 0 to 100."""
     rows = []
     for *about, answer in _judged(participants, key, question):
         value = answer.value
@@ -80,14 +85,14 @@ def _judged(
 
 
 def _name(key: Key, video: str) -> str:
-    """In matched studies with which speech is heard."""
+    """Return the system's name, in matched studies with `MISMATCHED` for other speech."""
     found = key.videos[video]
     is_other = key.protocol == "matched" and not found.is_matched
     return found.system + MISMATCHED if is_other else found.system
 
 
 def turned(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
-    """Left and right exchanged in some rows."""
+    """Swap left and right in the rows of a mask."""
     return votes.assign(
         left=votes.left.where(~rows, votes.right),
         right=votes.right.where(~rows, votes.left),
@@ -96,25 +101,25 @@ def turned(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
 
 
 def of(votes: pd.DataFrame, name: str) -> pd.DataFrame:
-    """The rows that show it, turned so that it is on the left."""
+    """Return the votes on a system, swapped so that it is on the left."""
     rows = pd.DataFrame(votes[(votes.left == name) | (votes.right == name)])
     return turned(rows, rows.left != name)
 
 
 def between(votes: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
-    """The rows that compare the two, turned so that ``first`` is on the left."""
+    """Return the votes between two systems, swapped so that ``first`` is on the left."""
     rows = of(votes, first)
     return pd.DataFrame(rows[rows.right == second])
 
 
 def first_places(values: pd.DataFrame, system: str) -> pd.DataFrame:
-    """Whether it was ranked first, as votes for it against all others."""
+    """Return first ranks of a system as votes (1 or 0) for it against all others."""
     rows = values[values.system == system]
     return rows.assign(score=(rows.value == 1).astype(float))
 
 
 def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
-    """All choices between two videos, sorted as the leaderboard sorts them."""
+    """Return all choices between two videos as battles, sorted as by the leaderboard."""
     rows = []
     for question in key.questions:
         for rater, _, clip, answer in _judged(participants, key, question.id):
@@ -131,11 +136,12 @@ def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
 
 
 def read_battles(path: Path) -> tuple[Key, list[Participant]]:
-    """A table of battles as a study and those who took part; after ``winner`` columns may be
-    missing.
+    """Read a table of battles as a study and its participants.
+
+    Columns after ``winner`` may be missing.
 
     Raises:
-        RunError: if it is none.
+        RunError: if the file is no table of battles.
     """
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, nrows=_MAX_BATTLES)
