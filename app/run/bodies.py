@@ -1,4 +1,4 @@
-"""Motions as bodies are posed by them, laid onto each other; and the point that is followed: a
+"""Conversion of motions for the renderer, their alignment to the origin, and the tracked point: a
 fingertip, rigid or a vertex of a licensed body, or any joint."""
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from renderer.body.body import Body, BodyMotion
 
 
 def body_motion(motion) -> BodyMotion:
-    """A `model.motion.motion.Motion` for the renderer, which does not know the model's types."""
+    """Convert a `model.motion.motion.Motion` for the renderer, which does not import the model."""
     return BodyMotion(
         poses=motion.poses,
         trans=motion.trans,
@@ -36,14 +36,14 @@ def body_motion(motion) -> BodyMotion:
 
 
 SOLE_M = 0.05
-"""Of the foot joint over the floor; that of recorded clips."""
+"""Height of the foot joint above the floor (m), as in recorded clips."""
 
 
 def in_register(motion: Motion) -> Motion:
-    """The same motion, moved and turned about the vertical as a whole: the pelvis is over the
-    origin in the median, the lower foot on the floor, and the hips face z on average.
+    """Align a motion to the origin, with a rotation about the vertical and a translation.
 
-    All bodies are of one size here, whoever moves them.
+    The hips face +z on average, the median pelvis is above the origin and the lower foot is on the
+    floor. All motions use the same skeleton here.
     """
     register = register_of(motion)
     turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
@@ -58,14 +58,15 @@ def in_register(motion: Motion) -> Motion:
 
 @dataclass(frozen=True)
 class Register:
-    """How a motion is laid onto the others: turned about the world's vertical, then shifted."""
+    """Root transform that aligns a motion: a rotation about the world's vertical, then a
+    translation."""
 
     turn_rad: float
     shift_m: tuple[float, float, float]
 
 
 def register_of(motion: Motion) -> Register:
-    """What `in_register` does to a motion."""
+    """Compute the root transform that `in_register` applies."""
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
@@ -78,12 +79,11 @@ def register_of(motion: Motion) -> Register:
 
 
 MAX_FRAMES = 10_800
-"""Of all videos of a run together: six of one minute."""
+"""Maximum number of frames of all videos of a run together: six of one minute."""
 
 
 def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], tuple[str, ...]]:
-    """The motions in register, cut to what can be drawn in reasonable time; and what the person
-    should know of that."""
+    """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
     told = f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
@@ -95,21 +95,21 @@ def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], t
 
 
 _PIECE_FRAMES = 4096
-"""The tracks of all joints over an hour would take 0.6 GB at once."""
+"""Chunk length in frames; the tracks of all joints over an hour would take 0.6 GB at once."""
 
 
 @dataclass(frozen=True)
 class TipSource:
-    """How the point that the figure and the diagnostics follow is found.
+    """Source of the tracked point's positions for figures and metrics.
 
     Raises:
-        RunError: if there is no such point, with the points there are.
+        RunError: if there is no such point, with the names of all points.
     """
 
     point: str = DEFAULT_TRACKED_POINT
-    """A fingertip or a joint of SMPL-X."""
+    """Name of a fingertip or of a joint of SMPL-X."""
     body: Body | None = None
-    """A licensed one, whose vertices and joints are followed; else those of the open skeleton."""
+    """Licensed body whose vertices and joints are tracked; None is the open skeleton."""
     _known: WeakKeyDictionary[Motion, np.ndarray] = field(
         default_factory=WeakKeyDictionary, repr=False, compare=False
     )
@@ -124,7 +124,7 @@ class TipSource:
 
     @property
     def name(self) -> str:
-        """As `diagnostics.json` tells it."""
+        """Name of the source as in `diagnostics.json`."""
         if self.point in JOINT_INDEX:
             return "joint" if self.body is None else "joint of the body"
         return "rigid" if self.body is None else f"vertex {TIP_VERTICES[self.point]}"
@@ -140,12 +140,13 @@ class TipSource:
         on_piece: Callable[[], None] = lambda: None,
         tracks: Tracks | None = None,
     ) -> np.ndarray:
-        """Positions (T, 3) in metres; those of a whole motion are found once.
+        """Return positions (T, 3) of the tracked point in metres; those of whole motions are
+        cached.
 
         Args:
-            num_frames: so many of the first frames are enough.
-            tracks: of the motion, where somebody has posed it already.
-            on_piece: called now and then in a long motion; what it raises ends the work.
+            num_frames: number of first frames that are needed; None for all.
+            on_piece: called after each chunk of a long motion; an exception from it stops the work.
+            tracks: joint positions of the motion, if they have been computed.
         """
         if motion not in self._known:
             part = motion if num_frames is None else motion.part(slice(num_frames))
@@ -178,5 +179,5 @@ class TipSource:
 
 
 def choose_tip_source(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TipSource:
-    """With the open body, or with the one of a file."""
+    """Make the source of a tracked point for the open body, or for the body of a file."""
     return TipSource(point, None if body is None else get_body(body))

@@ -1,4 +1,4 @@
-"""What a task reports while it works, and how it is cancelled."""
+"""Progress events of a task and its cancellation."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Progress:
 
     stage: Stage
     fraction: float
-    """0 to 1 of this stage."""
+    """Fraction done of this stage, 0 to 1."""
     detail: str = ""
-    """What is being worked on, such as a system's name."""
+    """Current item, such as the name of a system."""
     clip: str = ""
     """Name and number of the clip, if there are several."""
 
 
 @dataclass(frozen=True)
 class Grown:
-    """A run's folder holds more than before, as its `run.json` says."""
+    """Event of new content in a run's folder, as listed in its `run.json`."""
 
     folder: Path
 
@@ -44,9 +44,10 @@ class Ear:
         hear: Callable[[Event], None] = lambda event: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> None:
-        """
+        """Store the callbacks of the caller.
+
         Args:
-            hear: called with each progress event, and when the folder holds more.
+            hear: called with each progress event, and when the folder has new content.
             should_cancel: called many times a second.
         """
         self.hear = hear
@@ -59,8 +60,10 @@ class Ear:
     def share(
         self, stage: Stage, part: float = 1.0, before: float = 0.0
     ) -> Callable[[float], None]:
-        """Return a callback for the fraction done of a part of a stage, which reports it and raises
-        `Cancelled` when the caller has cancelled."""
+        """Return a callback for the fraction done of a part of a stage.
+
+        It reports the progress, and raises `Cancelled` when the caller has cancelled.
+        """
 
         def on_share(share: float) -> None:
             self.stop_if_asked()

@@ -1,8 +1,5 @@
-"""The numbers of motions beside each other, told in ``diagnostics.json`` and a table, and their
-figures.
-
-Generated motion and anyone else's go this one way.
-"""
+"""Metrics of the motions of a run, generated or imported, as ``diagnostics.json`` and a table, and
+their figures."""
 
 from __future__ import annotations
 
@@ -47,22 +44,22 @@ def measure_motions(
     heard: np.ndarray | None = None,
     mean_speeds: np.ndarray | None = None,
 ) -> Diagnostics:
-    """All numbers of the motions, with what stands out in each.
+    """Compute all metrics and findings of the motions.
 
     Args:
-        motions: by name; the recorded one, if there is one, as `REFERENCE_NAME`.
-        tip: what the ``tip_`` measures follow.
-        onsets_s: of their speech, for BeatAlign.
-        on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
-            in a long one; what it raises ends the work.
-        windows: how motions were cut, by name, where that is known.
-        heard: of the speech frame by frame, for how late they are.
-        mean_speeds: published ones of the joints, for BeatAlign.
+        motions: motions by name; a recorded one has the name `REFERENCE_NAME`.
+        tip: tracked point of the ``tip_`` metrics.
+        onsets_s: onset times of the speech, for BeatAlign.
+        on_share: called with the fraction done, 0 to 1, for each motion raw and filtered, more than
+            once for a long one; an exception from it stops the work.
+        windows: generation windows by name, if known.
+        heard: log-mel bands of the speech per motion frame, for the lag of motions.
+        mean_speeds: published mean speeds of the joints, for BeatAlign.
     """
     done, count = 0, 2 * len(motions)
 
     def follow(version: Motion, tracks: Tracks) -> np.ndarray:
-        """Each motion comes as it is and filtered, just before it is measured."""
+        """Return the tracked point of a motion about to be measured, and report progress."""
         nonlocal done
         share = done / count
         done += 1
@@ -83,7 +80,7 @@ def measure_motions(
 
 
 def onsets_of(speech: Speech) -> np.ndarray:
-    """Times in seconds at which sounds begin; found once for a run and all that is shown of it."""
+    """Return the onset times of a speech in seconds; they are computed once."""
     if speech not in _ONSETS:
         _ONSETS[speech] = speech_onsets(speech.waveform)
     return _ONSETS[speech]
@@ -92,11 +89,10 @@ def onsets_of(speech: Speech) -> np.ndarray:
 def write_diagnostics(
     diagnostics: Diagnostics, folder: ResultFolder, said: Transcript = NOTHING_SAID
 ) -> tuple[Path, Path]:
-    """Write diagnostics.json and .csv. The table has one row for each number; arrays are told apart
-    by ``index``.
+    """Write diagnostics.json and diagnostics.csv, a table with one row for each number.
 
     Args:
-        said: in the speech; its words and phones are only handed on.
+        said: transcript whose words and phones are added to the JSON.
     """
     content = diagnostics.as_json()
     if said.words:
@@ -119,7 +115,7 @@ def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float]
 
 
 def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
-    """Every number inside nested lists and mappings, with the way to it as ``a/b``."""
+    """Yield all numbers in nested lists and mappings, with their paths as ``a/b``."""
     if isinstance(value, Mapping):
         items = value.items()
     elif isinstance(value, list | tuple):
@@ -134,11 +130,11 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
 
 
 def check_figure(request: RunRequest, num_frames: int, num_motions: int) -> None:
-    """Refuse a start or snapshots of Figure 6 behind the end of the shortest motion, and a column
-    taller than a page, before anything is made.
+    """Check that Figure 6 fits the motions and the page.
 
     Raises:
-        RunError: naming the last frame, or what fits.
+        RunError: if its start or snapshots are beyond the shortest motion, or a column is taller
+            than a page.
     """
     figures, last = request.figures, num_frames - 1
     frames, panels = figures.figure_frames, figures.figure_panels
@@ -160,12 +156,12 @@ def figure6_of(
     clip: str,
     on_piece: Callable[[], None],
 ) -> Figure6:
-    """Trajectories of the followed point, with poses where there are any.
+    """Make the content of Figure 6: trajectories of the tracked point, and poses if there are any.
 
     Args:
-        motions: as they are shown; the recorded one as `REFERENCE_NAME`.
+        motions: motions as they are shown; a recorded one has the name `REFERENCE_NAME`.
         clip: name of the speech.
-        on_piece: called at least once for each motion; what it raises ends the work.
+        on_piece: called at least once for each motion; an exception from it stops the work.
     """
     figures = request.figures
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
@@ -196,7 +192,7 @@ def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str
 
 
 def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) -> JitterSheet:
-    """The jitter sheet of some systems."""
+    """Make the content of the jitter sheet of some systems."""
     of_all = diagnostics.of_all
     shown = {name: of_all[name] for name in (REFERENCE_NAME, *names) if name in of_all}
     windows = diagnostics.windows

@@ -1,7 +1,7 @@
-"""What is shown beyond the body as it moves: a trail, jerk as colour, tremble made large.
+"""Display options of the viewer and of videos: trail, jerk as colour, exaggerated jitter.
 
-A person asks for it, on the command line or by what a stage shows, and videos have it. Scales are
-the same for all videos of a comparison. None of it is in a user study.
+They are set on the command line or in the viewer. Scales are the same for all videos of a
+comparison. User studies use none of them.
 """
 
 from __future__ import annotations
@@ -26,28 +26,29 @@ from renderer.scene.camera import Orbit
 Coloring = Literal["natural", "jerk"]
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 EXAGGERATIONS = (1, 5, 20)
-"""What can be asked for on a command line; a stage has a slider."""
+"""Exaggeration factors on the command line; the viewer has a slider."""
 FULL_SPEED_M_S = 1.5
-"""Recorded speakers' fingertips are faster in one frame of fifty."""
+"""Speed (m/s) at the end of the trail's colour scale. Recorded speakers' fingertips exceed it in
+one frame of fifty."""
 
 
 @dataclass(frozen=True)
 class Display:
-    """How motion is shown, for all videos of a comparison alike."""
+    """Display options of all videos of a comparison."""
 
     exaggeration: Annotated[float, choice_type(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
-    """Draw tremble, all above 5 Hz, so many times as large, and say so in the picture."""
+    """Amplify motion above 5 Hz by this factor; the picture is labelled accordingly."""
     has_trail: Annotated[bool, arg(name="trail")] = False
-    """The way of the followed point through the last second, coloured by its speed."""
+    """Show the trajectory of the tracked point over the last second, coloured by speed."""
     coloring: Annotated[Coloring, arg(name="color")] = "natural"
-    """jerk: each region of the body by how much it jerks."""
+    """Colour of the body; jerk colours each body region by its jerk."""
     cutoff_hz: Suppress[float] = 5.0
-    """What is faster is tremble."""
+    """Frequency (Hz) above which motion counts as jitter."""
     trail_frames: Suppress[int] = 30
-    """How long a trail is."""
+    """Length of the trail in frames."""
     jerk_m_s3: Suppress[float] = 500.0
-    """Where the scale of the colours ends, and a trail has a dot. Recorded speakers' fingertips
-    jerk more than the usual one in one frame of a hundred."""
+    """Jerk (m/s³) at the end of the colour scale and from which the trail has a dot. The jerk of
+    recorded speakers' fingertips exceeds the default in one frame of a hundred."""
 
     @property
     def is_plain(self) -> bool:
@@ -60,16 +61,12 @@ LIMITS: Mapping[str, tuple[float, float, str]] = {
     "trail_frames": (5, 90, "A trail can be {} frames long"),
     "jerk_m_s3": (50.0, 2000.0, "The scale of jerk can end at {} m/s³"),
 }
-"""By the field of `Display` the least, the most, and what is said of a value beyond them, which go
-between its braces; the stage has the same."""
+"""Minimum, maximum and error message of the fields of `Display`; the limits replace its braces. The
+viewer has the same limits."""
 
 
 def check_display(display: Display) -> None:
-    """Refuse what cannot be shown.
-
-    Raises:
-        RunError: with one sentence.
-    """
+    """Check display options; raises RunError for values outside of `LIMITS`."""
     for name, (least, most, refusal) in LIMITS.items():
         value = getattr(display, name)
         if not least <= value <= most:
@@ -81,7 +78,7 @@ def check_display(display: Display) -> None:
 
 
 class FromBrowser(BaseModel):
-    """What a browser tells, by the names that its scripts have."""
+    """Base of the models that validate JSON from the page's scripts, with names in camel case."""
 
     model_config = ConfigDict(
         strict=True,
@@ -94,7 +91,7 @@ class FromBrowser(BaseModel):
 
 
 class Look(FromBrowser):
-    """How a stage shows bodies (app/page/web/stage/look.js)."""
+    """Display options of the viewer (app/page/web/stage/look.js)."""
 
     exaggeration: float = Field(default=1.0, alias="factor")
     cutoff_hz: float = Field(default=5.0, alias="cutoff")
@@ -103,17 +100,17 @@ class Look(FromBrowser):
     has_heat: bool = False
     jerk_m_s3: float = Field(default=500.0, alias="heatScale")
     point: str = "right_middle"
-    """Of the trail."""
+    """Tracked point of the trail."""
     is_aligned: bool = True
-    """Whether the second of a pair stands where the first does, pelvis on pelvis."""
+    """True if the second body of a pair is moved onto the first, pelvis on pelvis."""
     is_whole: bool = False
-    """All of the body rather than from the knees up."""
+    """True to show the whole body, false to show it from the knees up."""
     tone: Tone = "light"
     build: Build = "average"
-    """Of the open body alone, as the tone."""
+    """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False
-    """Skeletons and axes lie over the bodies; a video has none, and says so."""
+    """True to show axes of joints. Videos show neither these nor skeletons, and a note says so."""
 
     @property
     def display(self) -> Display:
@@ -124,73 +121,75 @@ class Look(FromBrowser):
 
 Mode = Literal["grid", "ghost", "wipe", "flicker"]
 MAX_SHOWN = 12
-"""Bodies in one video."""
+"""Maximum number of bodies in one video."""
 MAX_BODIES = 64
-"""On a stage, whether they are shown or not: all of them say where the cameras stand."""
+"""Maximum number of bodies in the viewer, hidden ones included, as the cameras frame all of them.
+"""
 MAX_LABEL = 60
 
 
 Four = tuple[float, float, float, float]
 Side = Annotated[float, Field(ge=64, le=8192)]
-"""Of a picture on a screen, in its pixels."""
+"""Width or height of a picture on the screen (pixels)."""
 Color = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
 Label = Annotated[str, AfterValidator(lambda label: printable(label)[:MAX_LABEL] or "motion")]
 
 
 class SeenPanel(FromBrowser):
-    """A rectangle of a picture on a screen, in its pixels, and what is seen in it."""
+    """Rectangle of a picture on the screen (pixels) and its view."""
 
     rect: Four
-    """Left, top, width, height."""
+    """Left, top, width and height."""
     view: Literal["face", "left_hand", "right_hand"] | None = None
-    """Of a close-up; None is the body."""
+    """View of a close-up; None is the body."""
 
 
 class SeenBody(FromBrowser):
-    """One of a stage's bodies."""
+    """One body of the viewer."""
 
     label: Label
     motion: str
-    """Its address."""
+    """URL of the motion."""
     color: Color
-    """Of its row."""
+    """Colour of the body's row."""
 
 
 class Seen(FromBrowser):
-    """Which bodies a stage shows, how, and from where."""
+    """State of the viewer: bodies, camera and display options."""
 
     bodies: Annotated[tuple[SeenBody, ...], Field(max_length=MAX_BODIES)]
-    """All that are on it."""
+    """All bodies of the viewer, shown or hidden."""
     shown: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES)]
-    """Numbers of the bodies from 0 on, in their order; the two of a pair."""
+    """Indices of the shown bodies, from 0 on and in their order; for a pair, both of it."""
     size: tuple[Side, Side]
-    """Width and height of one body's picture; of a pair, of the whole."""
+    """Width and height of one body's picture, or of the whole picture of a pair."""
     panels: Annotated[
         tuple[Annotated[tuple[SeenPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
     ]
-    """Of all pictures alike; of a pair those of each. The body's comes first."""
+    """Panels of every picture, or, for a pair, those of each; the body's panel is the first."""
     columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
-    """Pictures in a row."""
+    """Number of pictures per row."""
     mode: Mode = "grid"
-    """How two lie over each other; ``grid`` is beside."""
+    """Comparison mode of a pair; ``grid`` shows bodies side by side."""
     wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Share of the body's picture that shows the first."""
+    """Fraction of the picture that shows the first body."""
     look: Look = Look()
     is_smoothed: bool = False
-    """Behind the post-filter."""
+    """True if the post-filter is applied."""
     camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
-    """As `Orbit` has it."""
+    """Camera position, with the fields of `Orbit`."""
     sound: str | None = None
-    """Its address."""
+    """URL of the sound."""
 
     @classmethod
     def read(cls, told: object) -> Seen:
-        """
+        """Parse the state of the viewer and check it.
+
         Args:
-            told: JSON, as app/page/web/player/player.js writes it.
+            told: JSON as written by app/page/web/player/player.js.
 
         Raises:
-            RunError: if it is anything else, or what no stage shows.
+            RunError: if the JSON is anything else, or a state that the viewer cannot have.
         """
         try:
             seen = checked(told if isinstance(told, str) else "", cls)
@@ -200,11 +199,7 @@ class Seen(FromBrowser):
         return seen
 
     def check(self) -> None:
-        """Refuse what no stage shows.
-
-        Raises:
-            RunError: with one sentence.
-        """
+        """Check that the viewer can have this state; raises RunError."""
         if not self.bodies:
             raise RunError("There is no body on the stage yet; wait until one moves.")
         if not 1 <= len(self.shown) <= MAX_SHOWN:

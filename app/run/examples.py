@@ -1,4 +1,4 @@
-"""What is made without a network: a motion with a tremble, two minutes with planted faults."""
+"""Example data made without a network: a motion with tremor, and two minutes of planted faults."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
 
 
 CLEAN = EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz"
-"""14 s of motion."""
+"""Motion of 14 s."""
 TWO_MINUTES = EXAMPLES / "two_minutes" / "two_minutes.npz"
 FAULTY = "a system with faults"
 NOISE_RAD = 0.012
 SLIDE_M, SLIDE_S = 0.35, 2.5
-"""How far feet slide to the side and back, and how long one way takes."""
+"""Distance (m) by which feet slide to the side and back, and duration (s) of one way."""
 JUMP_RAD, JUMP_EVERY = 0.06, 52
-"""Of every joint, where windows of 60 frames join."""
+"""Jump of every joint (rad), and the frames between jumps, as at the seams of windows of 60 frames.
+"""
 FLOAT_M, FLOAT_RISE_S = 0.08, 0.5
 CALMER = 0.9
 
@@ -35,7 +36,7 @@ RECORDED = "recorded"
 
 
 def planted_files(folder: Path) -> list[str]:
-    """The motion with faults, which is made once, and its reference, speech and transcript."""
+    """Return the paths of the faulty motion (made once), its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -48,8 +49,10 @@ def planted_files(folder: Path) -> list[str]:
 
 
 def with_faults(motion: Motion) -> Motion:
-    """All of `PLANTS`, each in its seconds; the face is a calmer one all the while, or it would be
-    found to be copied, which is not what is shown."""
+    """Apply all of `PLANTS` to a motion, and reduce its expression by `CALMER`.
+
+    An unchanged face would be reported as a copy of the reference.
+    """
     faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
     for plant in PLANTS:
         span = slice(round(plant.from_s * FPS), round(plant.to_s * FPS))
@@ -61,7 +64,7 @@ def with_faults(motion: Motion) -> Motion:
 
 
 def tremble(motion: Motion) -> Motion:
-    """White noise on the rotations of the right arm, `NOISE_RAD` about each axis."""
+    """Add white noise to the rotations of the right arm, with `NOISE_RAD` about each axis."""
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     arm = [JOINT_INDEX[f"right_{name}"] for name in ("shoulder", "elbow", "wrist")]
     noise = np.random.default_rng(0).standard_normal((len(joints), len(arm), 3))
@@ -70,7 +73,7 @@ def tremble(motion: Motion) -> Motion:
 
 
 def slide(motion: Motion) -> Motion:
-    """Feet that stand glide to the side and back."""
+    """Slide the body, with its standing feet, to the side and back."""
     trans = motion.trans.copy()
     way = np.arange(len(trans)) / FPS * np.pi / SLIDE_S
     trans[:, 0] += SLIDE_M * (1.0 - np.cos(way)) / 2.0
@@ -78,7 +81,7 @@ def slide(motion: Motion) -> Motion:
 
 
 def join(motion: Motion) -> Motion:
-    """All joints jump, and back, where windows would meet."""
+    """Make all joints jump there and back at the seams of simulated windows."""
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     is_odd = np.arange(len(joints)) // JUMP_EVERY % 2
     joints[:, 1:, 0] += JUMP_RAD * is_odd[:, None]
@@ -86,14 +89,14 @@ def join(motion: Motion) -> Motion:
 
 
 def freeze(motion: Motion) -> Motion:
-    """Nothing moves."""
+    """Hold the first pose."""
     poses, trans = motion.poses.copy(), motion.trans.copy()
     poses[:], trans[:] = poses[0], trans[0]
     return replace(motion, poses=poses, trans=trans)
 
 
 def lift(motion: Motion) -> Motion:
-    """The body leaves the floor by `FLOAT_M`, and comes back to it."""
+    """Lift the body off the floor by `FLOAT_M`, and lower it again."""
     trans = motion.trans.copy()
     since = np.arange(len(trans)) / FPS
     rise = np.minimum(np.minimum(since, since[::-1]) / FLOAT_RISE_S, 1.0)
@@ -103,7 +106,7 @@ def lift(motion: Motion) -> Motion:
 
 @dataclass(frozen=True)
 class Plant:
-    """A fault, and the seconds that it is planted in."""
+    """Fault and the time span (s) in which it is planted."""
 
     name: str
     change: Callable[[Motion], Motion]
@@ -118,12 +121,12 @@ PLANTS = (
     Plant("nothing moves", freeze, 90.25, 92.75),
     Plant("floating", lift, 100, 108),
 )
-"""Longer where a fault counts by the mean or the median of all frames."""
+"""Planted faults; those that are detected by the mean or median of all frames last longer."""
 
 
 STEADY, TREMBLING = "A", "B"
 FIRST_LOOK = EXAMPLES / "first_look"
-"""What a fresh page shows first: a run's folder that `python -m tests.app.run.made_first_look` has
-made with the bundled weights."""
+"""Run folder that a fresh page shows first, made with the bundled weights by `python -m
+tests.app.run.made_first_look`."""
 FACTS = "first_look.json"
-"""In it: jerk of both fingertips in m/s^3 by row, the noise, and where the motion comes from."""
+"""File in it: jerk (m/s^3) of both fingertips by row, the noise, and the source of the motion."""

@@ -1,4 +1,4 @@
-"""Rows of a run from anyone's motion files."""
+"""Rows of a run that come from imported motion files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ NO_SPEECH = (
 
 
 def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> Rows:
-    """Read the files, and have them on the stage.
+    """Read the imported motions, show them in the viewer, and return the rows of the run.
 
     Raises:
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
@@ -100,10 +100,10 @@ def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> 
 
 
 def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
-    """As many motions as a figure holds, the reference among them.
+    """Return the motions to show in figures, at most as many as fit, including the reference.
 
     Raises:
-        RunError: if there is no motion of a name that was asked for, or too many were.
+        RunError: if a requested name does not exist, or too many are requested.
     """
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
@@ -119,8 +119,10 @@ def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str,
 
 
 def _on_the_floor(motion: Motion) -> Motion:
-    """For the pictures only: a body whose translation never changes would stand sunk to the chest,
-    or in the air, beside one that has a floor."""
+    """Put a motion with constant translation on the floor, for pictures only.
+
+    In pictures with other bodies, it would be sunk to the chest or float.
+    """
     if np.ptp(motion.trans, axis=0).any():
         return motion
     feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
@@ -130,7 +132,7 @@ def _on_the_floor(motion: Motion) -> Motion:
 
 
 def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
-    """By name, the reference last."""
+    """Return the motion files by name, the reference last."""
     names = names_of_motions(request.motions)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -171,7 +173,7 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
 
 
 def as_read(measured: Diagnostics, rows: Rows) -> Diagnostics:
-    """With what was assumed of files, and without faults of what they lack."""
+    """Add the assumptions of imported files, and remove findings on parts that the files lack."""
     readings = rows.readings
     return replace(
         measured,
@@ -191,7 +193,7 @@ def as_read(measured: Diagnostics, rows: Rows) -> Diagnostics:
 
 
 def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
-    """That a motion is in step with the speech, where it does not seem so."""
+    """Yield the assumption that a motion has no lag, if a constant lag was detected."""
     for finding in findings:
         numbers = finding.numbers
         if finding.kind == "time_shift" and numbers.get("lag_drift_s") == 0.0:
@@ -200,10 +202,10 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
 
 
 def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Windowing]:
-    """What the user says of how the motions were cut.
+    """Return the windows that the user specified, by motion.
 
     Raises:
-        RunError: for windows that cannot be.
+        RunError: for impossible windows.
     """
     if request.motions.window is None:
         if request.motions.overlap:

@@ -1,5 +1,5 @@
-"""What systems make of speech: the rows of a run, or a plan without its motion; and the plan of a
-motion without its speech."""
+"""Rows of a run that systems generate from speech; gesture plans sampled from speech without
+motion, or detected in motion without speech."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ LIVE_NOTE = (
 
 
 def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> Rows:
-    """Have the systems move to the speech, window by window.
+    """Generate the motions of the systems window by window, and return the rows of the run.
 
     Raises:
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
-        PlanError, WriteError: each with one sentence.
+            PlanError, WriteError: each with one sentence.
     """
     limits = SpeechLimits(max_s=request.speech.max_speech_s, channel=request.speech.channel)
     speech = load_speech(request.speech.path, limits)
@@ -130,7 +130,7 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
 
 
 def row_names(request: GenerateRequest, systems: Sequence[str]) -> list[str]:
-    """The rows of a run, in the order in which they stand."""
+    """Return the names of a run's rows in order."""
     samples = range(1, request.sampling.samples + 1)
     names = [str(SampleName(system, sample)) for system in systems for sample in samples]
     return [*names, REFERENCE_NAME] if request.imports.reference is not None else names
@@ -143,13 +143,15 @@ def _made_in_turns(
     told: Callable[[str, Motion], tuple[Motion, Motion]],
     is_seen: bool,
 ) -> dict[str, tuple[Motion, Motion]]:
-    """A window of each system, then the next of each: all bodies of a comparison begin to move
-    early, and go on together. Each row as it was made and behind the filter.
+    """Generate one window of each system in turn, so that all bodies start early and keep pace.
 
     Args:
-        making: all pieces of each, by its name.
-        told: tells of a whole motion, and filters it.
-        is_seen: whether windows are told of as they are made.
+        making: iterators over the motion pieces, by system.
+        told: writes a whole motion, and returns it raw and filtered.
+        is_seen: whether windows are published as they are generated.
+
+    Returns:
+        Each row's motion, raw and filtered.
     """
     parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
@@ -173,7 +175,7 @@ def _made_in_turns(
 
 
 def _performs(system: System) -> bool:
-    """Whether it follows plans."""
+    """Check whether a system uses gesture plans."""
     return system.condition_type is GesturePlan
 
 
@@ -185,10 +187,10 @@ def _pieces_of(
     wish: StyleWish | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
-    """Of a system that plans by plans that are left beside its motions.
+    """Yield the motion pieces of a system; gesture plans are written first if it uses them.
 
     Args:
-        wish: what is done to every plan.
+        wish: style that is applied to every plan.
     """
     if _performs(system):
         said, _ = words.found(run.stop_if_asked)
@@ -208,7 +210,7 @@ def _pieces_of(
 
 
 def _windows(request: GenerateRequest, systems: Sequence[System]) -> dict[str, Windowing]:
-    """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
+    """Return the generation windows by row, with those of the reference if all systems agree."""
     found = {
         str(SampleName(system.name, sample)): system.windowing
         for system in systems
@@ -220,7 +222,7 @@ def _windows(request: GenerateRequest, systems: Sequence[System]) -> dict[str, W
 
 
 def _first_speaker(systems: tuple[System, ...]) -> str:
-    """The first that all of them know, or that the first of them knows."""
+    """Return the first speaker that all systems have, otherwise the first of the first system."""
     first = systems[0].speakers
     shared = (name for name in first if all(name in each.speakers for each in systems))
     return next(shared, next(iter(first)))
@@ -248,7 +250,7 @@ def options_of(sampling: SamplingOptions, system: System, **more: Any) -> Genera
     """Return the generation options of one system, with its defaults where it lacks an option.
 
     Args:
-        more: fields of the options that are not in ``sampling``, or differ from it.
+        more: fields that are not in ``sampling``, or override it.
     """
     steps = steps_for(sampling.steps, system.name)
     asked = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
@@ -259,7 +261,7 @@ def options_of(sampling: SamplingOptions, system: System, **more: Any) -> Genera
 
 
 def _plan_for(path: Path, speech: Speech) -> Noted:
-    """Read a plan, without what lies beyond the speech."""
+    """Read a gesture plan, and cut it at the end of the speech."""
     read = read_plan_file(path)
     if read.plan.duration_s <= speech.duration_s + SPARE_S:
         return read
@@ -277,10 +279,10 @@ def _options(
     speech: Speech,
     run: RunWriter,
 ) -> dict[str, GenerateOptions]:
-    """By system. A wish goes to the systems that know it; of the others the person is told.
+    """Return the generation options by system, with notes on those that a system does not support.
 
     Raises:
-        RunError: if no system has the sampler, or none takes guidance or a plan.
+        RunError: if no system has the sampler, or none supports guidance or a plan.
         PlanError: if the plan cannot be used.
     """
     plan, style = request.planning.plan, request.planning.style
@@ -311,7 +313,7 @@ def _options(
 
 
 def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) -> dict[str, Motion]:
-    """The recorded motion by its name, no longer than the speech, where there is one."""
+    """Read the reference motion by its name, cut to the speech; empty if there is none."""
     path, overrides = request.imports.reference, request.imports.import_overrides
     if path is None:
         return {}
@@ -333,7 +335,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
 
 
 def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
-    """What such runs have taken, and half as much again."""
+    """Estimate the disk space of a run, half as much again as measured runs have taken."""
     count = num_systems * request.sampling.samples + 1
     motion_bytes = (4 * 268 + 504) * num_frames  # as a file, and as a browser plays it
     # Each picture is in the comparison too, and so is each close-up, of half a body's height.
@@ -347,15 +349,15 @@ MAX_SPEECH_S = 3600.0
 
 
 def is_motion(path: Path) -> bool:
-    """Whether a file's ending is that of a motion."""
+    """Check whether a file has the suffix of a motion."""
     return path.suffix.lower() in ENDINGS
 
 
 def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
-    """Find the plan that a motion seems to follow and write it; what was changed to read it.
+    """Detect the gesture plan of a motion, write it, and return notes on how the motion was read.
 
     Raises:
-        MotionError, PlanError, WriteError: each with one sentence for the person who asked.
+        MotionError, PlanError, WriteError: each with one sentence.
     """
     check_ending(out)
     (told or Assumptions()).check([motion])
@@ -365,12 +367,13 @@ def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[
 
 
 def make_plan(request: PlanRequest) -> Noted:
-    """Sample a gesture plan from speech and write it to ``request.out``; an empty one has the
-    speech's length and no events. Return the plan with notes on what its style could not do.
+    """Sample a gesture plan from speech and write it; return it with notes on its style.
+
+    An empty plan has the length of the speech and no events.
 
     Raises:
         RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
-        WriteError: each with one sentence for the person who asked.
+            WriteError: each with one sentence.
     """
     request.check()
     check_ending(request.out)

@@ -1,4 +1,4 @@
-"""Models and bodies that are read once and kept for all later runs of the process."""
+"""Cache of systems and bodies, which are loaded once per process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOADING = threading.Lock()  # the warm-up and a first visitor must not read the
 
 
 def get_system(name: str, weights: Path) -> System:
-    """A system by name, read at its first use.
+    """Return a system by name, loading it at its first use.
 
     Raises:
         UnknownNameError, CheckpointError, FamilyError: see `model.systems.registry.load_system`.
@@ -30,10 +30,10 @@ def get_system(name: str, weights: Path) -> System:
 
 
 def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
-    """The open body in a look, or the SMPL-X file at ``path``, read at its first use.
+    """Return the open body in a look, or the SMPL-X body of a file, loading it at its first use.
 
     Raises:
-        BodyError: if the file is not a body, or the look is not to be had.
+        BodyError: if the file is not a body, or there is no such look.
     """
     with _LOADING:
         modified = path.stat().st_mtime if path and path.exists() else 0.0
@@ -55,10 +55,10 @@ def _load_body(path: Path | None, look: str, modified: float) -> Body:
 
 
 def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
-    """Do once what the first visitor would otherwise wait for, in small parts, between which
-    something else can be done.
+    """Load every system and the body, generate a short motion, and choose the OpenGL backend.
 
-    Reads every system and the body, generates a moment of motion, and finds out what can draw.
+    This is done in small parts, between which the caller can do something else, so that the first
+    visitor need not wait.
     """
     import numpy as np
 
@@ -86,7 +86,7 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
 
 
 def nothing_draws() -> str:
-    """Why videos and snapshots are left out, and what to install; empty where pyrender draws."""
+    """Return why videos and snapshots are omitted, with what to install; empty if OpenGL works."""
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import choose_backend
 

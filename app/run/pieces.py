@@ -1,5 +1,5 @@
-"""Motion as a browser plays it, and the body that it moves: the open body as a GLB with all of its
-face. It is always the open body: the mesh of a licensed one is not handed to visitors."""
+"""Binary frames of motion for the browser, and the open body as a GLB with its whole face. The mesh
+of a licensed body is not given to visitors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 NUM_FACES = 52
 FACE_BASIS = "arkit52"
 MAX_FRAMES = 2**16 - 1
-"""Of one message, and of a motion that a browser plays."""
+"""Maximum number of frames in a message, and in a motion that a browser plays."""
 HEADER = struct.Struct("<IHHffHH")
-"""First frame, frames, face weights a frame, ms that the window took, ms that it waited for its
-turn, visitors at work, and zero."""
+"""First frame, number of frames, face weights per frame, generation time of the window (ms), its
+waiting time (ms), active visitors, and zero."""
 
 
 def frames_message(
@@ -32,9 +32,11 @@ def frames_message(
     waited_ms: float = 0.0,
     visitors: int = 0,
 ) -> bytes:
-    """Frames of the open body as the browser draws them: positions as 32-bit floats, rotations of
-    all joints to their parents as quaternions (x, y, z, w) of 16-bit numbers, face weights as
-    bytes."""
+    """Encode frames of the open body for the browser.
+
+    Positions are 32-bit floats, local rotations quaternions (x, y, z, w) of 16-bit integers, and
+    face weights bytes.
+    """
     from scipy.spatial.transform import Rotation
 
     count = motion.num_frames
@@ -53,12 +55,12 @@ def frames_message(
 
 
 _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
-"""Of the poses by which a camera finds room for gestures."""
+"""Joint angles (rad) of the poses by which a camera leaves space for gestures."""
 
 
 @functools.cache
 def body_glb() -> bytes:
-    """The file; made at the first call."""
+    """Return the GLB file of the open body, made at the first call."""
     from renderer.body.levels import NUM_DRAWN, open_body_faces
     from renderer.files.glb import glb_bytes
 
@@ -68,25 +70,28 @@ def body_glb() -> bytes:
 
 @functools.cache
 def builds() -> bytes:
-    """The body's other builds, as app/page/web/stage/builds.js reads them."""
+    """Return the other body shapes of the open body for app/page/web/stage/builds.js."""
     from renderer.files.glb import builds_bytes
 
     return builds_bytes()
 
 
 def reaches_message() -> bytes:
-    """`reaches` as a browser reads motion: it frames live motion by them before there is any."""
+    """Encode `reaches` for a browser, which frames live motion by it before there is any."""
     return frames_message(0, reaches(get_body(None)))
 
 
 def face_names() -> tuple[str, ...]:
-    """Of the face weights that frames hold."""
+    """Return the names of the face weights in frames."""
     return get_body(None).expression_names
 
 
 def reaches(body: Body) -> BodyMotion:
-    """Poses that live motion hardly leaves: hands at the hips and the face at rest, as a body waits
-    for speech; then hands at the face; then a step to either side, the face moved in every way."""
+    """Make four poses (4, 165) that bound live motion, for framing the camera.
+
+    Hands at the hips and the face at rest, as a body waits for speech; then hands at the face; then
+    a step to either side, with all expressions.
+    """
     from conventions.joints import JOINT_INDEX
     from renderer.body.body import BodyMotion
 

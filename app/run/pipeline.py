@@ -1,7 +1,7 @@
-"""Runs: speech or motions in; motions, numbers, videos and figures out.
+"""Runs from speech or motions to motions, metrics, videos and figures.
 
-The page, the command line, the notebook and the bench all call `generate` and `diagnose`; neither
-knows Gradio.
+The page, the command line, the notebook and the benchmark all call `generate` and `diagnose`, which
+do not depend on Gradio.
 """
 
 from __future__ import annotations
@@ -49,35 +49,35 @@ from renderer.figures.jitter import sheet_caption
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
 POSES_PX = 512
-"""Of poses where no video is drawn."""
+"""Size (pixels) of poses in figures if no videos are rendered."""
 _POSES = 0.6
-"""Share of the time of all figures that the poses take."""
+"""Fraction of the time of all figures that rendering the poses takes."""
 Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
 
 def generate(request: GenerateRequest, ear: Ear = DEAF) -> Done:
-    """Generate motion for speech with several systems, measure it, and leave motions, numbers,
-    videos and figures in the request's folder, all of them or none.
+    """Generate motion for a speech with several systems, and write motions, metrics and figures.
+
+    The results are published in the request's folder all together or not at all.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
-        CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence for
-        the user.
+            CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence
+            for the user.
     """
     return _run(request, ear, made_rows)
 
 
 def diagnose(request: DiagnoseRequest, ear: Ear = DEAF) -> Done:
-    """Measure imported motions, and leave numbers, videos and figures in the request's folder, all
-    of them or none. Raises as `generate`."""
+    """Measure imported motions, and write metrics, videos and figures; raises as `generate`."""
     return _run(request, ear, given_rows)
 
 
 def run(request: AnyRun, ear: Ear = DEAF) -> Done:
-    """Generate or measure, whichever is requested. Raises as `generate`."""
+    """Run a request to generate or to measure; raises as `generate`."""
     return (
         generate(request, ear) if isinstance(request, GenerateRequest) else diagnose(request, ear)
     )
@@ -134,12 +134,12 @@ def _run(
 
 
 def _source_run(request: RunRequest) -> Path | None:
-    """Return the folder of the run that imported motions come from, if they come from one."""
+    """Return the folder of the run that imported motions come from, or None."""
     return request.motions.source_run if isinstance(request, DiagnoseRequest) else None
 
 
 def record_of(request: RunRequest) -> RunRecord:
-    """Return what is known of a run before anything is read."""
+    """Make the record of a run before any input is read."""
     is_generated = isinstance(request, GenerateRequest)
     run = RunRecord(
         kind="generated" if is_generated else "given",
@@ -160,8 +160,7 @@ def record_of(request: RunRequest) -> RunRecord:
 
 
 def _as_far_as_anything_draws(output: OutputOptions, run: RunWriter) -> OutputOptions:
-    """Leave out videos and poses where no OpenGL works; motion, numbers and trajectories need
-    none."""
+    """Disable videos and poses if OpenGL does not work; nothing else needs it."""
     if not (output.has_video or (output.has_poses and output.has_figures)):
         return output
     missing = nothing_draws()
@@ -170,7 +169,7 @@ def _as_far_as_anything_draws(output: OutputOptions, run: RunWriter) -> OutputOp
 
 
 def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
-    """All numbers."""
+    """Compute and publish the metrics."""
     on_share = run.share("numbers")
     on_share(0.0)
     diagnostics = measure_motions(
@@ -187,7 +186,7 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
 
 
 def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
-    """Of each motion."""
+    """Render a video of each motion."""
     on_share = run.share("video")
     on_share(0.0)
     placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}
@@ -197,14 +196,14 @@ def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
 
 
 def _placed(motion: Motion, rows: Rows) -> Motion:
-    """Where it stands in pictures."""
+    """Align generated motion for pictures."""
     return in_register(motion) if rows.is_made else motion
 
 
 def _draw_figures(
     request: RunRequest, rows: Rows, diagnostics: Diagnostics, run: RunWriter
 ) -> None:
-    """Figure 6, of trajectories only where no pose is drawn, and the jitter sheet."""
+    """Draw Figure 6, with poses if they are rendered, and the jitter sheet."""
     snapshots, on_share = _draw_poses(request, rows, run), run.share("figure")
     on_share(_POSES)
     clip = printable(request.speech.path.stem) if rows.is_made and request.speech.path else ""
@@ -219,7 +218,7 @@ def _draw_figures(
 
 
 def _draw_poses(request: RunRequest, rows: Rows, run: RunWriter) -> Snapshots:
-    """For Figure 6; of the frames alone where none is asked for."""
+    """Render the poses of Figure 6; without poses, only the frames are chosen."""
     figures, video = request.figures, request.video
     shortest = min(motion.num_frames for motion in rows.drawn.values())
     frames = figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
@@ -233,7 +232,7 @@ def _draw_poses(request: RunRequest, rows: Rows, run: RunWriter) -> Snapshots:
 
 
 def _line(request: RunRequest, num_rows: int, num_frames: int, seconds: float) -> str:
-    """How it went."""
+    """Return the final status message of a run."""
     if not isinstance(request, GenerateRequest):
         count = num_rows - (request.imports.reference is not None)
         motions = f"{count} motion{'s' if count > 1 else ''}"
@@ -245,11 +244,11 @@ def _line(request: RunRequest, num_rows: int, num_frames: int, seconds: float) -
 
 
 def _return_large_blocks() -> None:
-    """Make glibc map each block of a megabyte and more by itself, and return it when it is freed.
+    """Make glibc map blocks of a megabyte and more separately, and return them when they are freed.
 
     By default it raises that limit to 32 MB as a program goes on, and what a long clip needs for a
-    moment then stays in the heap: the peak of a ten-minute clip grows by a tenth. Elsewhere than on
-    glibc this does nothing.
+    moment then stays in the heap: the peak of a ten-minute clip grows by a tenth. With another C
+    library this does nothing.
     """
     if not sys.platform.startswith("linux"):
         return

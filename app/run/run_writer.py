@@ -1,5 +1,5 @@
-"""Writes a run's folder while the run goes on: what viewers need beside the results, and the
-`run.json` that names all of it."""
+"""Writer of a run's folder while the run goes on: results, files for viewers, and the `run.json`
+that lists them."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ from renderer.figures import kept
 from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, written
 
 _GROWN = 1.2
-"""So many times as long, a motion may stand elsewhere among the others."""
+"""Growth factor of a motion after which its alignment is computed again."""
 FAULT = "The program failed in the middle of this run."
 
 
 @dataclass
 class _Growing:
-    """One row's motion while it is made."""
+    """Motion of one row that is being generated."""
 
     path: Path
     register: Register | None
@@ -76,7 +76,7 @@ class _Growing:
     register_at: int = 0
 
     def placed(self, num_frames: int) -> Register:
-        """Of the whole at its end; before it from time to time, as it takes all frames so far."""
+        """Return the alignment of the motion, computed anew as it grows and at its end."""
         is_due = self.end >= min(_GROWN * self.register_at, num_frames)
         if self.register is None or (is_due and not self.is_placed):
             self.register = register_of(put_together(self.parts))
@@ -86,32 +86,33 @@ class _Growing:
 
 @dataclass(frozen=True)
 class Rows:
-    """The motions of one run, generated or given, and what is known of them before they are
-    measured; all by name, the reference last."""
+    """Motions of one run, generated or imported, with all data needed to measure them; by name,
+    with the reference last."""
 
     measured: Mapping[str, Motion]
     staged: Mapping[str, Motion]
-    """As the stage plays them: of the given no more than fit, laid onto each other; of the
-    generated behind the filter."""
+    """Motions as the viewer plays them: imported ones aligned and as many as fit, generated ones
+    filtered."""
     drawn: Mapping[str, Motion]
-    """As figures have them: no more than fit."""
+    """Motions in figures, as many as fit."""
     timeline: dict[str, Any]
     body: Body
     tip: TipSource
     sound: Path | None
-    """Of videos; None where there is no speech."""
+    """Audio of videos; None without speech."""
     onsets_s: np.ndarray | None
     windows: Mapping[str, Windowing]
-    """How each was cut, where that is known."""
+    """Generation windows by motion, if known."""
     heard: np.ndarray | None = None
-    """Of the speech frame by frame, for how late given motions are."""
+    """Log-mel bands of the speech per motion frame (T, bands), for estimating the lag of imported
+    motions; None without speech."""
     mean_speeds: np.ndarray | None = None
     notes: tuple[str, ...] = ()
-    """Of reading the given ones; they go to the numbers."""
+    """Notes on reading imported motions, added to the metrics."""
     readings: Mapping[str, Reading] = field(default_factory=dict)
-    """Of the given."""
+    """Imported files as they were read."""
     origin: Mapping[str, Any] = field(default_factory=dict)
-    """What made the generated, for the record."""
+    """Provenance of generated motions."""
 
     @property
     def is_made(self) -> bool:
@@ -126,8 +127,7 @@ def writing_run(
     *,
     is_kept: bool = False,
 ) -> Iterator[RunWriter]:
-    """Keep a run's folder for the block, as `ResultFolder`; of a block that is left by an error it
-    is said in ``run.json``."""
+    """Open a run's folder as `ResultFolder`; an error in the block is recorded in ``run.json``."""
     with ResultFolder(out, is_kept=is_kept) as folder:
         run = RunWriter(folder, record, ear)
         try:
@@ -142,7 +142,7 @@ def writing_run(
 
 
 class RunWriter(Ear):
-    """Tells of a run by its folder."""
+    """Writer of the folder and record of a run; its caller is notified of all changes."""
 
     def __init__(self, folder: ResultFolder, record: RunRecord, ear: Ear = DEAF) -> None:
         super().__init__(ear.hear, ear.should_cancel)
@@ -154,23 +154,23 @@ class RunWriter(Ear):
         self.tell()
 
     def note(self, *sentences: str) -> None:
-        """Keep what the person should read; each sentence once."""
+        """Add notes for the user, each sentence once."""
         self.notes.extend(note for note in sentences if note not in self.notes)
 
     def tell(self) -> None:
-        """Write what is known, and say so."""
+        """Write the record, and notify the caller."""
         self.record.notes = [cut(note) for note in self.notes[:MAX_TOLD]]
         self.record.write(self._path)
         self.hear(Grown(self._path.parent))
 
     def finish(self, sentence: str) -> None:
-        """All has come."""
+        """Mark the run as done, and publish its files."""
         self.record.state, self.record.sentence = "done", cut(sentence)
         self.tell()
         self.folder.publish()
 
     def rows(self, names: Iterable[str]) -> None:
-        """All that there will be, in their order."""
+        """Set the names of all rows, in order."""
         self.record.rows = rows_of(list(names)[:MAX_ROWS])
 
     def _row(self, name: str) -> Row:
@@ -179,10 +179,11 @@ class RunWriter(Ear):
         return row
 
     def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
-        """Note files that are whole.
+        """Add complete files to the record.
 
         Args:
-            row: that shows them, as what ``kind`` says.
+            row: name of the row that the files belong to.
+            kind: kind of the file in that row.
         """
         of = self.record.row(row)
         for path in paths:
@@ -194,15 +195,17 @@ class RunWriter(Ear):
         self.tell()
 
     def table(self, name: str, told: object, rows: Iterable[Iterable[object]]) -> None:
-        """What was measured, as JSON and as CSV."""
+        """Write metrics as JSON and as CSV."""
         numbers, table = (self.folder.path(f"{name}.{ending}") for ending in ("json", "csv"))
         numbers.write_text(json.dumps(told, indent=1) + "\n")
         table.write_text(csv_text(rows), "utf-8", newline="")
         self.file(numbers, table)
 
     def figure(self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS) -> None:
-        """Draw one of `renderer.figures.kept.DRAW` in some forms; where these are not all, keep
-        what the others can be drawn from."""
+        """Draw a figure of `renderer.figures.kept.DRAW` in the requested file formats.
+
+        If some formats are omitted, the content is saved so that they can be drawn later.
+        """
         stem = self.folder.path(f"{name}.png").with_suffix("")
         places: Places = []
         files = written(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
@@ -213,10 +216,10 @@ class RunWriter(Ear):
         self.file(*(self.folder.path(path.name) for path in files))
 
     def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
-        """Motion that goes on with what there is of a row, which is to have so many frames.
+        """Append frames to the motion of a row, which will have ``num_frames``.
 
         Args:
-            like: a motion as which it is laid onto the others; None is by itself.
+            like: motion whose alignment is used; by default that of the motion itself.
         """
         if num_frames > MAX_FRAMES:
             return
@@ -243,10 +246,10 @@ class RunWriter(Ear):
         self.tell()
 
     def motion(self, name: str, motion: Motion, file_name: str = "") -> None:
-        """A row's whole motion, as it is shown.
+        """Write the whole motion of a row as it is shown.
 
         Args:
-            file_name: where it is kept; by default among what only a player shows.
+            file_name: file of the motion; by default one that only the player uses.
         """
         path = self.folder.path(file_name or shown_file(name, ".npz"))
         save_motion(motion, path)
@@ -255,7 +258,7 @@ class RunWriter(Ear):
         self.file(path, row=name, kind="motion")
 
     def sound(self, waveform: np.ndarray) -> Path:
-        """What is heard: 16 kHz."""
+        """Write the sound of the run as 16 kHz WAV."""
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
         self.record.sound = SPEECH
@@ -270,12 +273,11 @@ class RunWriter(Ear):
         weights: Path | None = None,
         plans: Mapping[str, Path] | None = None,
     ) -> dict[str, Any]:
-        """Motions that are there, and what is heard: as long as the longest of them, silent without
-        speech. Returns their time line.
+        """Add motions with their sound, silent without speech, and return their timeline.
 
         Args:
-            weights: where the speech encoder is whose accents are told; None tells none.
-            plans: that they performed, by name.
+            weights: folder of the accent network for the timeline; None omits accents.
+            plans: files of gesture plans that the motions follow, by name.
         """
         self.rows(motions)
         self.sound(waveform_of(speech, motions))
@@ -286,7 +288,7 @@ class RunWriter(Ear):
         return make_timeline(speech, motions, "raw", tip, weights)
 
     def timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
-        """What is seen under the bodies; also again, with words that were looked for."""
+        """Write the timeline; it is written again when words have been recognised."""
         path = self.folder.path(TIMELINE)
         whole = {**timeline, **tiers_of(said)}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
@@ -294,8 +296,7 @@ class RunWriter(Ear):
         self.file(path)
 
     def performed(self, name: str, plan: GesturePlan) -> GesturePlan:
-        """Leave a row's plan beside its motion; given back with the decimals that anybody finds in
-        the file."""
+        """Write the gesture plan of a row; return it as rounded in the file."""
         path = self.folder.path(f"{file_stem(name)}.plan.json")
         write_plan_file(plan, path)
         written = read_plan_file(path).plan
@@ -304,7 +305,7 @@ class RunWriter(Ear):
         return written
 
     def find_plans(self, motions: Mapping[str, Motion]) -> None:
-        """What those rows seem to follow that performed no plan."""
+        """Detect and write the gesture plans of rows that have none."""
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
                 path = self.folder.path(shown_file(name, ".plan.json"))
@@ -312,7 +313,7 @@ class RunWriter(Ear):
                 self.file(path, row=name, kind="plan")
 
     def measured(self, diagnostics: Diagnostics) -> None:
-        """Numbers that nothing will change any more, and what they say."""
+        """Record the final metrics, findings and verdict."""
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
         of_all = sorted(diagnostics.of_all.items(), key=lambda of: of[0] != REFERENCE_NAME)
@@ -336,13 +337,15 @@ class RunWriter(Ear):
 
 
 def draw_figure(asked: tuple[Path, Path], *_: object) -> None:
-    """Draw a figure from what a run has kept of it into a file, as a task."""
+    """Draw the saved content of a figure into a file, as a task."""
     kept.draw_saved(*asked)
 
 
 def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
-    """Of several motions, the gravest first, what people do told once; last, and of no name, in
-    which there is nothing."""
+    """Return the findings of several motions, the most severe first, then those without any.
+
+    The normal range of a metric is named only once.
+    """
     told: list[Told] = []
     norms: set[str] = set()
     for name, finding in ranked(findings)[: MAX_TOLD - 1]:

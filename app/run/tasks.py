@@ -1,5 +1,5 @@
-"""What a worker does: each task by the name of its function, so that a process that only asks for
-it imports nothing, and what comes of it."""
+"""Tasks of a worker by module and function name, so that the caller imports neither, and their
+results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Task:
-    """A function of a module, which is imported where it is called."""
+    """Function of a module that is imported when the task is called."""
 
     module: str
     name: str
@@ -47,19 +47,19 @@ WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 @dataclass(frozen=True)
 class Done:
-    """What a run left in its folder."""
+    """Result of a run."""
 
     out: Path
     diagnostics: Diagnostics
     notes: tuple[str, ...] = ()
     """Sentences for the user, such as what was done to the speech."""
     said: Transcript = NOTHING_SAID
-    """Words of the speech, if they were given or recognised."""
+    """Transcript of the speech, if it was provided or recognised."""
 
 
 @dataclass(frozen=True)
 class SeenVideo:
-    """A video of the viewer."""
+    """Video of the viewer."""
 
     path: Path
     num_frames: int
@@ -69,14 +69,14 @@ class SeenVideo:
 
 @dataclass(frozen=True)
 class Sets:
-    """What was measured of folders of motions."""
+    """Metrics of folders of motions."""
 
     request: DiagnoseRequest
     files: tuple[Path, ...]
     notes: tuple[str, ...]
     told: dict[str, Any]
-    """What `app.run.many.table.write_tables` leaves in ``many.json``."""
+    """Content of ``many.json`` as written by `app.run.many.table.write_tables`."""
     clips: dict[str, dict[str, Path]]
-    """Motion file of each clip in the tables, by system, the reference among them."""
+    """Motion file of each clip in the tables, by system, including the reference."""
     sounds: dict[str, Path]
-    """Sound files of those clips that have one."""
+    """Audio files of those clips that have one."""

@@ -1,5 +1,5 @@
-"""What is drawn under the bodies: speech with its words, given or looked for while a run goes on,
-and motion over time, with the worst seconds."""
+"""Timeline of a run: speech with its words, provided or recognised while the run goes on, curves of
+the motion, and its worst seconds."""
 
 from __future__ import annotations
 
@@ -38,14 +38,15 @@ from model.storage.checked import read_checked
 def worst_seconds(
     tracks: Mapping[str, np.ndarray], count: int = NUM_WORST_SECONDS
 ) -> list[dict[str, Any]]:
-    """At most ``count`` seconds without overlap, the worst of all motions first.
+    """Return at most ``count`` seconds with the highest jerk, without overlap, the worst first.
 
     Args:
-        tracks: by the name of a motion its point (T, 3), metres, 30 frames per second.
+        tracks: tracked point (T, 3) of each motion in metres, 30 frames per second.
 
     Returns:
-        For each ``start_s`` and ``end_s``, the ``name`` of the motion that jerks most then, and its
-        mean ``jerk_m_s3``; a shorter clip is one stretch, and one under 4 frames is none.
+        For each second ``start_s`` and ``end_s``, the ``name`` of the motion with the highest jerk
+            in it, and its mean ``jerk_m_s3``. A shorter clip counts whole, and one under 4 frames
+            not at all.
     """
     means = {name: _means(derivative_magnitudes(track, 3), FPS) for name, track in tracks.items()}
     lengths = {name: min(FPS, len(track)) for name, track in tracks.items()}
@@ -70,7 +71,7 @@ def worst_seconds(
 
 
 def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:
-    """Mean jerk of the stretch that begins at each frame, over what lies whole within it."""
+    """Compute the mean jerk of the stretch from each frame, over entries entirely inside it."""
     entries = min(num_frames - 3, len(jerk))
     if entries < 1:
         return np.empty(0)
@@ -79,11 +80,12 @@ def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:
 
 
 MAX_POINTS = 1800
-"""Of one curve: every frame of a minute; longer clips keep the highest of neighbouring frames."""
+"""Maximum number of points of a curve: every frame of a minute. Longer clips keep the maximum of
+neighbouring frames."""
 NUM_PEAKS = 1200
-"""Bars of the waveform."""
+"""Number of bars of the waveform."""
 CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
-"""By name of a curve the order of the derivative and the decimals kept."""
+"""Order of the derivative and number of decimals, by name of the curve."""
 
 Curve = dict[str, Any]
 
@@ -95,20 +97,20 @@ def make_timeline(
     tip: TipSource,
     weights: Path | None = None,
 ) -> dict[str, Any]:
-    """Everything that the time line shows.
+    """Make the timeline of a run as JSON.
 
     Args:
-        speech: what is heard; None for motion without sound.
-        motions: as shown in the videos; the recorded one, as `REFERENCE_NAME`, as it is.
-        shown: what the others are: as generated, or filtered already.
-        tip: the point whose curves are drawn, the same that Figure 6 and the numbers follow.
-        weights: where the speech encoder is whose accents are told; None tells none.
+        speech: speech of the motions; None for motion without sound.
+        motions: motions as shown in the videos; a recorded one, `REFERENCE_NAME`, is unfiltered.
+        shown: version of the other motions: as generated, or filtered.
+        tip: tracked point of the curves, the same as in Figure 6 and the metrics.
+        weights: folder of the accent network; None omits accents.
 
     Returns:
-        ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
-        person), and by the name of a motion ``curves``: for ``raw`` and ``savgol`` each of
-        `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it,
-        of those that were not recorded.
+        ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its title), and
+            ``curves`` by motion: each of `CURVES` for ``raw`` and ``savgol``, but only the latter
+            for filtered motion. ``worst`` are the `worst_seconds` of the motions without the
+            reference.
     """
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     accents = heard_accents(speech, weights) if speech and weights else ()
@@ -132,8 +134,11 @@ def make_timeline(
 
 
 def tiers_of(said: Transcript) -> dict[str, Any]:
-    """``words``, where they come from as ``words_origin``, their ``phones``, and, by the name of a
-    tier, ``gestures``: of each (start_s, end_s, text). Of ``accents`` time and strength."""
+    """Return the tiers of a transcript as JSON.
+
+    ``words``, their source ``words_origin``, and ``phones``; ``gestures`` by name of the tier, with
+    (start_s, end_s, text) of each interval; ``accents`` with time and strength.
+    """
     return {
         "words": [_times(word) for word in said.words],
         "words_origin": said.origin,
@@ -153,7 +158,7 @@ Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
 
 
 class _Line(BaseModel):
-    """What was said, of a time line."""
+    """Transcript part of a stored timeline."""
 
     words_origin: Origin = "given"
     words: Parts = []
@@ -173,7 +178,7 @@ class _Line(BaseModel):
 
 
 def said_in(folder: Path) -> Transcript:
-    """What `tiers_of` left in the time line of a run's folder; nothing where that is damaged."""
+    """Return the transcript that `tiers_of` stored in a run's timeline; empty if it is damaged."""
     path = file_of(folder, read_run(folder).timeline)
     try:
         return NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).said
@@ -182,14 +187,11 @@ def said_in(folder: Path) -> Transcript:
 
 
 class SpokenWords:
-    """Of one run: a TextGrid wins, then a plain text, then what is recognised, if that is asked
-    for. Use it as a context: leaving it ends the looking for words."""
+    """Words of a run's speech: from a TextGrid, else from a plain text, else recognised if
+    requested. As a context manager, it stops the recognition at the end of the block."""
 
     def __init__(self, given: Path | Transcript | None, asked: WordSource) -> None:
-        """
-        Raises:
-            TranscriptError: if the transcript cannot be used.
-        """
+        """Read the transcript, if there is one; raises TranscriptError if it cannot be used."""
         self._given: GivenWords | None = None
         if given is not None:
             is_file = isinstance(given, Path)
@@ -206,31 +208,28 @@ class SpokenWords:
 
     @property
     def given(self) -> Transcript:
-        """What a transcript tells at once: nothing of a plain text, whose words are still to be
-        found."""
+        """Words that are known at once; empty for a plain text, which has yet to be aligned."""
         return NOTHING_SAID if self._given is None else self._given.transcript
 
     @property
     def need_speech(self) -> bool:
-        """Whether words are to be looked for in the speech."""
+        """True if words are to be recognised in, or aligned with, the speech."""
         if self._given is None:
             return self._asked == "recognise"
         return self._given.text is not None
 
     def begin(self, waveform: np.ndarray) -> None:
-        """Look for them in this speech, if they are to be looked for and are not yet, and return at
-        once."""
+        """Start to recognise or align words in the background, if needed and not yet started."""
         if self._given is not None:
             self._given = self._given.within(len(waveform) / SAMPLE_RATE)
         if self.need_speech and self._hearing is None:
             self._hearing = Hearing(waveform, self._given and self._given.text)
 
     def found(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
-        """What was said, with what a person should know of it.
+        """Wait for the words, and return them with notes for the user.
 
         Args:
-            on_wait: called again and again while they are still looked for; what it raises ends
-                that.
+            on_wait: called repeatedly while waiting; an exception from it stops the wait.
         """
         notes = () if self._given is None else self._given.notes
         if self._hearing is None:
@@ -242,7 +241,7 @@ class SpokenWords:
 
 
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:
-    """The largest magnitude in each of at most ``num_peaks`` equal stretches, 0 to 100.
+    """Return the largest magnitude in each of at most ``num_peaks`` equal stretches, 0 to 100.
 
     100 is the loudest sample of the clip; silence is all zeros.
     """
@@ -256,7 +255,7 @@ def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int
 
 
 def point_curves(track: np.ndarray) -> dict[str, Curve]:
-    """Jerk and speed over time of a point (T, 3), metres."""
+    """Compute the jerk and speed curves of a point (T, 3) in metres."""
     return {
         name: derivative_curve(track, order, decimals) for name, (order, decimals) in CURVES.items()
     }
@@ -265,15 +264,15 @@ def point_curves(track: np.ndarray) -> dict[str, Curve]:
 def derivative_curve(
     track: np.ndarray, order: int, decimals: int, max_points: int = MAX_POINTS
 ) -> Curve:
-    """Magnitude of a point's derivative, each value at the middle of the frames it comes from.
+    """Compute the magnitude of a point's derivative over time.
 
     Args:
-        track: (T, 3) metres, 30 per second.
+        track: positions (T, 3) in metres, 30 frames per second.
 
     Returns:
-        ``start_s`` and ``step_s`` of the ``values``; empty for clips too short to have one. A
-        longer curve than ``max_points`` keeps the highest value of each stretch, so that no peak is
-        lost.
+        ``start_s`` and ``step_s`` of the ``values``, each at the middle of the frames it comes
+            from; empty for clips that are too short. A curve longer than ``max_points`` keeps the
+            maximum of each stretch, so that no peak is lost.
     """
     values = derivative_magnitudes(track, order)
     stride = max(1, -(-len(values) // max_points))
@@ -289,12 +288,12 @@ def derivative_curve(
 
 
 def longest_s(motions: Mapping[str, Motion]) -> float:
-    """As long as all that is shown."""
+    """Return the duration of the longest motion (s)."""
     return max(motion.duration_s for motion in motions.values())
 
 
 def waveform_of(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
-    """Speech, with silence as far as the longest motion goes; silence alone where there is none."""
+    """Return the speech, or silence without one, padded with zeros to the longest motion."""
     waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
     missing = round(longest_s(motions) * SAMPLE_RATE) - len(waveform)
     return np.pad(waveform, (0, max(0, missing)))

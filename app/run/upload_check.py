@@ -1,4 +1,4 @@
-"""A file held against what a run will want of it, before anyone asks for the run."""
+"""Validation of uploaded files, before a run is requested."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.storage.files import list_bytes
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
-"""Endings of archives of many files."""
+"""Suffixes of archives."""
 TOO_MANY_CLIPS = "At most {limit} clips go into one run; {count} were given."
 TOO_LONG = (
     "The clips of one run may last {limit:g} minutes together; these last {count:.1f}. Leave some "
@@ -30,14 +30,14 @@ NO_ZIP = "{name} is no readable zip; pack it again."
 
 FileKind = Literal["motions", "sounds", "transcript"]
 UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files", "clips"]
-"""What a file is meant to be: references and motions are any file that can be read; of
-motions and sounds a zip may hold many; files are whichever of these each is."""
+"""Intended use of an upload. References and motions are any motion file; motions and sounds may be
+an archive of many; files are motions, sounds or transcripts, by their names."""
 MOTIONS, WORDS = (".npz", ".npy", ".bvh"), tuple(each.lower() for each in WORD_ENDINGS)
 SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
 _MAX_LIST_BYTES = 300_000
-"""Longest list of files at the end of a zip that is looked at."""
+"""Maximum size (bytes) of the directory at the end of a zip that is read."""
 _MAX_START_BYTES = 1 << 22
-"""Of a tar, unpacked, in which names are looked for."""
+"""Number of uncompressed bytes at the start of a tar in which names are searched."""
 _UNREADABLE = (
     *(OSError, EOFError, ValueError, NotImplementedError, BadZipFile, zlib.error),
     tarfile.TarError,
@@ -45,8 +45,10 @@ _UNREADABLE = (
 
 
 def kind_of(path: Path) -> FileKind:
-    """What a file is, as its name tells; of an archive, as the names in it tell. Nothing is
-    unpacked."""
+    """Return the kind of a file by its name, and of an archive by the names in it.
+
+    Nothing is unpacked.
+    """
     name = path.name.lower()
     if name.endswith(PACKED):
         inside = [each.lower() for each in _names_in(path)]
@@ -59,8 +61,7 @@ def kind_of(path: Path) -> FileKind:
 
 
 def _names_in(path: Path) -> list[str]:
-    """Return the names of an archive's files as far as its short list of files, or of a tar its
-    beginning, tells them."""
+    """Return the file names in an archive, as far as its start or a short directory lists them."""
     names: list[str] = []
     with suppress(*_UNREADABLE), path.open("rb") as file:
         if path.suffix.lower() == ".zip":
@@ -76,7 +77,7 @@ def _names_in(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Given:
-    """Files that somebody has put in a field."""
+    """Files in an upload field, and their intended use."""
 
     kind: UploadKind
     paths: Sequence[Path]
@@ -84,8 +85,7 @@ class Given:
 
 
 def refusal_of(given: Given, *_: object) -> str:
-    """Why the first of these files that cannot be used cannot be, in one sentence; empty where all
-    can."""
+    """Return why the first unusable file cannot be used, in one sentence; empty if all can."""
     try:
         if given.kind == "clips":
             check_clips(given.paths, given.max_speech_s)
@@ -102,10 +102,11 @@ def refusal_of(given: Given, *_: object) -> str:
 
 
 def check_clips(speeches: Sequence[Path], max_s: float) -> None:
-    """
+    """Check the number, total length and readability of the clips of one run.
+
     Raises:
-        RunError: where they are too many, or together too long, for one run.
-        SpeechError: where one cannot be used.
+        RunError: if there are too many, or if they are too long together.
+        SpeechError: if one cannot be used.
     """
     from model.speech.audio import SpeechLimits, load_speech
 

@@ -1,1 +1,1 @@
-"""The folder that a run leaves: whole or not there, with what made it."""
+"""Folder of results of a run, which is published whole or not at all, and its provenance."""

@@ -1,5 +1,5 @@
-"""What made a result: enough to make it again, or to tell two results apart; and what a run was
-asked for, in words."""
+"""Provenance of a result, sufficient to reproduce it or to distinguish two results; settings and
+title of a run in words."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmp
 
 
 def versions() -> dict[str, str]:
-    """Of this project, Python and the packages whose numbers or pictures could differ."""
+    """Return the versions of this project, Python and packages that affect numbers or pictures."""
     from model.training.loop import revision
 
     found = {"project": revision(), "python": platform.python_version()}
@@ -41,7 +41,7 @@ def versions() -> dict[str, str]:
 
 
 def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
-    """Weights and card of each system (`model.generation.base.System`)."""
+    """Return weights and model card of each system (`model.generation.base.System`)."""
     return {system.name: _describe(system) for system in systems}
 
 
@@ -65,11 +65,11 @@ def origin_of(
     body: Body,
     backend: str | None,
 ) -> dict[str, Any]:
-    """The record of generated motion, ready for JSON, but for what the end of a run tells.
+    """Return the provenance of generated motion as JSON, as far as it is known before its end.
 
     Args:
-        options: by system.
-        backend: of OpenGL; None when nothing is drawn.
+        options: generation options by system.
+        backend: OpenGL backend; None if nothing is rendered.
     """
     by_system = {
         name: {system: getattr(own, name) for system, own in options.items()}
@@ -104,19 +104,19 @@ def origin_of(
 
 
 Settings = Mapping[str, str]
-"""By name of a setting its value, both for a person."""
+"""Values of the settings of a run by name, both in words."""
 SPEECH = "speech"
 MOTIONS = "motions"
-"""Of files that somebody brought; no other run has it."""
+"""Name of the setting for imported files, which only runs that measure have."""
 SEED = "seed"
 USUAL, NONE = "usual", "none"
 _MAX_NAMED = 3
-"""Files that a run's title names."""
+"""Maximum number of files named in a run's title."""
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
 
 
 def settings_of(request: RunRequest) -> Settings:
-    """Return all settings that can tell two runs apart."""
+    """Return all settings that can distinguish two runs."""
     speech, reference = request.speech.path, request.imports.reference
     first = {SPEECH: speech.stem if speech else NONE}
     last = {
@@ -144,10 +144,10 @@ def settings_of(request: RunRequest) -> Settings:
 
 
 def title_of(request: RunRequest, systems: Sequence[str] = ()) -> str:
-    """Return the title of a run: what it is made of, in a few words.
+    """Return a short title of a run, composed from its inputs.
 
     Args:
-        systems: those of a run that names none, which are all that there are.
+        systems: names of the systems, for a request that names none.
     """
     if request.output.title:
         return request.output.title
@@ -164,8 +164,10 @@ def title_of(request: RunRequest, systems: Sequence[str] = ()) -> str:
 
 
 def names_of_motions(motions: MotionInput) -> Sequence[str]:
-    """Return what imported motions are called: by default the stem of each file, as it can be
-    printed, with its folder if two have the same stem."""
+    """Return the names of imported motions: by default the printable stem of each file.
+
+    Two files with the same stem are named with their folders.
+    """
     if motions.names:
         return motions.names
     paths = motions.motions
@@ -179,14 +181,14 @@ def names_of_motions(motions: MotionInput) -> Sequence[str]:
 
 
 def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
-    """The settings that are not the same, but for the speech, with both values."""
+    """Return the settings that differ, except for the speech, with both values."""
     names = [name for name in {**first, **second} if name != SPEECH]
     pairs = {name: (first.get(name, NONE), second.get(name, NONE)) for name in names}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def _words(request: RunRequest) -> str:
-    """Return where words come from."""
+    """Return the source of the words."""
     if request.speech.transcript is not None:
         return request.speech.transcript.name
     return "recognised" if request.speech.words == "recognise" else NONE

@@ -1,7 +1,7 @@
-"""A folder of results, or a zip of them, whole or not there; one command at a time is in it.
+"""Folder or zip of results that is published atomically, and locked for one command at a time.
 
-The system lets go of a lock when its owner ends, however that was, so that what a killed run left
-is no obstacle.
+The operating system releases a lock when its owner ends, however that happens, so a killed run does
+not block later ones.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 LOCK_NAME = ".at-work"
 _MAX_COMMAND = 200
 _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL}
-"""Of disks that know no locks; there nobody can be told of."""
+"""Error numbers of file systems without locks, where other commands cannot be detected."""
 
 
 @contextmanager
 def held_folder(folder: Path) -> Iterator[None]:
-    """Make the folder where there is none, and keep other commands out of it for the block.
+    """Lock a folder for the block, creating it if needed.
 
-    A folder that was made here and is empty in the end is removed.
+    A folder that was created here and is empty in the end is removed.
 
     Raises:
-        RunError: if another command is at work there, or the folder cannot be written to.
+        RunError: if another command has locked it, or if it cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
         raise RunError(f"{folder} is a file; name a folder for the results.")
@@ -118,24 +118,25 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 UNFINISHED = ".unfinished-"
-"""How names of folders begin that are removed with what a killed run left."""
+"""Prefix of staging folders, which are removed if a killed run left them."""
 _ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
 _NO_TIME = (2000, 1, 1, 0, 0, 0)
 
 
 class ResultFolder:
-    """Collects files beside their final place and moves them there when all are done.
+    """Staging folder for results, which are moved to their final folder when all are complete.
 
-    Files of an earlier run with the same names are replaced only then; an interrupted run
-    removes what it had made, and the folder too if it made that. Others are kept out of the folder
-    meanwhile. A disk that fills up in between is told as a `DiskFullError`.
+    Files of an earlier run with the same names are replaced only then; an interrupted run removes
+    its files, and the folder too if it created it. The folder is locked meanwhile. A disk that
+    becomes full raises `DiskFullError`.
     """
 
     def __init__(self, out: Path, *, is_kept: bool = False) -> None:
-        """
+        """Prepare the staging folder of a run.
+
         Args:
-            is_kept: whether each file is there as soon as it is whole, and stays whatever becomes
-                of the run; by default all are there in the end, or none.
+            is_kept: publish each file as soon as it is complete and keep it if the run fails; by
+                default all files are published at the end, or none.
         """
         self.out = out
         self.is_kept = is_kept
@@ -155,10 +156,10 @@ class ResultFolder:
         return self
 
     def path(self, name: str, *, grows: bool = False) -> Path:
-        """Where to write the file that will be called ``name``.
+        """Return the path at which to write the file ``name``.
 
         Args:
-            grows: whether it is of use before it is whole.
+            grows: whether the file is useful before it is complete.
         """
         if name not in self._names:
             self._names.append(name)
@@ -167,7 +168,7 @@ class ResultFolder:
         return path
 
     def whole(self, path: Path) -> str:
-        """Note that what was written where `path` said is whole; returns its name."""
+        """Mark a file written at `path` as complete, and return its name."""
         below = self._staging if path.is_relative_to(self._staging) else self.out
         name = path.relative_to(below).as_posix()
         if self.is_kept and below == self._staging:
@@ -175,7 +176,7 @@ class ResultFolder:
         return name
 
     def at(self, name: str) -> Path:
-        """Where a file is that was written."""
+        """Return the current path of a written file."""
         path = self._staging / name
         return path if path.exists() else self.out / name
 
@@ -184,11 +185,11 @@ class ResultFolder:
         os.replace(self._staging / name, self.out / name)
 
     def scratch(self, name: str) -> Path:
-        """Where to write a file that only the run itself needs."""
+        """Return a path for a temporary file of the run."""
         return self._staging / f".{name}"
 
     def publish(self) -> tuple[Path, ...]:
-        """Move every file to its final name and return those names."""
+        """Move every file to its final path, and return these paths."""
         for name in self._names:
             if not self.is_kept or (self._staging / name).exists():
                 self._move(name)
@@ -209,12 +210,12 @@ class ResultFolder:
 def zip_files(
     files: Iterable[Path], out: Path, below: Path | None = None, *, has_times: bool = True
 ) -> Path:
-    """Write ``files`` into the zip ``out``, whole or not at all.
+    """Write files into a zip atomically.
 
     Args:
-        below: the folder that their names in the zip begin from; without it they lie flat in a
-            folder of the zip's own name.
-        has_times: False says nothing of when and by whom they were made.
+        below: folder to which the names in the zip are relative; without it, all files are in one
+            folder with the name of the zip.
+        has_times: whether the zip keeps modification times and permissions.
     """
     partial = out.with_name(f".{out.name}.partial")
     try:
@@ -235,17 +236,16 @@ def zip_files(
 
 
 def zip_folder(folder: Path, out: Path) -> Path:
-    """All files below ``folder``, under its name; the zip says nothing of when and in what order
-    they were made."""
+    """Zip all files of a folder under its name, without times and in order of their names."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return zip_files(files, out, below=folder.parent, has_times=False)
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
-    """Raise before a run begins that its disk cannot hold.
+    """Check before a run that the disk has enough space.
 
     Raises:
-        DiskFullError: naming how much is free and how much is needed.
+        DiskFullError: with the free and the needed space.
     """
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < needed_bytes:

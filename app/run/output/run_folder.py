@@ -1,5 +1,5 @@
-"""What a run's folder holds, as its `run.json` says it: written while the run goes, and read by
-whoever shows it (docs/formats.md)."""
+"""Content of a run's folder as described by its `run.json`, which is written during the run and
+read by viewers (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from model.storage.files import list_bytes, write_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
-"""Over several clips, whose runs' folders lie beside them."""
+"""Tables over several clips, next to the folders of their runs."""
 SHOWN = "shown"
-"""Folder of what only a player shows."""
+"""Folder of files that only a player uses."""
 NO_RUN = (
     "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
     "this version has written, or its zip."
@@ -46,7 +46,7 @@ MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
 _MAX_LIST_BYTES = 300_000
-"""Of the list of files of a zip that is looked at."""
+"""Maximum size (bytes) of the directory of a zip that is read."""
 
 Name = Annotated[str, Field(min_length=1, max_length=520), AfterValidator(printable)]
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(printable)]
@@ -64,8 +64,9 @@ FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 RowKind = Literal["motion", "frames", "plan", "performed", "video", "told", "windows"]
-"""``plan`` is what a player shows, ``performed`` what the system was given; ``told`` is what an
-editor of it shows, and ``windows``, which stay in their folder, what a take goes on from."""
+"""Kind of a row's file. ``plan`` is the plan in the player, ``performed`` the plan that the system
+followed; ``told`` is the data of the plan editor; ``windows``, which stay in their folder, are the
+generation state that a take starts from."""
 Kind = Literal["generated", "given"]
 State = Literal["running", "done", "failed", "cancelled"]
 
@@ -75,29 +76,29 @@ class _Strict(BaseModel):
 
 
 class There(_Strict):
-    """How much of a row's frames there is, and how they are laid onto the others."""
+    """Number of frames of a row so far, and their root transform."""
 
     end: Count
     num_frames: Count
     bytes: Count
     place: tuple[Number, Number, Number, Number]
-    """Radians about the vertical, then metres."""
+    """Rotation about the vertical (rad), then translation (m)."""
 
 
 class TakeOf(_Strict):
-    """Which motion of an edited plan it is."""
+    """Origin of a motion with an edited plan."""
 
     number: Count
     of: Name
-    """The run's own row."""
+    """Name of the run's original row."""
     start: Name
-    """The row whose plan was changed."""
+    """Name of the row whose plan was changed."""
     fresh: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
-    """Seconds that were made anew."""
+    """Time spans (s) that were generated again."""
 
 
 class AssumedTold(TypedDict):
-    """How a file was understood in one respect; see `model.formats` and Assumption in told.d.ts."""
+    """Interpretation of a file in one respect; see `model.formats` and Assumption in told.d.ts."""
 
     what: Text
     value: Text
@@ -107,7 +108,7 @@ class AssumedTold(TypedDict):
 
 
 class Row(_Strict):
-    """One motion."""
+    """Motion of a run, with its files."""
 
     name: Name
     label: Name
@@ -116,19 +117,19 @@ class Row(_Strict):
     there: There | None = None
     take: TakeOf | None = None
     assumed: Annotated[list[AssumedTold], Field(max_length=40)] = []
-    """As what its file was understood, where it came from one."""
+    """Interpretation of the motion's file, if it was imported."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
-    """Of that file's name; see `ending_of`."""
+    """Suffix of the imported file; see `ending_of`."""
 
 
 class Told(_Strict):
-    """A finding; of no name, in which motions there is none."""
+    """Finding of a motion; without a name, a statement on the motions that have none."""
 
     name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
     kind: Annotated[str, Field(max_length=80), AfterValidator(printable)] = ""
     sentence: Text
     at: Number | None = None
-    """The second at which it is worst."""
+    """Time (s) at which it is worst."""
 
 
 class ToldVerdict(_Strict):
@@ -137,50 +138,51 @@ class ToldVerdict(_Strict):
 
 
 class RunRecord(_Strict):
-    """What ``run.json`` says."""
+    """Content of ``run.json``."""
 
     format: Literal[2] = 2
     state: State = "running"
     sentence: Text = ""
-    """How it went, or why it failed."""
+    """Final status message, or the reason of a failure."""
     kind: Kind
     title: Text = ""
     request: Annotated[dict[Name, Any], Field(max_length=80)] = {}
-    """What was asked for, by the parts of the request; of files only their names."""
+    """Request of the run, by its parts, with names in place of paths."""
     settings: Annotated[dict[Name, Text], Field(max_length=60)] = {}
-    """The same in words, as two runs are compared by."""
+    """Settings of the request in words, by which two runs are compared."""
     speech_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
-    """Of the file of speech; empty without any."""
+    """SHA-256 of the speech file; empty without one."""
     noise_seed: Annotated[int, Field(ge=0)] | None = None
-    """Seed of the noise that generated motion starts from, computed from the seed that was asked
-    for and the file of speech; None in runs of earlier versions, which used the seed itself."""
+    """Seed of the noise of generated motion, computed from the requested seed and the speech file;
+    None in runs of earlier versions, which used the requested seed."""
     whole: Annotated[str, Field(pattern=_SHA256)] = ""
-    """Of one of several clips, at last: of all that decides what the files hold."""
+    """SHA-256 of all inputs that determine the files of one clip of several, set when it is
+    complete."""
     point: Name
-    """The fingertip or joint that the numbers follow."""
+    """Tracked fingertip or joint of the metrics."""
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     sound: FileName | None = None
     timeline: FileName | None = None
     verdict: ToldVerdict | None = None
     findings: Annotated[list[Told], Field(max_length=MAX_TOLD)] = []
-    """The gravest first."""
+    """Findings, the most severe first."""
     says: dict[Name, Text] = {}
-    """Sentences of the numbers, by figure."""
+    """Sentences on the metrics, by figure."""
     numbers: Annotated[
         dict[Name, dict[Version, dict[Name, Number]]], Field(max_length=MAX_ROWS)
     ] = {}
-    """By motion, filter and measure, as tables show them; what was not measured is not there."""
+    """Metrics by motion, filter and metric, as in tables; missing ones were not computed."""
     notes: Annotated[list[Text], Field(max_length=MAX_TOLD)] = []
     files: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
-    """That are whole."""
+    """Complete files."""
     missing: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
-    """Videos that are drawn behind the run and are not there yet, nor in a zip that is saved
-    meanwhile; they stay here where their drawing is given up."""
+    """Videos that are rendered after the run and are not complete yet, nor in a zip saved
+    meanwhile. They remain listed if the rendering is abandoned."""
 
     @model_validator(mode="before")
     @classmethod
     def _from_format_1(cls, record: Any) -> Any:
-        """In format 1 the fields of a request stood side by side under ``asked``."""
+        """Convert format 1, in which ``asked`` held the fields of the request without parts."""
         if not isinstance(record, dict) or record.get("format") != 1:
             return record
         asked = record.get("asked")
@@ -200,38 +202,38 @@ class RunRecord(_Strict):
         return next((row for row in self.rows if row.name == name), None)
 
     def put(self, row: Row) -> None:
-        """In the place of the one of that name, or at the end."""
+        """Replace the row of the same name, or append the row."""
         names = [each.name for each in self.rows]
         at = names.index(row.name) if row.name in names else len(names)
         self.rows[at : at + 1] = [row]
 
     @property
     def gravest(self) -> list[Told]:
-        """The few findings that are told first, and in which motions there is none."""
+        """The most severe findings, and the statement on motions that have none."""
         return [
             *self.findings[:GRAVEST],
             *(each for each in self.findings[GRAVEST:] if not each.name),
         ]
 
     def label(self, name: str) -> str:
-        """How a motion is called."""
+        """Return the label of a motion."""
         row = self.row(name)
         return name if row is None else row.label
 
     @property
     def named(self) -> list[str]:
-        """All its files."""
+        """All files that the record names."""
         frames = [row.files["frames"] for row in self.rows if "frames" in row.files]
         return list(dict.fromkeys([*self.files, *frames]))
 
     @property
     def results(self) -> list[str]:
-        """All files but those that only a player shows, with this one."""
+        """All files except those that only a player uses, and the record itself."""
         return [RUN, *(name for name in self.files if not name.startswith(f"{SHOWN}/"))]
 
     @property
     def is_moving(self) -> bool:
-        """Whether there is anything to be seen."""
+        """True if there is anything to play."""
         return any(row.files for row in self.rows)
 
     def write(self, path: Path) -> None:
@@ -239,18 +241,20 @@ class RunRecord(_Strict):
 
 
 def noise_of(name: str) -> str | None:
-    """What rows have in common that were drawn from the same noise in the same way: what stands
-    before the slash, and the sample; None of a motion whose noise, if any, is not known."""
+    """Return a key that rows with the same noise share, or None if the noise is not known.
+
+    It consists of the system's family, before the slash, and the number of the sample.
+    """
     sample = SampleName.parse(name)
     family, slash, _ = sample.system.partition("/")
     return f"{family} {sample.number}" if slash else None
 
 
 def check_file_stems(names: Iterable[str]) -> None:
-    """Check that no two of the names would share a file.
+    """Check that no two names map to the same file name.
 
     Raises:
-        RunError: naming both, and the file.
+        RunError: with both names and the file name.
     """
     owners: dict[str, str] = {}
     for name in dict.fromkeys(names):
@@ -262,11 +266,7 @@ def check_file_stems(names: Iterable[str]) -> None:
 
 
 def rows_of(names: Sequence[str]) -> list[Row]:
-    """As they look in players and figures.
-
-    Raises:
-        RunError: if two would share their files.
-    """
+    """Make rows with labels and colours; raises RunError if two would share their files."""
     check_file_stems(names)
     labels = short_names(names)
     return [
@@ -275,7 +275,7 @@ def rows_of(names: Sequence[str]) -> list[Row]:
 
 
 def colors_of(names: Iterable[str]) -> dict[str, str]:
-    """The figures' own: the reference black, the others by their order."""
+    """Return the colours of motions as in figures: the reference black, the others in order."""
     from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 
     names = list(names)
@@ -286,11 +286,7 @@ def colors_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def read_run(folder: Path) -> RunRecord:
-    """What its ``run.json`` says.
-
-    Raises:
-        RunError: if it is none that a run of this version has written.
-    """
+    """Read the ``run.json`` of a folder; raises RunError if there is none of this version."""
     name = printable(folder.name)
     if not (folder / RUN).is_file():
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
@@ -302,8 +298,7 @@ def read_run(folder: Path) -> RunRecord:
 
 
 def runs_in(folder: Path) -> dict[str, Path]:
-    """The folder itself, by no name, where it is a run's; else the runs of several clips that lie
-    in it, by clip."""
+    """Return the folders of runs by clip: the folder itself under "", or its subfolders."""
     if (folder / RUN).is_file():
         return {"": folder}
     found = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
@@ -311,7 +306,7 @@ def runs_in(folder: Path) -> dict[str, Path]:
 
 
 def file_of(folder: Path, name: str | None) -> Path | None:
-    """A file that ``run.json`` names; None where it is not there, or a link leads out of it."""
+    """Return the path of a file named by ``run.json``; None if it is missing or leads outside."""
     path = None if name is None else folder / name
     if path is None or not path.is_file():
         return None
@@ -319,18 +314,14 @@ def file_of(folder: Path, name: str | None) -> Path | None:
 
 
 def row_files(folder: Path, kind: RowKind) -> dict[str, Path]:
-    """Those of a run's rows, by name.
-
-    Raises:
-        RunError: as `read_run`.
-    """
+    """Return the files of one kind by row; raises RunError as `read_run`."""
     found = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
     return {name: path for name, path in found if path is not None}
 
 
 @contextmanager
 def changed(folder: Path) -> Iterator[RunRecord]:
-    """What a run's folder says, to be changed while no other process or thread does.
+    """Lock and read the record of a run's folder, and write its changes at the end of the block.
 
     Raises:
         RunError: as `read_run`.
@@ -346,7 +337,7 @@ def changed(folder: Path) -> Iterator[RunRecord]:
 
 
 def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = None) -> None:
-    """Take a file that was made after a run had ended into its folder; see `RunWriter.file`."""
+    """Add a file made after the end of a run to its folder; see `RunWriter.file`."""
     own = path.name
     with changed(folder) as record:
         (folder / own).unlink(missing_ok=True)
@@ -360,7 +351,7 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = Non
 
 
 def expect_videos(folder: Path, views: Sequence[str]) -> None:
-    """Note as `RunRecord.missing` the videos that are to be drawn of a run's motions."""
+    """Record in `RunRecord.missing` the videos that will be rendered of a run's motions."""
     with changed(folder) as record:
         names = [row.name for row in record.rows if row.take is None and "motion" in row.files]
         videos = [video_file(name, view, views) for view in views for name in names]
@@ -368,7 +359,7 @@ def expect_videos(folder: Path, views: Sequence[str]) -> None:
 
 
 def drop_unfinished(folder: Path) -> None:
-    """Forget takes that were not made to their end."""
+    """Remove takes that are incomplete."""
     with changed(folder) as record:
         for row in [row for row in record.rows if row.take and "told" not in row.files]:
             record.rows.remove(row)
@@ -378,7 +369,7 @@ def drop_unfinished(folder: Path) -> None:
 
 
 def end_run(folder: Path, sentence: str) -> bool:
-    """Say of a run that has failed why, as a visitor is told; whether it has left any motion."""
+    """Record the reason of a failure as visitors see it; return whether any motion was written."""
     try:
         with changed(folder) as record:
             record.state, record.sentence = "failed", cut(sentence)
@@ -393,16 +384,12 @@ def save_run(asked: tuple[Path, Path], *_: object) -> None:
 
 
 def zip_run(folder: Path, out: Path) -> Path:
-    """All that a run's ``run.json`` names, or those of several clips, and the tables over them."""
+    """Zip all files of a run, or of the runs of several clips with their tables."""
     return zip_files(files_of(folder), out, below=folder)
 
 
 def files_of(folder: Path) -> list[Path]:
-    """What belongs to a run, or to those of several clips.
-
-    Raises:
-        RunError: if there is none.
-    """
+    """Return all files of a run, or of the runs of several clips; raises RunError without any."""
     runs = runs_in(folder) or {"": folder}
     named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
     named += [(folder, name) for name in TABLES if "" not in runs]
@@ -411,8 +398,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def is_run_zip(path: Path) -> bool:
-    """Whether a zip holds a run, or those of several clips, as far as its short list of files
-    tells; nothing is unpacked."""
+    """Check whether a zip holds a run, or several, by its directory; nothing is unpacked."""
     try:
         with path.open("rb") as file:
             if list_bytes(file) > _MAX_LIST_BYTES:
@@ -425,21 +411,21 @@ def is_run_zip(path: Path) -> bool:
 
 
 def cut(told: str) -> str:
-    """As long as it may be in ``run.json``."""
+    """Shorten a text to the maximum length in ``run.json``."""
     return printable(told)[:MAX_TEXT]
 
 
 def ending_of(path: Path) -> str:
-    """Of a file's name, where it is a plain one as kinds of files have; else none."""
+    """Return the suffix of a file if it is plausible for a file type, otherwise ""."""
     ending = path.suffix.lower()
     return ending if re.fullmatch(_ENDING, ending) else ""
 
 
 def video_file(name: str, view: str, views: Sequence[str]) -> str:
-    """Return the name of a row's video in one of the views that are drawn."""
+    """Return the file name of a row's video in one of the rendered views."""
     return f"{file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
 
 
 def shown_file(name: str, ending: str) -> str:
-    """Return the name of a row's file that only a player shows."""
+    """Return the name of a row's file that only a player uses."""
     return f"{SHOWN}/{file_stem(name)}{ending}"

@@ -1,4 +1,4 @@
-"""What a person is told on a terminal: sentences and bars on standard error, files for a script on
+"""Terminal output: sentences and progress bars on standard error, file paths for scripts on
 standard output."""
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from conventions.names import printable
 
 
 class Bars:
-    """One for each thing that is at work, below one another, on a terminal or in a notebook's cell;
-    use it as a context."""
+    """Progress bars of a terminal or notebook cell, one below the other; a context manager."""
 
     def __init__(self, *, is_shown: bool | None = None, stays: bool = True) -> None:
-        """
+        """Configure the progress bars.
+
         Args:
-            is_shown: by default where a person sees them.
+            is_shown: whether bars are shown; by default only on a terminal.
+            stays: whether bars remain when they are finished.
         """
         self._is_shown, self._stays = is_shown, stays
         self._bars: dict[str, Any] = {}
@@ -34,7 +35,7 @@ class Bars:
             bar.close()
 
     def show(self, title: str, share: float) -> None:
-        """Move a bar to a share, 0 to 1, of its way."""
+        """Set a progress bar to a fraction from 0 to 1."""
         from tqdm.auto import tqdm
 
         if title not in self._bars:
@@ -51,18 +52,18 @@ class Bars:
         bar.refresh()
 
     def take(self, event: Event) -> None:
-        """Show how far a stage of a run is."""
+        """Show the progress of a run's stage."""
         if isinstance(event, Progress):
             self.show(text.STAGE_NAMES[event.stage], event.fraction)
 
 
 def say(sentence: str) -> None:
-    """One line for a person."""
+    """Write one line for the user to standard error."""
     sys.stderr.write(f"{printable(sentence)}\n")
 
 
 def name_file(path: Path) -> None:
-    """One line for a script, which gets the very name; a terminal gets what it does not obey."""
+    """Write the path of a file to standard output; control characters are escaped on a terminal."""
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper):
         out.reconfigure(errors="surrogateescape")  # a name may be no text at all
@@ -71,7 +72,7 @@ def name_file(path: Path) -> None:
 
 
 class LogLines(logging.Formatter):
-    """Lines of the log that no terminal obeys."""
+    """Log formatter that escapes control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
         return "\n".join(map(printable, super().format(record).split("\n")))

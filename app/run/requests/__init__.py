@@ -1,1 +1,1 @@
-"""What each task is asked to do, as frozen dataclasses made of shared parts; imports no task."""
+"""Requests of all tasks, as frozen dataclasses made of shared parts; it imports no task."""

@@ -1,4 +1,4 @@
-"""Requests from flat names, as forms, notebooks and old files have them, and to JSON."""
+"""Conversion of requests to JSON, and from flat names as in forms, notebooks and old files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ OLD_NAMES: Mapping[str, str] = {
     "take": "live_recording",
     "opened": "source_run",
 }
-"""Names that fields had before, by which programs and files may still give them."""
+"""Former names of fields, which programs and files may still use."""
 PRIVATE_FIELDS = frozenset(
     ("out", "weights", "body", "is_kept", "source_run", "live_recording", "title", "max_frames")
 )
-"""Fields that no file of a run tells: they say where files lie, or are no choice of the user."""
+"""Fields that no file of a run contains: they hold file locations, or are no choice of the user."""
 
 
 def _is_part(kind: object) -> bool:
@@ -36,15 +36,17 @@ def _is_part(kind: object) -> bool:
 
 
 def all_names(kind: type) -> frozenset[str]:
-    """Return the names by which fields of a request can be given."""
+    """Return the accepted names of a request's fields, including former ones."""
     paths = field_paths(kind)
     return frozenset((*paths, *(old for old, name in OLD_NAMES.items() if name in paths)))
 
 
 @cache
 def field_paths(kind: type) -> Mapping[str, tuple[str, ...]]:
-    """Return the path of each field of a request through its parts, by the field's name; the field
-    ``path`` of a part has the part's name."""
+    """Return the path of each field of a request through its parts, by the field's name.
+
+    The field ``path`` of a part has the part's name.
+    """
     paths: dict[str, tuple[str, ...]] = {}
     for name, hint in get_type_hints(kind).items():
         if not _is_part(hint):
@@ -56,8 +58,7 @@ def field_paths(kind: type) -> Mapping[str, tuple[str, ...]]:
 
 
 def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """Make a request of values by the names of its fields, whichever part they are in; what is not
-    given is as the request has it by default.
+    """Make a request from values by field name, with the defaults for missing ones.
 
     Raises:
         RunError: if there is no field of a name.
@@ -75,8 +76,7 @@ def _check_names(kind: type, names: Iterable[str]) -> None:
 
 
 def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by the names of a request's fields, each in the part that has it; those that no
-    part has are left out."""
+    """Return values by field name as nested dictionaries by part; unknown names are dropped."""
     paths = field_paths(kind)
     nested: dict[str, Any] = {}
     for name, value in values.items():
@@ -90,8 +90,11 @@ def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replace_fields(request: Request, **values: Any) -> Request:
-    """Return the request with other values of fields, by their names, whichever part has them.
-    Raises `RunError` if there is no field of a name."""
+    """Return the request with some fields replaced, by name and across its parts.
+
+    Raises:
+        RunError: if there is no field of a name.
+    """
     _check_names(type(request), values)
     return _replaced(request, nested_fields(type(request), values))
 
@@ -107,7 +110,7 @@ def _replaced(request: Any, values: Mapping[str, Any]) -> Any:
 
 
 def flat_json(request: object) -> dict[str, Any]:
-    """Return what `request_json` tells, by the names of the fields alone."""
+    """Return `request_json` with field names as keys, without the nesting by part."""
     nested = request_json(request)
     flat: dict[str, Any] = {}
     for name, path in field_paths(type(request)).items():
@@ -147,7 +150,7 @@ def default_of(kind: type, name: str) -> Any:
 
 
 def _default(of: Any, name: str) -> Any:
-    """Return the default of a field of a class, or the value of an instance's."""
+    """Return the default of a class's field, or the field's value if ``of`` is an instance."""
     if not isinstance(of, type):
         return getattr(of, name)
     field = next(each for each in fields(of) if each.name == name)
@@ -161,7 +164,7 @@ def _default(of: Any, name: str) -> Any:
 
 @cache
 def field_type(kind: type, name: str) -> Any:
-    """Return the type of a field of a request, with what marks it."""
+    """Return the type of a field of a request, with its annotations."""
     *parts, last = field_paths(kind)[OLD_NAMES.get(name, name)]
     for part in parts:
         kind = get_type_hints(kind)[part]
@@ -169,11 +172,13 @@ def field_type(kind: type, name: str) -> Any:
 
 
 def parse_field(kind: type, name: str, value: object) -> Any:
-    """Return the value of one field of a request for what a form holds: text is read as on the
-    command line, a check box as one of two values; anything else is returned as it is.
+    """Parse the form value of a request's field; text and check boxes are converted.
+
+    Text is parsed as on the command line, a check box selects one of two values, and anything else
+    is returned unchanged.
 
     Raises:
-        RunError: if the field cannot have it.
+        RunError: if the field does not accept the value.
     """
     hint = field_type(kind, name)
     for mark in getattr(hint, "__metadata__", ()):
@@ -189,11 +194,11 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
 
     Args:
         names: fields that the command does not use.
-        why: first clause of the refusal.
-        usual: values that are not refused, in addition to the defaults.
+        why: first clause of the error message.
+        usual: accepted values in addition to the defaults.
 
     Raises:
-        RunError: naming the flags.
+        RunError: with the names of the flags.
     """
     given = []
     for name in names:
@@ -224,7 +229,7 @@ def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:
 
 
 def request_json(request: object) -> dict[str, Any]:
-    """Return a request ready for JSON, without private fields, and of paths only their names."""
+    """Return a request for JSON, without private fields and with names in place of paths."""
     return {
         of.name: _json_value(getattr(request, of.name))
         for of in fields(request)  # type: ignore[arg-type]

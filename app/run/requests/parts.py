@@ -1,5 +1,5 @@
-"""Parts that several requests share. tyro makes flags of their fields, forms and files are read
-into them by pydantic (`app.run.requests.convert`)."""
+"""Parts that several requests share; tyro makes flags of their fields, and pydantic reads forms and
+files into them (`app.run.requests.convert`)."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ from renderer.figures.style import FORMS
 WordSource = Literal["recognise", "none"]
 WORD_SOURCES: tuple[WordSource, ...] = get_args(WordSource)
 MIN_SIZE_PX, MAX_SIZE_PX = 256, 1080
-"""Smallest and largest width and height of a picture (pixels)."""
+"""Limits of the width and height of a picture (pixels)."""
 DEFAULT_TRACKED_POINT = "right_middle"
-"""Fingertip that metrics follow by default."""
+"""Default tracked point of the metrics, a fingertip."""
 NUM_WORST_SECONDS = 6
-"""Number of worst seconds that a timeline marks."""
+"""Number of worst seconds marked in a timeline."""
 MAX_SAMPLES = 8
 MAX_CLIPS = 10
-"""Most clips of one run on the page."""
+"""Maximum number of clips in one run on the page."""
 MAX_STEPS = 1000
 MAX_GUIDANCE = 10
 MAX_COMPARED = 6
-"""Most motions in one comparison video or figure."""
+"""Maximum number of motions in a comparison video or figure."""
 FIGURE_PANELS = {"a": "coordinates", "b": "snapshots", "c": "path in space", "d": "tremble"}
 MAX_SNAPSHOTS = 7
 
@@ -55,21 +55,21 @@ SYSTEM_OPTIONS: Mapping[str, str] = {
     "sampler": "sampler",
     "guidance": "strength of the speech",
 }
-"""Fields of `SamplingOptions` that each system takes as far as it supports them, with titles."""
+"""Titles of the fields of `SamplingOptions` that apply only to the systems that support them."""
 Steps = int | Mapping[str, int] | None
-"""Sampling steps of all systems or by system; None uses each system's default."""
+"""Number of sampling steps, for all systems or by system; None is each system's default."""
 
 
 def steps_for(steps: Steps, system: str) -> int | None:
-    """Return the requested steps of one system, or None for its default."""
+    """Return the number of sampling steps requested for a system, or None for its default."""
     return steps.get(system) if isinstance(steps, Mapping) else steps
 
 
 def parse_steps(value: str) -> int | dict[str, int] | None:
-    """Parse ``20`` or ``globaldiff/full=20,globaldiff/local=5``; an empty text is None.
+    """Parse ``20`` or ``globaldiff/full=20,globaldiff/local=5``; an empty text gives None.
 
     Raises:
-        RunError: if it is neither.
+        RunError: if the text is neither.
     """
     parts = [part.strip() for part in value.split(",") if part.strip()]
     if not parts:
@@ -86,7 +86,7 @@ def parse_steps(value: str) -> int | dict[str, int] | None:
 
 
 def check_size(size_px: int) -> None:
-    """Raise `RunError` for a width or height that pictures cannot have."""
+    """Check the width or height of a picture; raises RunError."""
     if not MIN_SIZE_PX <= size_px <= MAX_SIZE_PX or size_px % 2:
         raise RunError(
             f"{size_px} pixels; pictures have {MIN_SIZE_PX} to {MAX_SIZE_PX} on each side, an even "
@@ -95,7 +95,7 @@ def check_size(size_px: int) -> None:
 
 
 def parse_size(value: str) -> int:
-    """Parse the width or height of a picture. Raises `RunError` if pictures cannot have it."""
+    """Parse and check the width or height of a picture; raises RunError."""
     if not value.strip().isdecimal():
         raise RunError(f"{value!r} is no number of pixels")
     check_size(int(value))
@@ -103,8 +103,7 @@ def parse_size(value: str) -> int:
 
 
 def parse_channel(value: str) -> int:
-    """Parse ``left``, ``right`` or a number from 1 to the channel's index from 0. Raises `RunError`
-    for anything else."""
+    """Parse ``left``, ``right`` or a number from 1 into a channel index from 0; raises RunError."""
     sides = {"left": 0, "right": 1}
     if value in sides:
         return sides[value]
@@ -114,7 +113,7 @@ def parse_channel(value: str) -> int:
 
 
 def parse_frames(value: str) -> tuple[int, ...]:
-    """Parse ``0,40,80`` to sorted frames. Raises `RunError` for no frames, and for too many."""
+    """Parse ``0,40,80`` into sorted frame indices; raises RunError for none or too many."""
     names = parse_names(value)
     if not all(name.isdecimal() for name in names) or not 1 <= len(names) <= MAX_SNAPSHOTS:
         raise RunError(f"{value!r} is not 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
@@ -122,7 +121,7 @@ def parse_frames(value: str) -> tuple[int, ...]:
 
 
 def parse_overrides(value: str) -> Assumptions:
-    """Parse ``up=z,NAME:rate=25``. Raises `RunError` for unknown kinds and values."""
+    """Parse ``up=z,NAME:rate=25``; raises RunError for unknown properties and values."""
     try:
         return read_told(value)
     except MotionError as error:
@@ -130,14 +129,14 @@ def parse_overrides(value: str) -> Assumptions:
 
 
 def check_choice(value: object, choices: tuple[Any, ...], what: str) -> None:
-    """Raise `RunError` that lists the choices if the value is none of them."""
+    """Check that a value is one of the choices; the RunError lists them."""
     if value not in choices:
         names = ", ".join(str(name) for name in choices if name)
         raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
 
 
 def check_steps(steps: Steps) -> None:
-    """Raise `RunError` for numbers of steps that no system can take."""
+    """Check the numbers of sampling steps; raises RunError."""
     for system, count in steps.items() if isinstance(steps, Mapping) else [("", steps)]:
         if count is not None and not 1 <= count <= MAX_STEPS:
             which = f"Steps of {system}" if system else "Steps"
@@ -189,28 +188,27 @@ Window = Annotated[int | None, text_type(parse_count, "N", "every period from 2 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeechInput:
-    """Speech recording, how it is read, and where its words come from."""
+    """Speech recording with options for reading it and the source of its words."""
 
     path: Annotated[File, arg(name="speech")] = None
-    """Sound that all motions belong to, for BeatAlign and its chance level; a folder of sound files
-    for folders of motions."""
+    """Audio file that all motions belong to, for BeatAlign and its chance level; for folders of
+    motions, a folder of audio files."""
     channel: Channel = None
-    """The one channel of several that is used, such as one side of a dialogue."""
+    """Audio channel to use, such as one side of a dialogue."""
     transcript: File = None
-    """What is said: a TextGrid, or a plain English text (.txt), which is aligned to the speech; for
-    metrics and timeline."""
+    """Transcript: a TextGrid with word times, or plain English text (.txt) that is aligned with the
+    speech. It is used for metrics and the timeline."""
     words: Annotated[WordSource, Switch("recognise", "none")] = "none"
-    """Recognise English words if there is no transcript; takes a fifth of the speech's length on
-    one core."""
+    """Recognise English words if there is no transcript. This takes about a fifth of the speech's
+    duration on one core."""
 
     def check(self) -> None:
-        """Raise `RunError` for options that cannot be."""
         check_choice(self.words, WORD_SOURCES, "way to words")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeechToMove(SpeechInput):
-    """Speech recording that motion is generated for."""
+    """Speech recording for which motion is generated."""
 
     path: Annotated[
         Positional[Path],
@@ -220,12 +218,12 @@ class SpeechToMove(SpeechInput):
         ),
     ] = field()
     max_speech_s: Minutes = 600.0
-    """Longest speech that is accepted."""
+    """Maximum length of the speech."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSource(SpeechInput):
-    """Speech recording that a plan is sampled from, or a motion whose plan is detected."""
+    """Speech recording from which a plan is sampled, or motion whose plan is detected."""
 
     path: Annotated[
         Positional[Path],
@@ -235,32 +233,31 @@ class PlanSource(SpeechInput):
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """Which systems generate, and how they sample; all start from the same noise."""
+    """Systems that generate and their sampling options; all systems start from the same noise."""
 
     systems: Names = ()
     """Names of systems."""
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker whose style the motion has."""
+    """Speaker whose style is used."""
     seed: int = 0
     """Seed of the noise. The same speech file, options and seed give the same motion, whether the
     clip is generated alone or among others."""
     samples: int = 1
-    """Motions per system."""
+    """Number of samples per system."""
     steps: PerSystem = None
-    """Sampling steps, of all systems or by name; of the body where a system generates the face in a
-    fraction of them."""
+    """Number of sampling steps, for all systems or by system name. If a system samples the face
+    with fewer steps, this is the number for the body."""
     sampler: Sampler = None
-    """Sampler of the systems that have it; the others use their default."""
+    """Sampler for the systems that have it; the others use their default."""
     guidance: GuidanceScale = None
-    """Classifier-free guidance scale, 0 (speech is ignored) to 10; 1 is as trained, and as the
-    papers' own code samples. Only for systems that support guidance."""
+    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10. 1 is as
+    trained and as in the papers' code. It applies to systems that support guidance."""
     post_filter: Annotated[PostFilter, Switch("savgol", "none")] = "none"
-    """Smooth every system in the same way; metrics are given with and without it in any case."""
+    """Smooth the motion of every system. Metrics are computed for both raw and smoothed motion."""
 
     def check(self) -> None:
-        """Raise `RunError` for options that cannot be."""
         check_choice(self.post_filter, POST_FILTERS, "post-filter")
         if not 1 <= self.samples <= MAX_SAMPLES:
             raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {self.samples}.")
@@ -273,19 +270,20 @@ class SamplingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions:
-    """Gesture plan for the systems that follow one."""
+    """Gesture plan and style for the systems that use plans."""
 
     plan: File = None
-    """Gesture plan for the systems that follow one, as a run or `plan` writes it, or annotated in
-    Praat or ELAN: .json, .TextGrid, .eaf; for several pieces of speech a folder of them. Without
-    one, plans are sampled from the speech."""
+    """Gesture plan for the systems that use plans, as written by a run or by `plan`, or annotated
+    in Praat or ELAN (.json, .TextGrid, .eaf). For several speeches, a folder of plans. By default,
+    plans are sampled from the speech."""
     style: File = None
-    """How often, how large, how high, how fast (.toml): applied to every plan (docs/plans.md)."""
+    """Style file (.toml): gesture rate, size, height and speed, applied to every plan
+    (docs/plans.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """Motion files of others: the reference, and how files are read."""
+    """Reference motion and overrides for reading motion files."""
 
     reference: File = None
     """Recorded motion to compare with."""
@@ -294,7 +292,7 @@ class ImportOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionInput:
-    """Imported motions that are measured."""
+    """Imported motions to measure."""
 
     motions: Annotated[
         Positional[tuple[Path, ...]],
@@ -305,44 +303,47 @@ class MotionInput:
         ),
     ]
     names: Suppress[tuple[str, ...]] = ()
-    """Names of the motions; by default the names of their files."""
+    """Names of the motions; by default their file names."""
     window: Window = None
-    """Frames of the windows that all motions but the reference were generated in, if known."""
+    """Window length, in frames, with which all motions except the reference were generated, if
+    known."""
     overlap: int = 0
-    """Frames that two such windows share."""
+    """Overlap of these windows in frames."""
     shown: Annotated[Names, arg(name="show")] = ()
-    """Motions that figures and viewer show, by the names of their files, if there are more than
-    six; by default the first six. All are measured."""
+    """Motions to show in figures and viewer, by file name, if there are more than six; by default
+    the first six. Metrics are computed for all."""
     max_frames: Suppress[int | None] = None
-    """Most frames of all motions together, at 30 frames per second."""
+    """Maximum number of frames of all motions together, at 30 frames per second."""
     source_run: Suppress[Path | None] = None
-    """Folder of the run that the motions come from, if they are measured again to be shown."""
+    """Folder of the run that the motions come from, if an existing run is opened and measured
+    again."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MetricOptions:
-    """Files of others' evaluation code."""
+    """Files of other projects' evaluation code, for metrics that are comparable with papers."""
 
     mean_speeds: File = None
-    """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its published
-    speeds of the joints, to be compared with papers."""
+    """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): compute BeatAlign with its
+    published joint speeds, for comparison with papers."""
     emage_weights: File = None
-    """Of folders beside --reference: EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2
-    report it (docs/many-clips.md)."""
+    """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it; for folders of motions
+    with --reference (docs/many-clips.md)."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FigureOptions:
-    """What Figure 6 shows, and the file formats of figures."""
+    """Content of Figure 6, and file formats of all figures."""
 
     start_frame: Annotated[int, arg(name="start")] = 0
-    """First of the 300 frames of Figure 6."""
+    """First of the 300 frames in Figure 6."""
     figure_panels: FigurePanels = tuple(FIGURE_PANELS)
-    """Panels of Figure 6: a coordinates, b snapshots, c path in space, d tremble."""
+    """Panels of Figure 6: a for coordinates, b for snapshots, c for the path in space, d for
+    jitter."""
     figure_frames: FigureFrames = ()
-    """Frames of its snapshots."""
+    """Frames of the snapshots in Figure 6."""
     figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"
     """Width of Figure 6 in print."""
     figure_forms: FigureForms = FORMS
@@ -351,27 +352,26 @@ class FigureOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
-    """The body, and how videos show it."""
+    """Body, and appearance of videos."""
 
     body: File = field(default_factory=default_body)
     """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
     look: BodyLook = LOOKS[0]
-    """Build and tone of the open body; a licensed body has only the first."""
+    """Body shape and skin tone of the open body; a licensed body has only the first."""
     views: Views = ("front",)
-    """Views of videos; the first is used for the comparison."""
+    """Camera views of videos; the first is used for the comparison."""
     close_ups: CloseUps = ("hands",)
-    """Close-ups of face or hands beside the body in the first view's videos, and so in the
+    """Close-ups of face or hands next to the body, in videos of the first view and in the
     comparison."""
     framing: Framing = "knees"
-    """Visible part of the body: the whole, or from the knees up and larger."""
+    """Visible part of the body: the whole, or larger and from the knees up."""
     size: Height = 512
-    """Height of a body in one video (pixels); it is as wide where all of it is shown, and three
-    quarters as wide from the knees up. A close-up adds half the width."""
+    """Height of a body in one video (pixels). The width is the same if the whole body is shown, and
+    three quarters of it from the knees up. A close-up adds half the width."""
     display: Display = field(default_factory=Display)
-    """What videos show in addition to the body."""
+    """Display options: trail, colour and exaggeration."""
 
     def check(self) -> None:
-        """Raise `RunError` for videos that cannot be rendered."""
         for view in self.views:
             check_choice(view, VIEWS, "view")
         check_choice(self.framing, FRAMINGS, "framing")
@@ -384,26 +384,26 @@ class VideoOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
-    """Where results go, and which kinds of files are written."""
+    """Folder and kinds of the results."""
 
     out: Path
     """Folder of results."""
     has_video: Annotated[bool, negative_flag("video", "No videos.")] = True
-    """Whether a video of each motion is rendered."""
+    """True to render a video of each motion."""
     has_poses: Annotated[bool, negative_flag("pictures", "No poses in Figure 6.")] = True
-    """Whether Figure 6 shows poses if no videos are rendered."""
+    """True to show poses in Figure 6 even if no videos are rendered."""
     has_figures: Annotated[bool, negative_flag("figures", "Neither Figure 6 nor jitter.")] = True
-    """Whether Figure 6 and the jitter sheet are drawn."""
+    """True to draw Figure 6 and the jitter sheet."""
     title: Suppress[str] = ""
-    """Title of the run; by default made of its inputs."""
+    """Title of the run; by default composed from its inputs."""
     is_kept: Suppress[bool] = False
-    """Whether each file appears as soon as it is whole, and stays if the run fails; by default all
-    appear at the end, or none."""
+    """Publish each file as soon as it is complete and keep it if the run fails. By default all
+    files are published at the end, or none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementOutput(OutputOptions):
-    """Where measurements go, and which kinds of files are written."""
+    """Folder and kinds of the results of measuring imported motions."""
 
     has_video: Annotated[
         bool,
@@ -416,13 +416,13 @@ class MeasurementOutput(OutputOptions):
 
 @dataclass(frozen=True)
 class LiveRecording:
-    """Motion that a live session has generated for the speech, kept as it was seen."""
+    """Motion recorded in a live session."""
 
     motion: Path
-    """Motion file, as long as the speech."""
+    """Motion file of the same length as the speech."""
     metadata: Mapping[str, Any]
-    """Facts about the session, for the provenance record."""
+    """Metadata of the session for the provenance record."""
     truncation_note: str = ""
     """Note for the user if the recording is shorter than the session; otherwise empty."""
     plan: Path | None = None
-    """Gesture plan that the motion follows, as long as it, if the system follows plans."""
+    """Gesture plan of the motion, of the same length, if the system uses plans."""

@@ -1,4 +1,4 @@
-"""The request of each task: what it reads, checked before any file is opened."""
+"""Requests of all tasks: their inputs and options, checked before any file is opened."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ Joint = Annotated[str, arg(help="Fingertip or joint to follow, such as left_inde
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
-    """What generated and imported motions have in common: they are measured, shown and drawn in the
-    same way."""
+    """Common part of the requests that generate motion and that measure imported motion; results of
+    both are measured, shown and rendered in the same way."""
 
     speech: SpeechInput
     imports: ImportOptions = field(default_factory=ImportOptions)
@@ -57,7 +57,7 @@ class RunRequest:
     output: OutputOptions
 
     def check(self) -> None:
-        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        """Check everything that needs no open file; raises RunError."""
         self.speech.check()
         self.video.check()
         if self.output.has_video:
@@ -66,16 +66,16 @@ class RunRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class GenerateRequest(RunRequest):
-    """Motion of several systems for one piece of speech."""
+    """Request to generate motion of several systems for one speech."""
 
     speech: SpeechToMove
     sampling: SamplingOptions = field(default_factory=SamplingOptions)
     planning: PlanOptions = field(default_factory=PlanOptions)
     live_recording: Suppress[LiveRecording | None] = None
-    """Motion of the one system, used instead of generating it."""
+    """Recorded motion of the single system, used instead of generating it."""
 
     def check(self) -> None:
-        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        """Check everything that needs no open file; raises RunError."""
         super().check()
         self.sampling.check()
 
@@ -86,7 +86,8 @@ def _measured_video() -> VideoOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest(RunRequest):
-    """Metrics and figures of imported motions; of folders or zips, over their clips."""
+    """Request to compute metrics and figures of imported motions; for folders or zips, over their
+    clips."""
 
     speech: SpeechInput = field(default_factory=SpeechInput)
     motions: MotionInput
@@ -100,34 +101,37 @@ AnyRun = GenerateRequest | DiagnoseRequest
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
-    """A gesture plan of speech, or of a motion; nothing is moved."""
+    """Request to sample the gesture plan of a speech or detect that of a motion, without generating
+    motion."""
 
     speech: PlanSource
     out: Path
-    """File of the plan: .json, .TextGrid or .eaf."""
+    """Output file of the plan: .json, .TextGrid or .eaf."""
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker whose style the plan has."""
+    """Speaker whose style is used."""
     seed: int = 0
     """Seed of the noise."""
     guidance: GuidanceScale = None
-    """Classifier-free guidance scale, 0 (speech is ignored) to 10; 1 is as trained."""
+    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
+    trained."""
     style: File = None
-    """How often, how large, how high, how fast (.toml): applied to the plan (docs/plans.md)."""
+    """Style file (.toml): gesture rate, size, height and speed, applied to the plan
+    (docs/plans.md)."""
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
     is_empty: Annotated[bool, arg(name="empty")] = False
-    """Sample nothing: write the tiers to be annotated by hand."""
+    """Write an empty plan with its tiers, to be annotated by hand."""
 
     @property
     def sampling(self) -> SamplingOptions:
-        """How the plan is sampled."""
+        """Sampling options of the plan."""
         return SamplingOptions(
             weights=self.weights, speaker=self.speaker, seed=self.seed, guidance=self.guidance
         )
 
     def check(self) -> None:
-        """Raise `RunError` for what can be seen as wrong without opening a file."""
+        """Check everything that needs no open file; raises RunError."""
         self.speech.check()
         self.sampling.check()
 
@@ -135,27 +139,26 @@ class PlanRequest:
 Background = Literal["studio", "transparent"]
 MAX_STILLS = 64
 MARKERS_SUFFIX = ".markers.csv"
-"""Suffix of the table beside a BVH file."""
+"""Suffix of the table of markers written with a BVH file."""
 SHEET_POSES = 8
-"""Poses of a contact sheet by default."""
+"""Default number of poses on a contact sheet."""
 RENDER_SUFFIXES = (".mp4", ".png", ".glb", ".bvh", ".blender.npz", ".obj", ".ply")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StillOptions:
-    """Single pictures and meshes of a motion."""
+    """Options for stills and meshes of a motion."""
 
     num_stills: Annotated[int | None, text_type(int, "N", "none"), arg(name="stills")] = None
-    """Number of single pictures as .png, evenly spread over the motion."""
+    """Number of stills (.png), evenly spread over the motion."""
     sheet_every: Annotated[int | None, text_type(int, "N", "none"), arg(name="sheet")] = None
-    """One picture with every N-th frame above its time, as .png."""
+    """Write a contact sheet (.png) with every N-th frame above its time."""
     frame: int = 0
-    """Frame of a .obj or .ply, counted from 0."""
+    """Frame of a .obj or .ply file, counted from 0."""
     background: Background = "studio"
-    """transparent: the body alone, in a .png."""
+    """Background of pictures; transparent shows only the body and needs a .png."""
 
     def check(self) -> None:
-        """Raise `RunError` for pictures that cannot be drawn."""
         if self.num_stills is not None and not 1 <= self.num_stills <= MAX_STILLS:
             raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {self.num_stills}.")
         if self.sheet_every is not None and self.sheet_every < 1:
@@ -168,27 +171,28 @@ def _render_video() -> VideoOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RenderRequest:
-    """A video, pictures or a file for 3D software, made of one motion file."""
+    """Request to render one motion file to a video or stills, or to export it for 3D software."""
 
     motion: Annotated[
         Positional[Path],
         arg(metavar="MOTION", help="One, in BEAT2's form, or any that is read."),
     ]
     out: Path
-    """File whose suffix says what is made: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply."""
+    """Output file, whose suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj,
+    .ply."""
     speech: File = None
     """Sound of the video."""
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
     joint: Joint = DEFAULT_TRACKED_POINT
     plan: File = None
-    """Plan whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as markers;
-    by default the .plan.json that a run has left beside the motion, if there is one."""
+    """Gesture plan whose events are written as markers into .glb, .blender.npz or, for .bvh, a
+    .markers.csv file; by default the motion's .plan.json in the same folder, if there is one."""
     video: VideoOptions = field(default_factory=_render_video)
     stills: StillOptions = field(default_factory=StillOptions)
 
     @property
     def suffix(self) -> str:
-        """Suffix of the output file, one of `RENDER_SUFFIXES`. Raises `RunError` for another."""
+        """Suffix of the output file, one of `RENDER_SUFFIXES`; raises RunError for any other."""
         name = self.out.name.lower()
         for suffix in RENDER_SUFFIXES:
             if name.endswith(suffix) and name != suffix:
@@ -197,11 +201,11 @@ class RenderRequest:
 
     @property
     def is_picture(self) -> bool:
-        """Whether the output is a video or a picture."""
+        """True for a video or picture, false for a file for 3D software."""
         return self.suffix in (".mp4", ".png")
 
     def check(self) -> None:
-        """Raise `RunError` for what cannot be drawn."""
+        """Check everything that needs no open motion file; raises RunError."""
         self.video.check()
         display = self.video.display
         is_transparent = self.stills.background == "transparent"
@@ -237,11 +241,11 @@ TwoSpeakers = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class SpeechEffectRequest:
-    """Motions for several pieces of speech with several noise seeds, to be compared."""
+    """Request to generate several speeches with several noise seeds and compare the motions."""
 
     speeches: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")]
-    """Two sound files or more; or one folder of anyone's motions, whose files are called
-    ``[SYSTEM__]SPEECH__SEED.npz``."""
+    """Two or more audio files; or one folder of motions from any source, with file names of the
+    form ``[SYSTEM__]SPEECH__SEED.npz``."""
     out: Path
     """Folder of results."""
     weights: Path = BUNDLED_WEIGHTS
@@ -249,23 +253,24 @@ class SpeechEffectRequest:
     systems: Names = field(default_factory=lambda: usual_systems("hearing"))
     """Names of systems."""
     speaker: Text = None
-    """Speaker whose style the motion has."""
+    """Speaker whose style is used."""
     guidance: GuidanceScale = None
-    """Classifier-free guidance scale, 0 (speech is ignored) to 10; 1 is as trained."""
+    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
+    trained."""
     seeds: int = 2
-    """Number of noise seeds, from 0 on."""
+    """Number of noise seeds, starting from 0."""
     speakers: TwoSpeakers = None
-    """Two speakers who are compared on the first speech, too, such as hana,june."""
+    """Two speakers to compare on the first speech, such as hana,june."""
     figure_forms: FigureForms = FORMS
     """File formats of the figure."""
     max_speech_s: Suppress[float] = 600.0
-    """Longest speech that is accepted (s)."""
+    """Maximum length of a speech (s)."""
     is_kept: Suppress[bool] = False
-    """Whether files appear as soon as they are whole, and stay if the task fails."""
+    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def sampling(self) -> SamplingOptions:
-        """How motions are sampled, but for the seed."""
+        """Sampling options without the seed."""
         return SamplingOptions(
             systems=self.systems,
             weights=self.weights,
@@ -275,11 +280,11 @@ class SpeechEffectRequest:
 
     @property
     def is_of_motions(self) -> bool:
-        """Whether motions of a folder are compared, and none generated."""
+        """True if a folder of motions is compared and nothing is generated."""
         return len(self.speeches) == 1 and self.speeches[0].is_dir()
 
     def check(self) -> None:
-        """Raise `RunError` for what cannot be compared."""
+        """Check everything that needs no open file; raises RunError."""
         self.sampling.check()
         if self.is_of_motions:
             if self.speakers:
@@ -302,7 +307,7 @@ ROTATION_NOISE_VIDEO = "mechanism.mp4"
 
 @dataclass(frozen=True, kw_only=True)
 class RotationNoiseRequest:
-    """Equal noise on the local and on the global rotations of one motion."""
+    """Request to apply equal noise to the local and to the global rotations of a motion."""
 
     motion: Annotated[Positional[Path], arg(metavar="MOTION", help="One motion file.")]
     out: Path
@@ -318,21 +323,21 @@ class RotationNoiseRequest:
     size: Height = 512
     """Height of a body in the video (pixels)."""
     noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
-    """Standard deviation of the random turns about each axis (rad), .005 to .1."""
+    """Standard deviation of the random rotation about each axis (rad), .005 to .1."""
     figure_forms: FigureForms = FORMS
     """File formats of the figure."""
     has_video: Suppress[bool] = True
-    """Whether the bodies are rendered to a video."""
+    """True to render a video of the bodies."""
     is_kept: Suppress[bool] = False
-    """Whether files appear as soon as they are whole, and stay if the task fails."""
+    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def video(self) -> VideoOptions:
-        """How the bodies are shown."""
+        """Video options of the bodies."""
         return VideoOptions(body=self.body, size=self.size, display=Display(has_trail=True))
 
     def check(self) -> None:
-        """Raise `RunError` for what cannot be shown."""
+        """Check everything that needs no open file; raises RunError."""
         if self.seed < 0:
             raise RunError(f"The seed must not be negative; got {self.seed}.")
         if not MIN_NOISE_RAD <= self.noise_rad <= MAX_NOISE_RAD:
@@ -348,7 +353,7 @@ class RotationNoiseRequest:
 
 
 STEP_COUNTS = (1, 2, 4, 8, 25)
-"""Steps that are tried by default; the motion of the most is what the others are compared with."""
+"""Default numbers of sampling steps; the others are compared with the motion of the largest."""
 
 
 def _parse_counts(value: str) -> tuple[int, ...]:
@@ -357,7 +362,7 @@ def _parse_counts(value: str) -> tuple[int, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class StepSweepRequest:
-    """The same motion generated with different numbers of sampling steps."""
+    """Request to generate the same motion with different numbers of sampling steps."""
 
     speech: Annotated[
         Positional[Path], arg(metavar="SPEECH", help="Of which ten seconds are used.")
@@ -368,7 +373,7 @@ class StepSweepRequest:
     """Folder of trained systems."""
     systems: Annotated[Names, arg(help="At most six.")] = ()
     speaker: Text = None
-    """Speaker whose style the motion has."""
+    """Speaker whose style is used."""
     seed: int = 0
     """Seed of the noise."""
     counts: Annotated[
@@ -376,23 +381,23 @@ class StepSweepRequest:
         text_type(_parse_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
         arg(name="steps"),
     ] = STEP_COUNTS
-    """Numbers of steps."""
+    """Numbers of sampling steps."""
     figure_forms: FigureForms = FORMS
     """File formats of the figure."""
     max_speech_s: Suppress[float] = 600.0
-    """Longest speech that is accepted (s)."""
+    """Maximum length of the speech (s)."""
     is_kept: Suppress[bool] = False
-    """Whether files appear as soon as they are whole, and stay if the task fails."""
+    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def sampling(self) -> SamplingOptions:
-        """How motions are sampled, but for the steps."""
+        """Sampling options without the number of steps."""
         return SamplingOptions(
             systems=self.systems, weights=self.weights, speaker=self.speaker, seed=self.seed
         )
 
     def check(self) -> None:
-        """Raise `RunError` for what cannot be measured."""
+        """Check everything that needs no open file; raises RunError."""
         self.sampling.check()
         if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
             raise RunError(
@@ -404,10 +409,10 @@ class StepSweepRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewerVideoRequest:
-    """A video of what the page's viewer shows."""
+    """Request to render a video of the page's viewer."""
 
     seen: Seen
-    """State of the viewer: bodies, camera, displays."""
+    """State of the viewer: bodies, camera and display options."""
     motions: tuple[Path, ...]
     """Motion file of each body."""
     out: Path
@@ -420,17 +425,17 @@ class ViewerVideoRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class RunVideosRequest:
-    """Videos of all motions of a run that has ended."""
+    """Request to render videos of all motions of a finished run."""
 
     run: Path
-    """Folder of the run, to which each video is added as soon as it is whole."""
+    """Folder of the run, to which each video is added as soon as it is complete."""
     out: Path
-    """Folder in which they are rendered."""
+    """Folder in which the videos are rendered."""
     video: VideoOptions
 
 
 def systems_of(request: SpeechEffectRequest | StepSweepRequest) -> tuple[str, ...]:
-    """Return the names of the requested systems, all if none is named."""
+    """Return the names of the requested systems; without any, all systems."""
     return tuple(dict.fromkeys(request.systems)) or list_systems(request.weights)
 
 

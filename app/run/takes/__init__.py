@@ -1,1 +1,1 @@
-"""Changes of the plan of a motion, and the motion made again: one take after the other."""
+"""Takes: motions of a run that are generated again after their plan was edited."""

@@ -1,4 +1,4 @@
-"""What a person can do to a plan: checked as it comes from outside, and done."""
+"""Edits of a gesture plan: validated as untrusted input, and applied."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from model.speech.transcript import Word
 from model.storage.checked import why
 
 MAX_EDITS = 60
-"""At once."""
+"""Maximum number of edits in one request."""
 MAX_PLAN_CHARACTERS = 2_000_000
 NOD_DEG = 8.0
 LOOK_S = 1.0
 AT_S = 0.05
-"""An event that is to be removed is found by its time, to so much."""
+"""Tolerance (s) for finding an event to remove by its time."""
 STEP_S = 0.1
-"""By which the nearest free place is searched."""
+"""Step (s) of the search for the nearest free place."""
 Values = Mapping[str, Any]
 Said = Sequence[Word]
 Does = Callable[[GesturePlan, Values, Said], Noted]
@@ -47,19 +47,19 @@ Does = Callable[[GesturePlan, Values, Said], Noted]
 
 @dataclass(frozen=True)
 class Edit:
-    """One change: what is done, and with which values."""
+    """Edit of a gesture plan: its kind and values."""
 
     do: str
     values: Values
 
     def told(self) -> dict[str, Any]:
-        """As it comes from outside."""
+        """Return the edit as JSON, as it was received."""
         return {"do": self.do, **self.values}
 
 
 @dataclass(frozen=True)
 class Offer:
-    """What can be done in place of an edit that cannot."""
+    """Alternative to an edit that cannot be done."""
 
     label: str
     edits: tuple[Edit, ...]
@@ -67,7 +67,7 @@ class Offer:
 
 @dataclass(frozen=True)
 class Kind:
-    """What can be done, and with which values."""
+    """Kind of edit: its function, and the validator of its values."""
 
     reader: TypeAdapter
     does: Does
@@ -75,7 +75,7 @@ class Kind:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanEditRequest:
-    """A motion of a run, generated again after its plan was changed."""
+    """Request to generate a motion of a run again with an edited plan."""
 
     run: Path
     """Folder of the run, to which the motion is added."""
@@ -84,26 +84,28 @@ class PlanEditRequest:
     start: str
     """Name of the row whose plan is changed."""
     edits: tuple[Edit, ...] = ()
-    """Edits in their order; with none the row only becomes ready to be edited."""
+    """Edits in order; without any, the row is only prepared for editing."""
     max_speech_s: float = 600.0
-    """Longest speech that is accepted (s)."""
+    """Maximum length of the speech (s)."""
 
 
 @dataclass(frozen=True)
 class MadeTake:
-    """What has become of it."""
+    """Result of a plan edit."""
 
     number: int
-    """0 where the row is only ready."""
+    """Number of the take; 0 if the row was only prepared."""
     notes: tuple[str, ...] = ()
-    """What was mended, in sentences; or why nothing is done, where something else is offered."""
+    """Sentences on corrections of the plan, or on why the edit was not done if there are
+    alternatives."""
     offers: tuple[Offer, ...] = ()
 
 
 def edits_of(told: object) -> tuple[Edit, ...]:
-    """
+    """Parse a list of edits.
+
     Args:
-        told: a list of objects, as app/page/web/player/editing.js writes it.
+        told: list of objects, as written by app/page/web/player/editing.js.
 
     Raises:
         RunError: if it is anything else.
@@ -114,13 +116,13 @@ def edits_of(told: object) -> tuple[Edit, ...]:
 
 
 def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
-    """The plan after all of them, in their order, and what was mended.
+    """Apply all edits in order, and return the plan with notes on corrections.
 
     Args:
-        words: of the speech, which edits tell by their number.
+        words: words of the speech, to which edits refer by index.
 
     Raises:
-        PlanError, RunError: with one sentence, if one cannot be done; then none is.
+        PlanError, RunError: if one edit cannot be done; then none is.
     """
     done = Noted(plan)
     for edit in edits:
@@ -129,8 +131,11 @@ def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
 
 
 def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
-    """Where there is no time for a gesture, the nearest place that has, and to take the place of
-    the one that is there; as far as either can be done. None where nothing is in the way."""
+    """Return alternatives to an edit that has no time for its gesture; empty if it can be done.
+
+    They are the nearest free place, and the replacement of the gesture in the way, as far as each
+    is possible.
+    """
 
     def can_be(*edits: Edit) -> bool:
         try:
@@ -164,10 +169,7 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
 
 
 def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:
-    """
-    Raises:
-        PlanError: if it is of speech of another length.
-    """
+    """Return the plan if it has the length of the speech; raises PlanError otherwise."""
     if abs(plan.duration_s - duration_s) > 0.5:
         raise PlanError(
             f"The plan is of {plan.duration_s:.2f} s and the speech lasts {duration_s:.2f} s; use "
@@ -198,7 +200,7 @@ def _gesture(told: Values) -> Gesture:
 
 
 def _place(told: Values, words: Said) -> tuple[float, str | None]:
-    """When it lands, and on which word if that is told."""
+    """Return the stroke end (s), and its word if the edit names one."""
     if "word" not in told:
         return told["at"], None
     if told["word"] >= len(words):
@@ -208,12 +210,12 @@ def _place(told: Values, words: Said) -> tuple[float, str | None]:
 
 
 def _said_at(words: Said, at_s: float) -> str:
-    """The word of a moment; empty where none is said or known."""
+    """Return the word at a time, or ""."""
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
 def _of_both(change: Callable[..., Noted], *names: str) -> Does:
-    """A change of a gesture by some of its values, and of the other hand's part in it."""
+    """Make an edit that changes a gesture, and the other hand's part in it."""
 
     def does(plan: GesturePlan, told: Values, words: Said) -> Noted:
         gesture, values = _gesture(told), [told[name] for name in names]
@@ -239,8 +241,7 @@ def _add(plan: GesturePlan, told: Values, words: Said) -> Noted:
 
 
 def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
-    """Another end of a phase, of both hands where they make it together; strokes that end at
-    another time tell the word of that time."""
+    """Move the end of a phase, of both hands if they share it, and update words of moved strokes."""
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
     done = editing.ended(plan, side, told["ends"], told["at"])
     also_s = editing.counterpart(plan, side, told["ends"])
@@ -285,7 +286,7 @@ def _style(plan: GesturePlan, told: Values, words: Said) -> Noted:
 
 
 def _plan(plan: GesturePlan, told: Values, words: Said) -> Noted:
-    """Another plan in place of this one, as long as the speech."""
+    """Replace the whole plan by another one of the same length."""
     name = f"plan{printable(Path(told['name']).suffix.lower())[:12]}"
     check_ending(Path(name))
     read = plan_in(told["text"].encode("utf-8", "replace"), name)

@@ -1,4 +1,5 @@
-"""A take: the motion of a run after its plan was changed, made anew where it has to be."""
+"""Generation of a take: the motion of a run after an edit of its plan, of which only the affected
+windows are generated again."""
 
 from __future__ import annotations
 
@@ -54,14 +55,14 @@ from model.speech.transcript import Word
 from model.storage.checked import adapter
 
 MAX_TAKES = 60
-"""Of one run."""
+"""Maximum number of takes of a run."""
 MAX_EDITED_S = 180.0
-"""Speech of which takes are made: each keeps a megabyte for eight seconds."""
+"""Maximum length of a speech with takes (s); each take uses a megabyte for eight seconds."""
 _BYTES_A_SECOND = 500_000
 
 
 class _TakeWriter(RunWriter):
-    """Writes one row more into the folder of a run that has ended."""
+    """Writer of one more row into the folder of a finished run."""
 
     def tell(self) -> None:
         with changed(self.folder.out) as record:
@@ -72,10 +73,10 @@ class _TakeWriter(RunWriter):
 
 
 def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
-    """Change the plan and perform it again; of the motion each window is told as it is made.
+    """Apply edits to a plan, and generate its motion again, published window by window.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
     """
     record = read_run(request.run)
@@ -148,7 +149,7 @@ def _ready(
     words: Sequence[Word],
     ear: Ear,
 ) -> KeptPerformance:
-    """The motion that a take begins with, performed once more where its windows are not there."""
+    """Return the motion that a take starts from, generated again if its windows are missing."""
     windows = file_of(folder, row.files.get("windows"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
@@ -164,7 +165,7 @@ def _ready(
 
 
 def _tell(folder: Path, row: Row, plan: GesturePlan, words: Sequence[Word]) -> None:
-    """Write what an editor shows of a row, which can be edited from then on."""
+    """Write the editor's data of a row, which can be edited from then on."""
     row.files["told"] = shown_file(row.name, ".told.json")
     (folder / row.files["told"]).write_text(json.dumps(told_of(plan, words), allow_nan=False))
 
@@ -178,8 +179,7 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 
 
 def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
-    """What an editor shows of a plan: its gestures with what each is like, the style of the whole,
-    and what can be added."""
+    """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
     for stroke in strokes_of(plan):
         phases = plan.hand(stroke.side)[stroke.first : stroke.last + 1]
@@ -203,7 +203,7 @@ def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
 
 
 def _as_the_run(request: PlanEditRequest, record: RunRecord) -> tuple[SamplingOptions, Path]:
-    """Return how the run was sampled, and its speech."""
+    """Return the sampling options and the speech of a run."""
     speech = file_of(request.run, record.sound)
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)

@@ -1,1 +1,1 @@
-"""The videos and pictures of a run; may import what a run is asked for and told."""
+"""Videos and pictures of a run; may import requests and callbacks."""

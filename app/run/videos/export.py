@@ -1,4 +1,4 @@
-"""One motion file to videos, pictures or a file for 3D software."""
+"""Rendering of one motion file to a video or stills, and its export for 3D software."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from renderer.video.workers import draw_jobs
 def render_motion(
     request: RenderRequest, ear: Ear = DEAF
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Make what is asked for.
+    """Render or export a motion file.
 
     Returns:
-        The files written, and what a person should know of them.
+        The files that were written, and notes for the user.
 
     Raises:
-        Cancelled: when ``ear`` said so.
-        RunError: if what is asked for cannot be.
+        Cancelled: if the caller has cancelled.
+        RunError: if the request cannot be done.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     request.check()
@@ -58,7 +58,7 @@ def render_motion(
 
 
 def write_plan(request: RenderRequest, *_: object) -> None:
-    """Write the plan of a motion's place as another program reads it."""
+    """Write a gesture plan in the format of the output file."""
     plan = read_plan_file(request.motion).plan
     if request.out.name.endswith(MARKERS_SUFFIX):
         request.out.write_text(markers_csv(plan), encoding="utf-8")
@@ -98,10 +98,7 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
 
 
 def _plan(request: RenderRequest) -> GesturePlan | None:
-    """
-    Raises:
-        PlanError: if the plan that is named cannot be used.
-    """
+    """Read the plan named in the request or next to the motion; raises PlanError."""
     beside = request.motion.with_suffix(".plan.json")
     path = request.plan or (beside if beside.is_file() else None)
     return None if path is None else read_plan_file(path).plan
@@ -133,7 +130,7 @@ def _draw(
 def _chosen_frames(
     request: RenderRequest, num_frames: int
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Frames of the single stills, and of the sheet."""
+    """Return the frames of the stills, and those of the contact sheet."""
     count = min(request.stills.num_stills or 0, num_frames)
     # The middle of equal parts, so that one still shows the middle of the motion.
     stills = ((np.arange(count) + 0.5) * num_frames / max(count, 1)).astype(int)
@@ -150,7 +147,7 @@ def _chosen_frames(
 
 
 def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[Path]:
-    """Numbered from 1 on; a .png of nothing but one still has the very name asked for."""
+    """Write stills numbered from 1; a single one without a sheet gets the output file's name."""
     if len(pictures) == 1 and out.suffix.lower() == ".png" and not has_sheet:
         paths = [out]
     else:

@@ -1,4 +1,4 @@
-"""A video of what a stage shows: the same bodies, displays, camera, close-ups, with sound."""
+"""Video of the viewer, with its bodies, display options, camera, close-ups and sound."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ TOO_SMALL = (
     "Bodies are too small on the stage to be drawn ({why}); enlarge one, or make its window larger."
 )
 MAX_ENLARGED = 1.5
-"""Pixels of a video for one of the page, at most."""
+"""Maximum number of video pixels per pixel of the page."""
 _DRAWN = 0.9
-"""Share of the work that is done when all bodies are drawn."""
+"""Fraction of the work that is done when all bodies are rendered."""
 _FINE_CRF = 14
-"""Of the pictures that are encoded once more."""
+"""CRF of intermediate videos, which are encoded again."""
 
 
 def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
-    """Draw the video.
+    """Render a video of the viewer.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     seen = request.seen
@@ -90,7 +90,7 @@ def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
 
 
 def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...]]:
-    """Frames that can be drawn in reasonable time, and what is to be said of it."""
+    """Return the number of frames that can be rendered in reasonable time, and notes on the cut."""
     limit = MAX_FRAMES // len(seen.shown)
     if max(motions[i].num_frames for i in seen.shown) <= limit:
         return max(motion.num_frames for motion in motions), ()
@@ -101,7 +101,7 @@ def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...
 
 
 def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
-    """Return how bodies are drawn."""
+    """Return the video options that match the viewer."""
     look = request.seen.look
     return VideoOptions(
         body=request.body,
@@ -114,11 +114,12 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
 def _seen_from_there(
     jobs: dict[str, RenderJob], raw: dict[str, BodyMotion], body: Body, seen: Seen
 ) -> dict[str, RenderJob]:
-    """The jobs before the camera of the stage, which follows the motions as they are; of a pair
-    that of the first, with the second laid on it.
+    """Move the jobs to the viewer's camera, which follows the raw motions.
+
+    The camera of a pair follows the first motion, with the second aligned to it.
 
     Args:
-        raw: by the keys of ``jobs``.
+        raw: raw motions by the keys of ``jobs``.
     """
     if seen.mode != "grid" and seen.look.is_aligned:
         jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
@@ -137,8 +138,7 @@ def _seen_from_there(
 
 
 def _laid_on(first: RenderJob, second: RenderJob, raw: BodyMotion) -> tuple[RenderJob, BodyMotion]:
-    """The second of a pair with its pelvis over or under that of the first in every frame, and so
-    the motion that it is drawn from."""
+    """Move the second job of a pair and its raw motion horizontally to the pelvis of the first."""
     frames = np.minimum(np.arange(raw.num_frames), first.motion.num_frames - 1)
     shift = first.motion.trans[frames] - second.motion.trans
     shift *= np.array([1, 0, 1], np.float32)
@@ -151,13 +151,13 @@ def _laid_on(first: RenderJob, second: RenderJob, raw: BodyMotion) -> tuple[Rend
 
 @dataclass(frozen=True)
 class _Room:
-    """The picture of a page as it is in the video: sharper, as far as a screen has room for it, and
-    with even edges, as colours have half as many pixels as light."""
+    """Layout of the video: the picture of the page, enlarged as far as a screen has room, with even
+    edges, as chroma has half the resolution."""
 
     width: int
     height: int
     pictures: tuple[tuple[Panel, ...], ...]
-    """Of all bodies alike, or of each of a pair."""
+    """Panels of all bodies' pictures, or, for a pair, of each."""
     columns: int
 
     @classmethod
@@ -196,7 +196,7 @@ def _compose(
     folder: ResultFolder,
     on_progress: Callable[[float], None],
 ) -> None:
-    """All of them in one video, under their names."""
+    """Join the videos into one with their labels."""
     mode, pair = request.seen.mode, None
     if mode != "grid":
         body, *beside = room.pictures[1]

@@ -1,4 +1,5 @@
-"""Pictures of motions, all alike: a video of each, all side by side, and poses with their jerk."""
+"""Pictures of motions with the same camera and scales: one video each, a comparison, and poses with
+their jerk."""
 
 from __future__ import annotations
 
@@ -43,22 +44,23 @@ from renderer.video.render import (
 from renderer.video.workers import RenderJob, draw_jobs
 
 OnFile = Callable[..., None]
-"""As `app.run.run_writer.RunWriter.file`."""
+"""Callback with the signature of `app.run.run_writer.RunWriter.file`."""
 
 
 def picture_of(
     video: VideoOptions, view: View, layout: tuple[Panel, ...] | None = None, **others: Any
 ) -> RenderSettings:
-    """Pictures of the height that is asked for, and in the first view close-ups beside them: square
-    ones of the whole body, and ones of three quarters of the width where it stands from the knees
-    up.
+    """Return the render settings of a view, with close-ups if it is the first.
+
+    Close-ups are square next to the whole body, and have three quarters of the width next to a body
+    from the knees up.
 
     Args:
-        layout: where the body and its close-ups stand, where that is not as usual.
+        layout: panels of the body and its close-ups; None for the default ones.
         others: fields of the settings.
 
     Raises:
-        RunError: if the size cannot be drawn or encoded.
+        RunError: if the size cannot be rendered or encoded.
     """
     width = video.size if video.framing == "whole" else 2 * (3 * video.size // 8)
     size = (layout[0].width, layout[0].height) if layout else (width, video.size)
@@ -72,12 +74,12 @@ def picture_of(
 
 @dataclass(frozen=True)
 class Snapshots:
-    """Poses for Figure 6: the frames, and by name the pictures (N, H, W, 3)."""
+    """Poses of Figure 6: frames, and pictures (N, H, W, 3) by motion."""
 
     frames: tuple[int, ...] = ()
     pictures: dict[str, np.ndarray] = field(default_factory=dict)
     marks: JointMarks | None = None
-    """How much each joint jerks around each of the frames; None without pictures."""
+    """Jerk of each joint around each of the frames; None without pictures."""
 
 
 def jobs_of(
@@ -91,15 +93,16 @@ def jobs_of(
     staged: Sequence[Motion] = (),
     **how: Any,
 ) -> dict[tuple[str, View], RenderJob]:
-    """What is to be drawn of each motion in each view, all bodies before one camera. As for the
-    motions themselves: exaggerated ones stand before the same.
+    """Return the render jobs of each motion in each view, with one camera for all bodies.
+
+    The camera frames the original motions, also if they are exaggerated.
 
     Args:
-        out: of a motion and a view the video, if there is to be one.
-        speech: what is heard in it.
-        frames: of which pictures are given back.
-        staged: what the camera shows all of, where those are other motions.
-        how: as of `picture_of`.
+        out: returns the video of a motion and view, or None for no video.
+        speech: sound of the videos.
+        frames: frames whose pictures are returned.
+        staged: motions that the camera frames, if they are other ones.
+        how: further arguments of `picture_of`.
     """
     posed = [body_motion(motion) for motion in staged or motions.values()]
     looks = {
@@ -137,12 +140,12 @@ def draw_rows(
     speech: Path | None,
     on_file: OnFile,
 ) -> None:
-    """A video of each motion in each view.
+    """Render a video of each motion in each view.
 
     Args:
-        motions: in register.
-        on_share: told the share of all frames done; what it raises ends the work.
-        on_file: told of each as soon as it is whole.
+        motions: aligned motions.
+        on_share: called with the fraction of all frames done; an exception from it stops the work.
+        on_file: called with each video as soon as it is complete.
 
     Raises:
         BodyError, GLError, VideoError: as `draw_jobs`.
@@ -165,18 +168,18 @@ def draw_poses(
     on_share: Callable[[float], None],
     frames: tuple[int, ...],
 ) -> Snapshots:
-    """Draw snapshots for Figure 6, of the whole body in the first view.
+    """Render snapshots for Figure 6, of the whole body in the first view.
 
-    In this process, which has read the body, and all in one context: to start another process
-    takes as long as some forty pictures. That the driver can draw was tried in a process of its
-    own before (`choose_backend`).
+    They are rendered in this process, which has loaded the body, and in one context: starting
+    another process takes as long as some forty pictures. `choose_backend` has tested the driver in
+    a separate process before.
 
     Args:
-        motions: in register.
-        on_share: called with the share of pictures done; what it raises ends the work.
+        motions: aligned motions.
+        on_share: called with the fraction of pictures done; an exception from it stops the work.
 
     Raises:
-        GLError: if the driver draws no picture.
+        GLError: if the driver renders no picture.
     """
     whole = replace(video, framing="whole", close_ups=(), views=video.views[:1])
     settings = picture_of(whole, whole.views[0])
@@ -204,19 +207,18 @@ def draw_poses(
 
 
 _HEAT_SIGMA_FRAMES = 3.0
-"""Jerk of one frame is chance, and would flicker."""
+"""Smoothing of jerk over time (frames); the jerk of single frames is noise, and would flicker."""
 
 
 def displayed(motion: Motion, display: Display) -> Motion:
-    """The motion as it is drawn."""
+    """Return the motion as it is rendered, exaggerated if requested."""
     return exaggerate(motion, display.exaggeration, display.cutoff_hz)
 
 
 def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Marks | None:
-    """What stands in the pictures of a motion; None where it is shown as it is.
+    """Return the overlays of a motion's pictures; None if nothing is displayed.
 
-    Jerk and speed are those of the motion itself, also where it is drawn with its tremble
-    multiplied.
+    Jerk and speed are those of the original motion, also if it is exaggerated.
     """
     if display.is_plain:
         return None
@@ -254,8 +256,10 @@ def _heat(motion: Motion, display: Display, body: Body) -> Heat:
 
 
 def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
-    """A value for each frame: of the difference that has it in its middle, at the ends the nearest;
-    0 in a clip too short to have any."""
+    """Return a value for each frame, from differences that are centred on frames.
+
+    The ends repeat the nearest value; a clip without differences gets zeros.
+    """
     if not len(values):
         return np.zeros((num_frames, *values.shape[1:]))
     before = (num_frames - len(values)) // 2
@@ -263,10 +267,10 @@ def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
 
 
 AROUND_FRAMES = 8
-"""Jerk of one frame is chance; the mean over about half a second around a snapshot is told."""
+"""Half-width (frames) of the mean of jerk around a snapshot; the jerk of single frames is noise."""
 LEAST_FULL_SCALE = 500.0
-"""In m/s³. Recorded speakers reach this with a hand in quick gestures: what is smooth stays pale,
-however smooth the other motions are."""
+"""Minimum of the colour scale (m/s³). Recorded speakers reach this with a hand in quick gestures,
+so smooth motion stays pale, however smooth the other motions are."""
 _PERCENTILE = 98.0
 
 
@@ -277,9 +281,9 @@ def jerk_marks(
     settings: RenderSettings,
     stage: Stage,
 ) -> JointMarks:
-    """Marks for the snapshots of these motions at some frames, all on one scale.
+    """Compute the jerk of each joint in the snapshots of motions, on a common scale.
 
-    The full scale is a round number that nearly all values stay under.
+    The end of the scale is a round number that nearly all values stay below.
     """
     values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
     highest = float(np.percentile(np.concatenate(list(values.values())), _PERCENTILE))
@@ -294,7 +298,7 @@ def jerk_marks(
 
 
 def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.ndarray:
-    """Mean jerk of each joint around each frame, (N, J) in m/s³; 0 in a clip under 4 frames."""
+    """Compute the mean jerk (N, J) in m/s³ of joints around frames; 0 in a clip under 4 frames."""
     found = []
     for frame in frames:
         near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
@@ -304,14 +308,16 @@ def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.nd
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2 and 5 times a power of ten."""
+    """Round up to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
 def names_that_fit(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
-    """All, or where they are too many the first sample of each system and the reference; and what
-    the person should know of that."""
+    """Return the motions that fit a comparison, and a note if some are omitted.
+
+    If there are too many, these are the first sample of each system and the reference.
+    """
     if len(names) <= MAX_COMPARED:
         return names, ()
     reference = [name for name in names if name == REFERENCE_NAME]
@@ -329,8 +335,7 @@ def joined_side_by_side(
     ear: Ear,
     on_file: OnFile,
 ) -> Iterator[None]:
-    """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
-    does something else; whole when it is left.
+    """Join the videos of rows side by side, with one sound track, while the block runs.
 
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
@@ -358,11 +363,10 @@ def joined_side_by_side(
 
 
 def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
-    """Render videos of a run's motions, and ``comparison.mp4``; each is added to the run's folder
-    as soon as it is whole.
+    """Render the videos of a run's motions and ``comparison.mp4``, and add them to its folder.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     run, video = request.run, request.video
