@@ -1,4 +1,4 @@
-"""Command line entry point: ``python -m app COMMAND ...``"""
+"""Command line entry point, ``python -m app COMMAND ...``."""
 
 import sys
 

@@ -140,8 +140,7 @@ class TipSource:
         on_piece: Callable[[], None] = lambda: None,
         tracks: Tracks | None = None,
     ) -> np.ndarray:
-        """Return positions (T, 3) of the tracked point in metres; those of whole motions are
-        cached.
+        """Return positions (T, 3) of the tracked point in metres; whole motions are cached.
 
         Args:
             num_frames: number of first frames that are needed; None for all.

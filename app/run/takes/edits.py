@@ -241,7 +241,7 @@ def _add(plan: GesturePlan, told: Values, words: Said) -> Noted:
 
 
 def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
-    """Move the end of a phase, of both hands if they share it, and update words of moved strokes."""
+    """Move the end of a phase, of both hands if they share it, and update words of strokes."""
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
     done = editing.ended(plan, side, told["ends"], told["at"])
     also_s = editing.counterpart(plan, side, told["ends"])
