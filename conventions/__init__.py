@@ -1,2 +1,2 @@
-"""What all of the project agrees on: the joints and their tree, rates, and what motions, views and
-samples are called. May import nothing of the project."""
+"""Conventions shared by the whole project: joints, frame rates, views, and names of motions and
+samples. It may import no other package of the project."""

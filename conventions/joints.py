@@ -1,4 +1,4 @@
-"""The 55 SMPL-X joints: names, parents, groups and mirror pairs, and the vertices of fingertips.
+"""Names, parents, groups and mirror pairs of the 55 SMPL-X joints, and the vertices of fingertips.
 
 Every index in the project is computed from a joint *name* here.
 """
@@ -17,7 +17,7 @@ JOINT_NAMES: tuple[str, ...] = (
         for segment in (1, 2, 3)
     ),
 )  # fmt: skip
-"""Names in SMPL-X order."""
+"""Joint names in SMPL-X order."""
 
 NUM_JOINTS = len(JOINT_NAMES)
 JOINT_INDEX: dict[str, int] = {name: index for index, name in enumerate(JOINT_NAMES)}
@@ -47,7 +47,7 @@ PARENTS: tuple[int, ...] = (-1, *(JOINT_INDEX[_parent_name(name)] for name in JO
 
 
 def chain_to_root(joint: int) -> tuple[int, ...]:
-    """The joint, its parent, and so on up to the pelvis."""
+    """Return the joint, its parent, and so on up to the pelvis."""
     chain = [joint]
     while PARENTS[chain[-1]] >= 0:
         chain.append(PARENTS[chain[-1]])
@@ -92,13 +92,13 @@ def _mirrored_name(name: str) -> str:
 MIRROR_PERMUTATION: tuple[int, ...] = tuple(
     JOINT_INDEX[_mirrored_name(name)] for name in JOINT_NAMES
 )
-"""Index of each joint's left-right partner; a central joint is its own."""
+"""Index of each joint's left-right counterpart; a central joint is its own."""
 
 FINGERTIP_NAMES: tuple[str, ...] = tuple(
     f"{side}_{finger}" for side in ("left", "right") for finger in FINGERS
 )
 FINGERTIP_JOINTS: tuple[int, ...] = tuple(JOINT_INDEX[f"{name}3"] for name in FINGERTIP_NAMES)
-"""The last finger joint before each fingertip, in the order of `FINGERTIP_NAMES`."""
+"""Last finger joint before each fingertip, in the order of `FINGERTIP_NAMES`."""
 
 
 TIP_VERTICES: dict[str, int] = {

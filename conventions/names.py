@@ -1,4 +1,4 @@
-"""What motions are called, as files and pages tell them apart."""
+"""Names of motions and samples in files and on pages, and formatting of lists and counts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 REFERENCE_NAME = "reference"
-"""The recorded motion beside the systems."""
+"""Name of the recorded motion that systems are compared with."""
 
 Version = Literal["raw", "savgol"]
-"""A motion as it is, or behind the Savitzky-Golay filter."""
+"""Version of a motion: unfiltered, or smoothed by a Savitzky-Golay filter."""
 VERSIONS: tuple[Version, ...] = get_args(Version)
 PostFilter = Literal["none", "savgol"]
-"""What is done to motions before they are shown."""
+"""Filter that is applied to motions before they are shown."""
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 
 _LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[2-9]|[1-9][0-9]+)")
@@ -23,15 +23,15 @@ _LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[2-9]|[1-9][0-9]+)")
 
 @dataclass(frozen=True)
 class SampleName:
-    """The name of one sample of a system: the system's own for the first, ``.s2`` and on after
-    it."""
+    """Name of one sample of a system: the system's name for the first, with ``.s2`` and so on for
+    later ones."""
 
     system: str
     number: int = 1
 
     @classmethod
     def parse(cls, name: str) -> SampleName:
-        """What a name most likely stands for; a system may be called ``other.s2``, too."""
+        """Parse the name's most likely meaning; a system may also be called ``other.s2``."""
         later = _LATER_SAMPLE.fullmatch(name)
         return cls(later["system"], int(later["number"])) if later else cls(name)
 
@@ -40,17 +40,18 @@ class SampleName:
 
 
 COMPARISON = "comparison"
-"""Stem of the video of all motions of a run side by side; no motion's files are called so."""
+"""Stem of the video of all motions of a run side by side; no motion's files have this name."""
 MAX_STEM_BYTES = 200
-"""Disks take 255, and an ending and the mark of an unfinished file are added."""
+"""Largest length of a stem in bytes; disks allow 255, which includes the suffix and the mark of an
+unfinished file."""
 
 
 def file_stem(name: str) -> str:
-    """Return a file name without its suffix for any name: ``globaldiff-local`` for
-    ``globaldiff/local``.
+    """Return a file name without its suffix for any name.
 
-    The result leads to no other folder, is not hidden, printable, and short enough for a disk. Two
-    names may have one stem; see `app.run.output.run_folder.check_file_stems`.
+    For example ``globaldiff-local`` for ``globaldiff/local``. The result leads to no other folder,
+    is not hidden, printable, and short enough for a disk. Two names may have one stem; see
+    `app.run.output.run_folder.check_file_stems`.
     """
     stem = re.sub(r"[/\\]", "-", printable(name)).strip()
     stem = re.sub(r"^\.+", "_", stem).rstrip(" .") or "_"
@@ -60,23 +61,22 @@ def file_stem(name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """With ? for what a terminal would obey, what turns the text around, and what no file of text
-    can hold."""
+    """Replace control and format characters, such as escapes and reversals of direction, by "?"."""
     return "".join(char if char.isprintable() else "?" for char in text)
 
 
 def listed(items: Sequence[str]) -> str:
-    """a, b and c."""
+    """Format items as "a, b and c"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
 def counted(count: int, noun: str) -> str:
-    """1 noun, 2 nouns."""
+    """Format a count as "1 noun" or "2 nouns"."""
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def short_names(systems: Iterable[str]) -> dict[str, str]:
-    """Each system's name after its slash, where that is a word and no other's too."""
+    """Return each system's name after its slash, if that is not a number and is unique."""
     systems = list(systems)
     ends = [name.rsplit("/", 1)[-1] for name in systems]
     return {

@@ -1,4 +1,4 @@
-"""How a body is shown: from where, how much of it, and with which looks."""
+"""Options of rendering: view, framing, and the build and skin tone of the body."""
 
 from typing import Literal, get_args
 
@@ -6,20 +6,20 @@ View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_han
 VIEWS: tuple[View, ...] = get_args(View)
 CloseUp = Literal["face", "hands"]
 CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
-"""What may be shown large beside the body."""
+"""Close-ups that may be rendered next to the body."""
 Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
-"""How much of a body a view shows that is no close-up: all, or from the knees up."""
+"""Part of the body in views that are no close-ups: all of it, or from the knees up."""
 
 Build = Literal["average", "slender", "broad"]
 BUILDS: tuple[Build, ...] = get_args(Build)
-"""Builds of the open body; the first is the one its file is written around."""
+"""Builds of the open body; the first is the one of its mesh file."""
 Tone = Literal["light", "medium", "dark", "clay"]
 TONES: tuple[Tone, ...] = get_args(Tone)
 LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
-"""Looks of the open body; the first is the usual one."""
+"""Looks of the open body; the first is the default."""
 
 CUTOFF_HZ = 5.0
-"""A tremble that is shown larger lies above it: gestures hold little there."""
+"""Cutoff frequency above which motion is exaggerated (Hz); gestures have little energy there."""
 MAX_TURN_RAD = 0.8
-"""A multiplied tremble is no larger than this, so that no joint turns over."""
+"""Largest rotation of an exaggerated residual (rad), so that no joint turns over."""

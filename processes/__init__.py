@@ -1,2 +1,2 @@
-"""Processes of our own beside this one: how to talk with one, how it ended, and many jobs done by
-several or by a Dask cluster. May import `conventions`."""
+"""Child processes: communication, reports of how one ended, and parallel jobs on this machine or a
+Dask cluster. It may import `conventions`."""

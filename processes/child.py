@@ -1,8 +1,8 @@
-"""A module of ours run as a process of its own, which Python objects go to and come from.
+"""Child process that runs one of our modules and exchanges Python objects with its parent.
 
 It is started directly rather than through `multiprocessing`, which would import the caller's main
-module, and torch with it, into every child. Both ends speak over one channel: when it closes,
-because a child is to stop or its parent has died, the child knows, and ends.
+module, and torch with it, into every child. When the channel between them closes, because the child
+is to stop or its parent has died, the child exits.
 """
 
 import os
@@ -21,15 +21,15 @@ from typing import Any
 from processes.ended import ChildLog, Ended, memory_kills
 
 _ENDS_WITHIN_S = 5.0
-"""A process whose channel is closed has ended, or is about to."""
+"""Longest time for a process with a closed channel to exit (s)."""
 
 
 class Gone(Exception):
-    """The child has ended."""
+    """Exception for a child process that has ended."""
 
 
 class Child:
-    """The parent's side. Used from one thread, of whom another may call `end`."""
+    """Parent's handle of a child process. For use from one thread; another may call `end`."""
 
     def __init__(
         self,
@@ -38,12 +38,13 @@ class Child:
         environment: Mapping[str, str] | None = None,
         is_log_handed_on: bool = False,
     ) -> None:
-        """
+        """Start the child process.
+
         Args:
-            module: run as ``python -m``; it finds its end by `parent_channel`.
+            module: run as ``python -m``; it calls `parent_channel` for its end of the channel.
             arguments: of its command line, after the channel's.
-            environment: variables beside those of this process.
-            is_log_handed_on: whether what it says goes to standard error.
+            environment: variables that are added to those of this process.
+            is_log_handed_on: also copy its output to standard error.
         """
         self._channel, theirs = Pipe()
         self._killed_before = memory_kills()
@@ -59,7 +60,7 @@ class Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             pass_fds=(theirs.fileno(),),
-            # In no session of its own: Linux shares out the processor by sessions before niceness.
+            # No new session: Linux shares the processor by sessions before niceness.
             process_group=0,
         )
         theirs.close()
@@ -71,23 +72,23 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Also of its process group, which it leads, so that `end` also ends what it started."""
+        """Id of the process and of its group, which it leads: `end` kills its children too."""
         return self._process.pid
 
     def is_alive(self) -> bool:
         return self._process.poll() is None
 
     def forget(self) -> None:
-        """Begin a new piece of work: what was said before tells nothing of how that ends."""
+        """Discard the log so far, before a new task: it says nothing about how that ends."""
         self._log.forget()
         self._killed_before = memory_kills()
 
     def send(self, message: object) -> None:
-        """Never waits: a child that does not read, or is gone, is met by who listens to it."""
+        """Queue a message without waiting; if the child has ended, the next read raises `Gone`."""
         self._outbox.put(pickle.dumps(message))
 
     def has_message(self, within_s: float) -> bool:
-        """Wait for a moment.
+        """Check whether a message has arrived, waiting at most ``within_s`` seconds.
 
         Raises:
             Gone: if the child has ended.
@@ -98,7 +99,7 @@ class Child:
             raise Gone from error
 
     def receive(self) -> Any:
-        """The next message; waits for it.
+        """Wait for the next message and return it.
 
         Raises:
             Gone: if the child has ended.
@@ -109,7 +110,7 @@ class Child:
             raise Gone from error
 
     def ended(self) -> Ended:
-        """How a child ended that is `Gone`."""
+        """Return how a child ended, after `Gone`."""
         try:
             status = self._process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
@@ -117,7 +118,7 @@ class Child:
         return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
 
     def end(self) -> None:
-        """End it, and all of its group."""
+        """Kill the child and all of its process group."""
         if self._channel.closed:
             return
         self._outbox.put(None)
@@ -126,26 +127,28 @@ class Child:
         except ProcessLookupError:
             pass
         self._process.wait()
-        self._sender.join(_ENDS_WITHIN_S)  # before its number is another file's
+        self._sender.join(_ENDS_WITHIN_S)  # before its file descriptor is reused
         self._channel.close()
 
     def _send_all(self) -> None:
         while (sent := self._outbox.get()) is not None:
             try:
                 self._channel.send_bytes(sent)
-            except OSError:  # it has gone
+            except OSError:  # the child has ended
                 return
 
 
 def parent_channel() -> tuple[Connection, tuple[str, ...]]:
-    """In the child: its end of the channel, and the arguments it was started with."""
+    """Return the child's end of the channel, and its command line arguments."""
     number, *arguments = sys.argv[1:]
     return Connection(int(number)), tuple(arguments)
 
 
 def heard(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
-    """In the child: what the parent sends from now on, each with what a None after it sets. Without
-    a parent nobody would ever end this process: then it ends."""
+    """Receive messages from the parent in a thread, each with an event set by a later None.
+
+    If the parent dies, this process exits.
+    """
     messages: queue.SimpleQueue[tuple[Any, threading.Event]] = queue.SimpleQueue()
 
     def listen() -> None:

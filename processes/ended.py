@@ -1,5 +1,5 @@
-"""What child processes say on standard error, and how one ended: told from its status, the last
-lines that it said, and whether the system has ended processes for want of memory meanwhile."""
+"""Log of child processes, and diagnosis of how one ended from its status, its last lines and the
+kernel's count of out-of-memory kills."""
 
 import re
 import signal
@@ -22,26 +22,26 @@ _SAYS_MEMORY = re.compile(
 )
 _CRASH = "Fatal Python error"
 _THREAD = "Current thread"
-"""What Python's faulthandler begins with, and what stands above the frames of the crash."""
+"""Start of a thread's traceback in the report of Python's faulthandler."""
 _OF_NO_USE = ("Extension modules:", "<no Python frame>")
 CRASHES = {
     *(signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE),
     *(signal.SIGABRT, signal.SIGSYS, signal.SIGTRAP),
 }
-"""Signals that a process gets for a fault of its own."""
+"""Signals that a process gets for a fault in its code."""
 _OWN_FAULT = "That is a fault of the program or of a library, and not of what was asked for."
 
 
 @dataclass(frozen=True)
 class Ended:
-    """What is known of a child's end."""
+    """Result of a child process that has ended."""
 
     status: int | None
-    """Exit status, or less than 0 the signal; None where it cannot be had."""
+    """Exit status, or minus the signal's number; None if unknown."""
     said: tuple[str, ...] = ()
-    """The last lines of its log."""
+    """Last lines of its log."""
     was_killed_for_memory: bool = False
-    """Whether the system has ended a process for want of memory since this one began."""
+    """True if the kernel has killed any process for lack of memory since this one began."""
 
     @property
     def signal(self) -> signal.Signals | None:
@@ -49,12 +49,12 @@ class Ended:
             return None
         try:
             return signal.Signals(-self.status)
-        except ValueError:  # one of the real-time ones
+        except ValueError:  # a real-time signal
             return None
 
     @property
     def wanted_memory(self) -> bool:
-        """Only where the kernel says so, or the log of a process that met its limit."""
+        """True if memory ran out by the kernel's count, or by the log of a process at its limit."""
         if self.signal == signal.SIGKILL:
             return self.was_killed_for_memory
         is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
@@ -62,7 +62,7 @@ class Ended:
 
     @property
     def how(self) -> str:
-        """As the end of "it ended"."""
+        """Text that continues "it ended", such as "with exit status 1"."""
         if self.status is None:
             return "without a status"
         if self.status >= 0:
@@ -71,13 +71,13 @@ class Ended:
         return f"by signal {-self.status} ({name})"
 
     def sentences(self, what: str, for_memory: str, again: str, suspect: str = _OWN_FAULT) -> str:
-        """What happened and what to do, with the last lines of the log.
+        """Format what happened and what to do, with the last lines of the log.
 
         Args:
             what: the process, as the beginning of a sentence.
-            for_memory: what to do where it wanted memory.
-            again: what to do where it may go well another time.
-            suspect: a sentence of what a crash most likely comes from.
+            for_memory: what to do if it lacked memory.
+            again: what to do if it may succeed another time.
+            suspect: a sentence on the most likely cause of a crash.
         """
         if self.wanted_memory:
             why = "for want of memory, as "
@@ -102,8 +102,10 @@ def _capital(sentence: str) -> str:
 
 
 def last_lines(log: str) -> tuple[str, ...]:
-    """The few lines of a log that tell most of an end: of a crash, what was said before it and
-    where it was."""
+    """Return the most informative lines of a log.
+
+    For a crash these are the lines before it and its traceback.
+    """
     lines = [printable(line.rstrip())[:_MAX_LINE] for line in log.splitlines()]
     lines = [line for line in lines if line and not line.strip().startswith(_OF_NO_USE)]
     crashes = [number for number, line in enumerate(lines) if line.startswith(_CRASH)]
@@ -113,14 +115,13 @@ def last_lines(log: str) -> tuple[str, ...]:
     threads = [number for number, line in enumerate(lines) if line.startswith(_THREAD)]
     frames = lines[(threads[-1] if threads and threads[-1] > crash else crash) + 1 :]
     before = lines[: crash + 1][-3:]
-    # Where several speak at once, the frames of another may stand between that and the crash.
+    # If several processes write at once, another's lines may separate the cause from the crash.
     why = [line for line in lines[:crash] if _SAYS_MEMORY.search(line) and line not in before][-1:]
     return tuple((why + before + frames)[:NUM_LINES])
 
 
 def memory_kills() -> int:
-    """How many processes the system has ended for want of memory: in this one's control group where
-    that counts them, else on this machine; 0 where neither tells."""
+    """Count the out-of-memory kills in this control group, or else on this machine (or 0)."""
     for path in (*_counters(), Path("/proc/vmstat")):
         try:
             text = path.read_text()
@@ -133,7 +134,7 @@ def memory_kills() -> int:
 
 
 def _counters() -> Iterator[Path]:
-    """Of both versions of control groups; inside a container the group's own path may be hidden."""
+    """Yield counter files of both cgroup versions; a container may hide the group's own path."""
     try:
         groups = Path("/proc/self/cgroup").read_text().splitlines()
     except OSError:
@@ -151,13 +152,14 @@ _KEPT_LINES, _PATIENCE_S = 200, 1.0
 
 
 class ChildLog:
-    """Keeps the last of what children say."""
+    """Buffer of the last lines that children write."""
 
     def __init__(self, stream: IO[bytes], is_handed_on: bool) -> None:
-        """
+        """Start a thread that reads the stream.
+
         Args:
-            stream: the reading end of a pipe; closed when its writers are gone.
-            is_handed_on: whether all of it goes to standard error, too.
+            stream: the reading end of a pipe; closed when its writers have exited.
+            is_handed_on: also copy everything to standard error.
         """
         self._stream = stream
         self._is_handed_on = is_handed_on
@@ -166,11 +168,11 @@ class ChildLog:
         self._reader.start()
 
     def forget(self) -> None:
-        """Of what was said so far; another piece of work begins."""
+        """Discard the lines so far, before a new task."""
         self._kept.clear()
 
     def lines(self) -> tuple[str, ...]:
-        """The last lines of a child that has ended; others may hold the pipe open."""
+        """Return the last lines of a child that has ended."""
         self._reader.join(_PATIENCE_S)
         return last_lines("\n".join(list(self._kept)))
 

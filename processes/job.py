@@ -1,7 +1,7 @@
-"""One of many independent pieces of work.
+"""Independent jobs for worker processes, and their errors.
 
-A job leaves its result under a final name when it is whole, and that is the record that it is done:
-whatever is killed, the same call goes on with what is not there yet. Nothing travels back but news.
+A job writes its result under a final name when it is complete, which also records that it is done:
+after any interruption, the same call continues with the rest. Only status messages are returned.
 """
 
 from collections.abc import Callable
@@ -11,29 +11,29 @@ from threadpoolctl import threadpool_limits
 
 
 class Cancelled(Exception):
-    """Work was stopped from outside; nothing is left of it."""
+    """Work was stopped from outside; it leaves nothing behind."""
 
 
 class JobsError(RuntimeError):
-    """The jobs cannot go on; the message is one sentence for a person."""
+    """The jobs cannot continue; the message is one sentence for the user."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One piece of work. Both functions go to other processes, so they are importable, or
-    `functools.partial` of what is."""
+    """One job. Both functions are sent to other processes, so they must be importable, or
+    `functools.partial` of such a function."""
 
     name: str
     is_done: Callable[[], bool]
-    """Whether its result is there, whole and of this very job. Asked where the work is done too."""
+    """Function that checks whether the complete result of this job exists; workers call it too."""
     work: Callable[[], object]
-    """Leaves the result, whole or not at all."""
+    """Function that writes the result atomically."""
 
     def do(self) -> None:
-        """The work, unless another worker has done it meanwhile.
+        """Do the work, unless another worker has done it meanwhile.
 
-        By one thread of numpy's: threads of many workers would wait for each other on the same
-        cores, and the last digits would depend on how many there are.
+        Numpy uses one thread: threads of many workers would wait for each other on the same cores,
+        and the last digits would depend on their number.
         """
         if not self.is_done():
             with threadpool_limits(1, user_api="blas"):

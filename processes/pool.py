@@ -1,5 +1,5 @@
-"""Many jobs, each done once: by processes of this machine, or by a Dask cluster whose workers see
-the same files. Dask is no requirement of this project; see ``requirements-cluster.txt``."""
+"""Parallel execution of jobs, each once: by processes of this machine, or by a Dask cluster whose
+workers see the same files. Dask is optional; see ``requirements-cluster.txt``."""
 
 import asyncio
 import logging
@@ -17,43 +17,42 @@ from processes.child import Child, Gone, heard, parent_channel
 from processes.job import Cancelled, Job, JobsError
 
 MAX_BREAKS = 3
-"""Worker processes that may end abruptly one after another without any job done between."""
+"""Number of worker processes in a row that may crash without any job done in between."""
 
 _BROKEN = (
     f"Worker processes ended {MAX_BREAKS} times before any got its work done; what is done is kept."
 )
 _LAST, _FEWER, _AGAIN = "The last one", "use fewer processes", "give the same command again"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Also of torch's: workers stand side by side, and numbers do not depend on how many cores there
-are."""
+"""Environment with one thread for numpy and torch: results do not depend on the core count."""
 _POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class JobPool:
-    """Who works."""
+    """Choice of workers for jobs: processes of this machine, or a Dask cluster."""
 
     processes: int | None = None
-    """On this machine, one thread each; all cores by default. One works in the calling process."""
+    """Number of workers with one thread each (default: all cores); one works in the calling
+    process."""
     scheduler: str | None = None
-    """Address of a Dask scheduler, or the file that it leaves, whose workers see the same files;
-    takes the place of processes."""
+    """Address or scheduler file of a Dask scheduler whose workers see the same files; replaces the
+    processes."""
 
     def do_all(
         self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
     ) -> dict[str, Exception]:
-        """Do every job that is not done yet; one that fails holds up no other, one that is
-        cancelled ends all.
+        """Do every job that is not done yet; one that fails does not stop the others.
 
         Args:
-            on_done: told the name of each job as it gets done, in any order.
+            on_done: called with the name of each job as it completes, in any order.
 
         Returns:
-            What the failed ones raised, by name.
+            Exceptions of the jobs that failed, by name.
 
         Raises:
             Cancelled: as soon as a job raises it; no other is begun.
-            JobsError: if workers die again and again, or the cluster cannot be reached or is gone.
+            JobsError: if workers die repeatedly, or the cluster cannot be reached or is gone.
                 What is done stays done.
         """
         waiting = [job for job in jobs if not job.is_done()]
@@ -68,7 +67,7 @@ class JobPool:
 
 
 def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, Exception]:
-    """As `JobPool.do_all`, of jobs that are not done."""
+    """Do jobs in this process, as `JobPool.do_all`."""
     failed: dict[str, Exception] = {}
     for job in jobs:
         try:
@@ -85,7 +84,7 @@ def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, 
 def do_by_processes(
     jobs: Sequence[Job], on_done: Callable[[str], object], workers: int
 ) -> dict[str, Exception]:
-    """The same. Of a worker that ends abruptly another does the job, after all others."""
+    """Do jobs by worker processes, as `JobPool.do_all`; a crashed worker's job comes last again."""
     waiting, failed, breaks = [*jobs], dict[str, Exception](), 0
     busy: dict[Child, Job] = {}
     idle = [_worker() for _ in range(workers)]
@@ -94,7 +93,7 @@ def do_by_processes(
             while waiting and idle:
                 child, job = idle.pop(), waiting.pop(0)
                 busy[child] = job
-                child.send(pickle.dumps(job))  # read by the thread that does it
+                child.send(pickle.dumps(job))  # unpickled by the thread that does it
             for child, job in [*busy.items()]:
                 try:
                     if not child.has_message(0.0):
@@ -130,7 +129,7 @@ def _worker() -> Child:
 
 
 def main() -> None:
-    """Of a worker: do jobs as they come, and tell of each what it raised."""
+    """Run a worker process: do jobs as they come, and send what each raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
     jobs = heard(channel)
@@ -156,18 +155,19 @@ def _raised(told: bytes, *_: object) -> Exception | None:
 
 CONNECT_S = 30
 SEEN_WITHIN_S = 30.0
-"""Until a result that a worker has written must be seen here, on a shared disk."""
+"""Longest wait until a worker's result is visible on a shared disk (s)."""
 _TELL_OF_LOSS = [f"distributed.{part}" for part in ("batched", "client", "core", "utils")]
 _GIVEN_UP = "Failed to reconnect to scheduler"
-"""Loggers of Dask that print tracebacks when a scheduler is lost, or this."""
+"""Loggers of Dask that print tracebacks when a scheduler is lost, and the message that they
+print."""
 _ONE_AT_A_TIME = threading.Lock()
-"""Of a worker with several threads: jobs are made for processes."""
+"""Lock for a Dask worker with several threads: jobs are made for processes."""
 
 
 def do_by_cluster(
     jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], object]
 ) -> dict[str, Exception]:
-    """As `JobPool.do_all`, of jobs that are not done."""
+    """Do jobs by a Dask cluster, as `JobPool.do_all`."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
@@ -223,7 +223,7 @@ def do_by_cluster(
 
 
 def _is_no_lost_connection(record: logging.LogRecord) -> bool:
-    """Whether a line of Dask's log is none that our own sentence tells, with its tracebacks."""
+    """Check that a line of Dask's log is not about a lost connection, which we report ourselves."""
     from distributed.comm.core import CommClosedError
 
     lost = (CommClosedError, OSError, TimeoutError, CancelledError, asyncio.CancelledError)
@@ -232,7 +232,7 @@ def _is_no_lost_connection(record: logging.LogRecord) -> bool:
 
 
 def _do(job: Job) -> None:
-    """On a worker."""
+    """Do a job on a Dask worker."""
     import torch
 
     with _ONE_AT_A_TIME:

@@ -1,1 +1,1 @@
-"""Recordings in BEAT2's layout and their windows for training; may import speech and plans."""
+"""Recordings in BEAT2's layout and their training windows; may import speech and plans."""

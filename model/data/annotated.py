@@ -1,4 +1,4 @@
-"""What the annotation of prepared data tells, plans and speech, as numbers of each frame."""
+"""Annotations of the prepared data, gesture plans and speech, as numbers per frame."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -37,37 +37,37 @@ PLANS_FORMAT = 1
 
 @dataclass(frozen=True)
 class Events:
-    """What a planner learns of a batch's windows, by tier."""
+    """Training targets and inputs of a planner for a batch of windows, by tier."""
 
     seen: dict[str, Float[Tensor, "B T _"]]
-    """Where its chain is, and that of the tier beside it."""
+    """State of the tier's event chain and of the coupled tier's chain (B, T, _)."""
     event: dict[str, Int[Tensor, "B T"]]
     mark: dict[str, Float[Tensor, "B T _"]]
 
     def to(self, device: torch.device) -> "Events":
-        """The same on a device."""
+        """Return the same events on a device."""
         parts = (self.seen, self.event, self.mark)
         return Events(*({name: one.to(device) for name, one in part.items()} for part in parts))
 
 
 @dataclass(frozen=True)
 class Plans:
-    """Plans of all clips, end to end as `PreparedData` has them."""
+    """Plans of all clips, concatenated in the order of `PreparedData`."""
 
     data: PreparedData
     tracks: np.ndarray
-    """(N, tracks), see `model.plan.tracks`."""
+    """Plan tracks (N, tracks), see `model.plan.tracks`."""
     chains: tuple[dict[str, list[Begun]], ...]
-    """Of each clip."""
+    """Event chains of each clip, by tier."""
     kinds: np.ndarray
-    """(N, 2) numbers of the gesture that the left and the right hand are in (`KindTable.place`)."""
+    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.place`)."""
     table: KindTable
 
     def of(
         self, batch: Batch, context: int
     ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
-        """Plans of a batch's windows and ``context`` frames on either side, held past a clip's
-        end."""
+        """Return a batch's plans with ``context`` frames on either side, held past a clip's
+        ends."""
         frames = batch.frames
         rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         which = np.searchsorted(self._starts, frames[:, 0], side="right") - 1
@@ -79,7 +79,7 @@ class Plans:
         )
 
     def events(self, batch: Batch) -> Events:
-        """What begins in a batch's windows."""
+        """Return the events that begin in a batch's windows."""
         which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
         windows = [
             {
@@ -111,7 +111,7 @@ class Plans:
 
 
 def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
-    """Read the annotation beside the recordings once, then map the arrays."""
+    """Read the annotation of the recordings once, then map the arrays."""
     plans = [_annotated(data, clip) for clip in data.clips]
     learned = [
         (plan, clip)
@@ -134,7 +134,7 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
 
 
 def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
-    """The number of the gesture that each hand is in, frame by frame."""
+    """Return the number of the gesture type of each hand in each frame."""
     kinds = np.zeros((num_frames, 2), np.uint8)
     for column, side in enumerate(SIDES):
         for phase in plan.hand(side):
@@ -143,18 +143,18 @@ def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.n
 
 
 def _frames(phase: HandPhase, num_frames: int) -> slice:
-    """Frames whose middle lies in it."""
+    """Return the frames with their centre inside a phase."""
     first, stop = (max(0, int(np.ceil(at * FPS - 0.5))) for at in (phase.start_s, phase.end_s))
     return slice(min(first, num_frames), min(stop, num_frames))
 
 
 def textgrid_of(data: PreparedData, clip: PreparedClip) -> Path:
-    """Where the annotation of a clip lies."""
+    """Return the path of a clip's annotation."""
     return data.source / "textgrid" / f"{clip.name}.TextGrid"
 
 
 def _said(path: Path) -> list[str]:
-    """The words of an annotation; none where it tells of plans alone."""
+    """Return the lower-case words of an annotation; none if it holds plans only."""
     try:
         return [word.text.lower() for word in read_transcript(path).words]
     except TranscriptError:
@@ -170,31 +170,31 @@ def _annotated(data: PreparedData, clip: PreparedClip) -> GesturePlan:
 
 
 ACCENT_FRAMES, PHRASE_END_FRAMES = 3, 5
-"""Around each, that count as it."""
+"""Lengths of the windows around an accent and a phrase end that are labelled as such (frames)."""
 PAUSE_S = 0.12
-"""Between words, from which a phrase ends before it."""
+"""Shortest pause between words that ends a phrase (s)."""
 SPEED_FRAMES = 4.0
-"""Deviation of the Gaussian over planned speeds."""
+"""Standard deviation of the Gaussian that smooths planned speeds (frames)."""
 _NUMBER = {phone: number for number, phone in enumerate(PHONES, start=1)}
 
 
 @dataclass(frozen=True)
 class SpeechAnnotation:
-    """Annotation of all clips, end to end as `PreparedData` has them."""
+    """Speech annotation of all clips, concatenated in the order of `PreparedData`."""
 
     phone: UInt8[np.ndarray, " N"]
-    """Place in `PHONES`, from 1; 0 is none of them."""
+    """Number of the phone (N,) in `PHONES`, from 1; 0 is none of them."""
     told: Float32[np.ndarray, "N told"]
-    """`TOLD`; what is a share or a yes is from 0 to 1."""
+    """Values of `TOLD` (N, 6); fractions and flags lie between 0 and 1."""
 
     def of(self, batch: Batch) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T told"]]:
-        """Phones and `TOLD` of a batch's windows."""
+        """Return the phones and the values of `TOLD` of a batch's windows."""
         phone = torch.from_numpy(self.phone[batch.frames].astype(np.int64))
         return phone, torch.from_numpy(self.told[batch.frames])
 
 
 def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
-    """Read the annotation beside the recordings.
+    """Read the annotated words, phones and accents of the recordings.
 
     Raises:
         DataError: if a clip's words are not annotated, or no clip has phones and accents.
@@ -215,7 +215,7 @@ def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
 
 
 def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
-    """The phone of each frame; of unknown ones and of pauses 0."""
+    """Return the number of each frame's phone; 0 for unknown phones and pauses."""
     numbers = np.zeros(num_frames, np.uint8)
     for phone in transcript.phones:
         name = phone.text.lower().rstrip("012")
@@ -226,7 +226,7 @@ def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np
 def told_of(
     transcript: Transcript, num_frames: int, speed: float, plans: Plans
 ) -> Float32[np.ndarray, "T 5"]:
-    """`TOLD` but for the speed."""
+    """Return the values of `TOLD` of each frame, except the speed."""
     strength, ends, voice, struck = np.zeros((4, num_frames), np.float32)
     for accent in transcript.accents:
         frame = int(accent.time_s / speed * FPS)
@@ -245,7 +245,7 @@ def told_of(
 
 
 def wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
-    """Of both planned wrists together, in the tiers' units a second, smoothed."""
+    """Return the smoothed sum of both planned wrists' speeds, in the tiers' units per second."""
     goals = [np.asarray(tracks[:, hand_tracks(side)][:, :3], np.float64) for side in SIDES]
     steps = [np.diff(goal, axis=0, prepend=goal[:1]) for goal in goals]
     total = sum(np.linalg.norm(step, axis=1) for step in steps) * FPS
@@ -253,7 +253,7 @@ def wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, 
 
 
 def _rows(start_s: float, end_s: float, speed: float) -> slice:
-    """Frames whose middle lies in it, in a recording that plays so fast."""
+    """Return the frames with their centre inside an interval of a recording at another speed."""
     first, stop = (max(0, round(at / speed * FPS)) for at in (start_s, end_s))
     return slice(first, stop)
 

@@ -1,8 +1,8 @@
-"""Training data: a folder in BEAT2's layout, read once into memory-mapped arrays.
+"""Training data from a folder in BEAT2's layout, read once into memory-mapped arrays.
 
-Poses, root positions, face units and speech features of all clips lie end to end; a window is a
+Poses, root positions, face units and speech features of all clips are concatenated; a window is a
 slice. Features are computed once per file, with context, and never per window. Training recordings
-may be stored several times, at other speeds and as other microphones would have caught them.
+may be stored several times, at other speeds and as if recorded by other microphones.
 """
 
 import json
@@ -38,12 +38,13 @@ from model.storage.npz import MotionError
 log = logging.getLogger(__name__)
 
 MAX_MISMATCH_S = 5.0
-"""Between motion and sound of one recording; some of BEAT2's differ by seconds at the end."""
+"""Largest difference between the durations of motion and sound (s); some of BEAT2's differ by
+seconds at the end."""
 CACHE_FORMAT = 2
-"""Raised whenever the same folder gives other arrays."""
+"""Version of the cached arrays, raised whenever the same folder gives other arrays."""
 MIN_FRAMES = 60
 Columns = Mapping[str, tuple[int, type]]
-"""How many numbers a frame has of which kind, by the name of each array."""
+"""Number of values per frame and dtype of each array, by the array's name."""
 _COLUMNS: Columns = {
     "poses": (165, np.float32),
     "transl": (3, np.float32),
@@ -53,7 +54,7 @@ _COLUMNS: Columns = {
 
 @dataclass(frozen=True)
 class PreparedClip:
-    """Where one recording, or an augmented copy of it, lies in the arrays."""
+    """Position of one recording, or of an augmented copy, in the arrays."""
 
     name: str
     speaker: int
@@ -61,7 +62,7 @@ class PreparedClip:
     start: int
     num_frames: int
     copy: int = 0
-    """0 for the recording itself, from 1 for its copies."""
+    """Number of the augmented copy, from 1; 0 for the recording itself."""
 
     @property
     def stop(self) -> int:
@@ -70,7 +71,7 @@ class PreparedClip:
 
 @dataclass(frozen=True)
 class Batch:
-    """Windows cut from clips; every tensor starts with the batch axis."""
+    """Windows cut from clips; the first axis of every tensor is the batch."""
 
     poses: Float[Tensor, "B T 165"]
     transl: Float[Tensor, "B T 3"]
@@ -79,10 +80,10 @@ class Batch:
     speaker: Int[Tensor, " B"]
     clips: list[str]
     frames: Int[np.ndarray, "B T"]
-    """Rows of the arrays."""
+    """Row of each frame (B, T) in the arrays."""
 
     def rows(self, which: slice) -> "Batch":
-        """Some of the windows."""
+        """Return a part of the batch."""
         return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
@@ -91,9 +92,9 @@ class PreparedData:
     """All clips of a data folder as arrays of frames."""
 
     source: Path
-    """The recordings, in BEAT2's layout."""
+    """Folder of the recordings, in BEAT2's layout."""
     folder: Path
-    """Where the arrays lie; what is made from them may lie beside them."""
+    """Folder of the arrays, which may also hold arrays derived from them."""
     clips: tuple[PreparedClip, ...]
     poses: np.ndarray
     transl: np.ndarray
@@ -102,12 +103,12 @@ class PreparedData:
     speakers: dict[int, str]
 
     def home(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
-        """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
+        """Return the body's mean position on the floor (y = 0) in a clip, in metres."""
         x, _, z = self.transl[clip.start : clip.stop].mean(0)
         return np.array([x, 0.0, z], np.float32)
 
     def of_split(self, split: str) -> tuple[PreparedClip, ...]:
-        """The clips of ``train``, ``val``, ``test`` or ``additional``.
+        """Return the clips of ``train``, ``val``, ``test`` or ``additional``.
 
         Raises:
             DataError: if there are none.
@@ -126,10 +127,11 @@ class PreparedData:
         rng: np.random.Generator,
         context: int = 0,
     ) -> Batch:
-        """``size`` windows of ``window`` frames, every possible start equally likely.
+        """Draw ``size`` windows of ``window`` frames, every possible start equally likely.
 
         Args:
-            context: frames of speech before and after each window; past a clip's end it is held.
+            context: frames of speech before and after each window; its ends repeat at a clip's
+                ends.
 
         Raises:
             DataError: if no clip is as long as a window.
@@ -146,7 +148,7 @@ class PreparedData:
     def batch(
         self, frames: Int[np.ndarray, "B T"], clips: list[PreparedClip], context: int = 0
     ) -> Batch:
-        """The rows at ``frames`` (absolute indices) as tensors."""
+        """Return the rows at ``frames`` (absolute indices) as tensors."""
         heard = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         first = np.array([clip.start for clip in clips])[:, None]
         last = np.array([clip.stop for clip in clips])[:, None] - 1
@@ -168,16 +170,15 @@ class PreparedData:
 def prepare(
     folder: Path, cache: Path, encoder: SpeechEncoder, *, augmented_copies: int = 0
 ) -> PreparedData:
-    """Read ``folder`` once into ``cache`` (kept for the next run), then map it.
+    """Read ``folder`` once into ``cache`` (reused by the next run), then map it.
 
-    Clips that cannot be read or are shorter than a window are named in the log, counted and left
-    out.
+    Clips that cannot be read or are shorter than a window are logged, counted and left out.
 
     Args:
-        cache: begins the name of the folder; what the arrays are made from is added to it, so that
-            other recordings never get these.
-        augmented_copies: of each training recording, see `augmented_copy`; the other splits have
-            none.
+        cache: prefix of the cache folder's path; a digest of the sources is appended, so that
+            other recordings never use the same cache.
+        augmented_copies: number of copies of each training recording, see `augmented_copy`; the
+            other splits have none.
 
     Raises:
         DataError: if nothing usable is left, or the cache was made in another way.
@@ -220,11 +221,10 @@ def arrays_beside(
     columns: Columns,
     by_clip: Iterable[Sequence[np.ndarray]],
 ) -> list[np.ndarray]:
-    """Arrays of all frames that are made of ``data`` and lie beside its own: made clip by clip
-    unless they are there already, then mapped.
+    """Map arrays derived from all frames of ``data``, after making them clip by clip if needed.
 
     Args:
-        origin: what they are made by; those of another origin are made anew.
+        origin: what the arrays depend on; arrays of another origin are made again.
         by_clip: for each clip in turn, its rows of each array.
     """
     index = data.folder / f"{name}.json"
@@ -236,7 +236,7 @@ def arrays_beside(
 
 
 def _write(folder: Path, columns: Columns, by_clip: Iterable[Sequence[np.ndarray]]) -> None:
-    """Write arrays clip by clip, so that memory holds one."""
+    """Write arrays clip by clip, so that memory holds one clip."""
     with ExitStack() as stack:
         paths = [stack.enter_context(written_atomically(folder / f"{n}.raw")) for n in columns]
         files = [stack.enter_context(path.open("wb")) for path in paths]
@@ -259,7 +259,7 @@ def _by_clip(
     augmented_copies: int,
     read: list[PreparedClip],
 ) -> Iterator[Sequence[np.ndarray]]:
-    """The rows of each clip and of its copies; what they are is added to ``read``."""
+    """Yield the rows of each clip and of its copies, and append their positions to ``read``."""
     skipped = 0
     for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
         try:

@@ -1,4 +1,4 @@
-"""One recording of a data folder in BEAT2's layout: read, encoded, and copied with changes."""
+"""Reading, encoding and augmentation of single recordings in a data folder of BEAT2's layout."""
 
 import csv
 import hashlib
@@ -18,17 +18,17 @@ from model.speech.encoder import SpeechEncoder
 
 NUM_FACE_UNITS = 52
 SPEED_PERCENT = (90, 111)
-"""Slowest speed of an augmented copy, and one above the fastest."""
+"""Lowest speed of an augmented copy (percent), and one above the highest."""
 FINGERPRINT_BYTES = 4096
 SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
 
 
 class DataError(ValueError):
-    """A data folder that cannot be used: says what is missing and what to do."""
+    """A data folder that cannot be used; the message says what is missing and what to do."""
 
 
 def read_split(folder: Path) -> dict[str, str]:
-    """Clip name -> ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
+    """Read each clip's split, ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
 
     Raises:
         DataError: if the file is missing or has other columns.
@@ -44,10 +44,10 @@ def read_split(folder: Path) -> dict[str, str]:
 
 
 def fingerprint(folder: Path, names: Iterable[str]) -> str:
-    """Tells one data folder's recordings from another's, wherever they lie; reads little of them.
+    """Compute a digest that identifies a folder's recordings, independent of its path.
 
-    Of every file its size, its beginning and its end, where an npz keeps the checksums of its
-    arrays. A missing file counts as missing.
+    It reads little: of every file its size, and pieces of its start, middle and end, where an npz
+    stores the checksums of its arrays. Missing files are skipped.
     """
     digest = hashlib.sha256()
     for name in sorted(names):
@@ -65,7 +65,7 @@ def fingerprint(folder: Path, names: Iterable[str]) -> str:
 
 
 def speaker_of(clip_name: str) -> tuple[int, str]:
-    """Number and name of the speaker, from a name such as 2_scott_0_1_1.
+    """Parse the number and name of the speaker in a clip's name such as 2_scott_0_1_1.
 
     Raises:
         DataError: if it is no such name.
@@ -77,7 +77,7 @@ def speaker_of(clip_name: str) -> tuple[int, str]:
 
 
 def read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
-    """Motion and sound of one recording, each of its own length."""
+    """Read the motion and the sound of one recording, each with its original length."""
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     return motion, load_speech(folder / "wave16k" / f"{name}.wav", SPEECH_LIMITS)
 
@@ -85,32 +85,32 @@ def read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
 def encode_clip(
     motion: Motion, speech: Speech, encoder: SpeechEncoder
 ) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
-    """Motion and speech features, both cut to the shorter of the two."""
+    """Return the motion and its speech features, both cut to the shorter of the two."""
     num_frames = min(motion.num_frames, speech.num_frames)
     cut = first_frames(motion, num_frames)
     return cut, encoder.encode(speech.waveform, num_frames)
 
 
 def copy_speed(name: str, copy: int) -> float:
-    """How fast a copy of a recording plays; 1 is the recording itself, copy 0."""
+    """Return the playback speed of an augmented copy; 1 for copy 0, the recording itself."""
     return 1.0 if copy == 0 else _draws(name, copy)[1]
 
 
 def augmented_copy(motion: Motion, speech: Speech, name: str, copy: int) -> tuple[Motion, Speech]:
-    """A recording at another speed, its speech as another microphone would have caught it."""
+    """Return a recording at another speed, its speech as if recorded by another microphone."""
     rng, speed = _draws(name, copy)
     waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
     return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
 
 
 def _draws(name: str, copy: int) -> tuple[np.random.Generator, float]:
-    """The randomness of a copy, and its speed, which is drawn first."""
+    """Return the random generator of a copy, and the copy's speed, which is drawn first."""
     rng = np.random.default_rng([zlib.crc32(name.encode()), copy])
     return rng, int(rng.integers(*SPEED_PERCENT)) / 100
 
 
 def face_units(motion: Motion) -> np.ndarray:
-    """The 52 face units; zero where the clip has FLAME coefficients instead."""
+    """Return the 52 face units (T, 52); zero where the clip has FLAME coefficients instead."""
     if motion.expression_basis == "arkit52":
         return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
     return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)

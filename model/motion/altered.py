@@ -1,6 +1,5 @@
-"""Motions altered on purpose: turned by noise, played at another speed, trembling more than they
-did, and behind the Savitzky-Golay filter of the official GlobalDiff inference.
-"""
+"""Changes to motions: rotation noise, change of speed, exaggeration of fast motion, and the
+Savitzky-Golay filter of the official GlobalDiff inference."""
 
 from dataclasses import replace
 
@@ -26,22 +25,22 @@ from model.motion.rotations import (
 
 
 def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
-    """The motion with turns of every joint in every frame, on local and on global rotations.
+    """Return the motion with noise on its local and on its global rotations.
 
-    Each turn has independent components of deviation ``noise_rad``, fresh in every frame, about the
-    joint's own axes; both motions get the same ones (`model.measures.error_growth` says what
-    follows from that).
+    The noise rotates each joint in every frame about its own axes, with independent components of
+    standard deviation ``noise_rad``; both motions get the same noise (for its consequences see
+    `model.measures.error_growth`).
 
     Returns:
-        With noise on local rotations, and with noise on global ones.
+        The motion with noise on local rotations, and the one with noise on global rotations.
     """
     generator = torch.Generator().manual_seed(seed)
     local_rot = motion.local_rotations().double()
     turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
-    turn[:, list(FACE)] = 0.0  # nothing hangs on it, and a face that trembles distracts
+    turn[:, list(FACE)] = 0.0  # they have no children, and facial jitter distracts
     noise = matrix_from_axis_angle(turn)
     on_global = local_from_global(global_from_local(local_rot) @ noise)
-    # The head's own turn is not handed on to what stays as it is in the head.
+    # The head's noise does not change the face's local rotations.
     on_global[:, list(FACE)] = local_rot[:, list(FACE)]
     return _with_rotations(motion, local_rot @ noise), _with_rotations(motion, on_global)
 
@@ -52,10 +51,10 @@ def _with_rotations(motion: Motion, local_rot: torch.Tensor) -> Motion:
 
 
 def motion_at_speed(motion: Motion, speed: float) -> Motion:
-    """``speed`` times as fast: frame k shows what was at frame ``k * speed``.
+    """Resample the motion to play ``speed`` times as fast.
 
-    Rotations are interpolated by slerp, everything else linearly. The last frame lies at or up to
-    one new frame before the last one there was.
+    New frame k is old frame ``k * speed``. Rotations are interpolated by slerp, everything else
+    linearly. The last frame lies at most one new frame before the old last one.
     """
     num_frames = int((motion.num_frames - 1) / speed + 1e-6) + 1
     time = np.minimum(np.arange(num_frames) * speed, motion.num_frames - 1)  # in old frames
@@ -83,12 +82,12 @@ _PADDING_FRAMES = 15
 
 
 def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:
-    """The motion with all that is faster than a cut-off multiplied.
+    """Multiply all motion above a cutoff frequency by a factor.
 
-    Of each local rotation R the part below the cut-off, L, is the row-6D form behind a Butterworth
-    filter that runs forwards and backwards; the residual log(L^T R) is multiplied and put on L.
-    The translation is treated alike; jaw, eyes and expressions stay as they are. A factor of 1
-    gives the motion itself, and so does a clip under 4 frames.
+    A local rotation R has a slow part L: its row-6D form after a Butterworth filter that runs
+    forwards and backwards. The residual log(L^T R) is multiplied and applied to L. The translation
+    is treated alike; jaw, eyes and expressions are unchanged. A factor of 1 returns the motion
+    itself, and so does a clip under 4 frames.
     """
     if factor == 1 or motion.num_frames < 4:
         return motion
@@ -119,11 +118,11 @@ def _below_cutoff(
 def below_cutoff(
     values: Float[np.ndarray, "T C"], cutoff_hz: float | int = CUTOFF_HZ
 ) -> Float[np.ndarray, "T C"]:
-    """What is slower than the cut-off, without delay; at its ends a clip is mirrored."""
+    """Filter values (T, C) with a zero-phase low-pass; the ends of a clip are mirrored."""
     sections = butter(_ORDER, cutoff_hz, fs=FPS, output="sos")
     padding = min(_PADDING_FRAMES, len(values) - 1)
     slow = sosfiltfilt(sections, values, axis=0, padlen=padding)
-    return np.ascontiguousarray(slow)  # the way back leaves it reversed
+    return np.ascontiguousarray(slow)  # the backward pass leaves it reversed
 
 
 SAVGOL_FRAMES = 7
@@ -133,9 +132,9 @@ SAVGOL_ORDER = 2
 def smooth_over_time(
     values: Float[np.ndarray, " T *channels"],
 ) -> Float[np.ndarray, " T *channels"]:
-    """Savitzky-Golay, 7 frames, order 2, in double precision.
+    """Smooth with a Savitzky-Golay filter of 7 frames and order 2, in double precision.
 
-    Under 5 frames it changes nothing; under 7 it uses 5.
+    Under 5 frames nothing changes; under 7 frames the window is 5.
     """
     window = min(SAVGOL_FRAMES, len(values) - 1 + len(values) % 2)
     if window <= SAVGOL_ORDER + 1:
@@ -144,18 +143,18 @@ def smooth_over_time(
 
 
 def smooth_rotations(rotmat: Float[Tensor, "T *joints 3 3"]) -> Float[Tensor, "T *joints 3 3"]:
-    """The row-6D form filtered over time, then made a rotation again."""
+    """Smooth rotations in row-6D form over time, and orthogonalise the result."""
     smooth = smooth_over_time(rot6d_from_matrix(rotmat).numpy())
     return matrix_from_rot6d(torch.from_numpy(smooth))
 
 
 def filtered(motion: Motion, post_filter: PostFilter) -> Motion:
-    """The motion as it is seen behind a filter."""
+    """Return the motion after a filter."""
     return smooth_motion(motion) if post_filter == "savgol" else motion
 
 
 def smooth_motion(motion: Motion) -> Motion:
-    """The motion behind the filter: each local rotation, the translation and the expressions."""
+    """Smooth each local rotation, the translation and the expressions of a motion."""
     poses = np.empty_like(motion.poses)
     for joint in range(NUM_JOINTS):  # one at a time: memory stays small for long clips
         columns = slice(3 * joint, 3 * joint + 3)

@@ -1,9 +1,8 @@
-"""Skeletons, forward kinematics for local and for global joint rotations, and the left-right
-mirror.
+"""Skeletons, forward kinematics of local and global joint rotations, and the left-right mirror.
 
 Local rotations are composed along the chain, one batched product for each of the 11 depth levels
-(GlobalDiff eqs. 1 and 3). Positions follow from *global* rotations in the additive form
-(GlobalDiff eq. 5), which is linear in them: one product with a constant matrix of rest bones.
+(GlobalDiff eqs. 1 and 3). Positions follow from *global* rotations in the additive form (GlobalDiff
+eq. 5), which is linear in them: one product with a constant matrix of rest bones.
 
 The mirror plane is the body's middle, x = 0.
 """
@@ -33,21 +32,22 @@ _SKELETON_FILE = Path(__file__).parents[1] / "assets" / "skeleton.npz"
 
 @dataclass(frozen=True)
 class RestSkeleton:
-    """A body's joints in its rest pose, where every rotation is the identity. Metres."""
+    """Joints of a body in its rest pose, in which every rotation is the identity; metres."""
 
     rest_joints: Float[Tensor, "55 3"]
-    """Joint positions in the world; the pelvis need not be at the origin."""
+    """Joint positions (55, 3) in the world; the pelvis need not be at the origin."""
     tip_offsets: Float[Tensor, "10 3"]
-    """From the last finger joint to the fingertip, in the order of `FINGERTIP_NAMES`."""
+    """Offsets (10, 3) of fingertips from the last finger joints, in the order of
+    `FINGERTIP_NAMES`."""
 
     def bone_offsets(self) -> Float[Tensor, "54 3"]:
-        """From each joint's parent to the joint, for joints 1 to 54."""
+        """Return the offsets (54, 3) from each joint's parent to the joint, for joints 1 to 54."""
         return self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
 
     @cached_property
     def bones_to_joints(self) -> Float[Tensor, "55 3 55"]:
-        """How far joint [k] moves with each column of joint [j]'s rotation matrix: the bones that
-        start in j and lie between the pelvis and k, summed."""
+        """Matrix (55, 3, 55) of positions over rotation columns: entry [k, :, j] is the sum of the
+        bones that start in joint j and lie between the pelvis and joint k."""
         with torch.inference_mode(False):
             bones = self.bone_offsets()
             matrix = bones.new_zeros(NUM_JOINTS, 3, NUM_JOINTS)
@@ -59,7 +59,7 @@ class RestSkeleton:
 
 @cache
 def open_body_skeleton() -> RestSkeleton:
-    """The rest skeleton of the open body that comes with this project."""
+    """Load the rest skeleton of the open body that is part of this project."""
     with torch.inference_mode(False), np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
         names = [str(name) for name in arrays["tip_names"]]
         order = [names.index(name) for name in FINGERTIP_NAMES]
@@ -71,7 +71,7 @@ def open_body_skeleton() -> RestSkeleton:
 
 @cache
 def face_unit_names() -> tuple[str, ...]:
-    """ARKit's face units in the order of the open body's ``expressions``."""
+    """Return ARKit's face units in the order of the open body's ``expressions``."""
     with np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
         return tuple(str(name) for name in arrays["expression_names"])
 
@@ -89,7 +89,7 @@ _PLACE_IN_LEVEL_ORDER: tuple[int, ...] = tuple(_LEVEL_ORDER.index(j) for j in ra
 
 @cache
 def _index(values: tuple[int, ...], device: torch.device) -> Int[Tensor, " n"]:
-    # A cached tensor made in inference mode could never again be used in training.
+    # A cached tensor that was made in inference mode could not be used in training.
     with torch.inference_mode(False):
         return torch.tensor(values, dtype=torch.long, device=device)
 
@@ -101,14 +101,15 @@ def _take(joints: Float[Tensor, "*batch J 3 3"], index: tuple[int, ...]) -> Tens
 def _product(
     a: Float[Tensor, "*batch n 3 3"], b: Float[Tensor, "*batch n 3 3"]
 ) -> Float[Tensor, "*batch n 3 3"]:
-    """``a @ b``; written as sums where a compiler fuses them, as it cannot do with products."""
+    """Compute ``a @ b``, as sums if compiled: the compiler can fuse those, but not products."""
     if torch.compiler.is_compiling():
         return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
     return a @ b
 
 
 def global_from_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """World rotations: ``R_global[j] = R_global[parent(j)] @ R_local[j]`` (GlobalDiff eq. 1)."""
+    """Compute world rotations: ``R_global[j] = R_global[parent(j)] @ R_local[j]`` (GlobalDiff eq.
+    1)."""
     levels = [_take(local_rot, _LEVELS[0])]
     for level, parents in zip(_LEVELS[1:], _PARENT_IN_LEVEL_ABOVE, strict=True):
         levels.append(_product(_take(levels[-1], parents), _take(local_rot, level)))
@@ -116,7 +117,7 @@ def global_from_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor
 
 
 def local_from_global(global_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """Parent-relative rotations: ``R_local[j] = R_global[parent(j)].T @ R_global[j]``."""
+    """Compute parent-relative rotations: ``R_local[j] = R_global[parent(j)].T @ R_global[j]``."""
     parent_rot = _take(global_rot, PARENTS[1:])
     children = parent_rot.transpose(-1, -2) @ global_rot[..., 1:, :, :]
     return torch.cat([global_rot[..., :1, :, :], children], dim=-3)
@@ -127,10 +128,10 @@ def joint_positions_from_global(
     skeleton: RestSkeleton,
     transl: Float[Tensor, "*batch 3"] | None = None,
 ) -> Float[Tensor, "*batch 55 3"]:
-    """Joint positions in metres: pelvis plus the sum of rotated rest bones (GlobalDiff eq. 5).
+    """Compute joint positions in metres: pelvis plus rotated rest bones (GlobalDiff eq. 5).
 
-    The pelvis is at ``rest_joints[0] + transl``, as in SMPL-X. A joint's own rotation does not
-    move it.
+    The pelvis is at ``rest_joints[0] + transl``, as in SMPL-X. A joint's own rotation does not move
+    it.
     """
     # One large product: batches of 3 x 3 products are many times slower.
     rows = global_rot.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)
@@ -144,7 +145,7 @@ def joint_positions_from_local(
     skeleton: RestSkeleton,
     transl: Float[Tensor, "*batch 3"] | None = None,
 ) -> tuple[Float[Tensor, "*batch 55 3 3"], Float[Tensor, "*batch 55 3"]]:
-    """Global rotations and joint positions in metres of parent-relative rotations."""
+    """Compute global rotations and joint positions (metres) from parent-relative rotations."""
     global_rot = global_from_local(local_rot)
     return global_rot, joint_positions_from_global(global_rot, skeleton, transl)
 
@@ -154,7 +155,7 @@ def fingertip_positions(
     positions: Float[Tensor, "*batch 55 3"],
     skeleton: RestSkeleton,
 ) -> Float[Tensor, "*batch 10 3"]:
-    """Rigid fingertips in metres, in the order of `FINGERTIP_NAMES`.
+    """Compute positions of rigid fingertips in metres, in the order of `FINGERTIP_NAMES`.
 
     Each is the last finger joint plus its rotated rest offset.
     """
@@ -164,7 +165,7 @@ def fingertip_positions(
 
 
 def mirror_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """Left-right mirror: ``R'[j] = M R[partner(j)] M`` with ``M = diag(-1, 1, 1)``, every joint.
+    """Mirror rotations: ``R'[j] = M R[partner(j)] M`` with ``M = diag(-1, 1, 1)``, every joint.
 
     The rule is the same for global rotations.
     """

@@ -1,6 +1,6 @@
-"""Motion as the app passes it around, and BEAT2 npz files in and out.
+"""The `Motion` class, and reading and writing of BEAT2 npz files.
 
-The file format is documented in ``docs/formats.md``. What other people's tools write is read by
+The file format is documented in ``docs/formats.md``. Files of other tools are read by
 `model.formats.read`.
 """
 
@@ -35,7 +35,7 @@ ExpressionBasis = Literal["flame100", "arkit52"]
 NUM_EXPRESSIONS = 100
 NUM_BETAS = 300
 MAX_FRAMES = 60 * 60 * FPS
-"""One hour; longer files are refused before their arrays are read."""
+"""Largest number of frames, one hour; longer files are refused before their arrays are read."""
 
 _COLUMNS = {"poses": NUM_JOINTS * 3, "trans": 3, "expressions": NUM_EXPRESSIONS}
 _REQUIRED = ("poses", "trans", "expressions", "betas", "mocap_frame_rate")
@@ -50,14 +50,14 @@ class Motion:
     """
 
     poses: Float32[np.ndarray, "T 165"]
-    """Local axis-angle of the 55 SMPL-X joints, radians; zero is the flat hand."""
+    """Local axis-angle (T, 165) of the 55 SMPL-X joints in radians; zero is the flat hand."""
     trans: Float32[np.ndarray, "T 3"]
-    """Translation of the body in metres, y up (``transl`` of SMPL-X)."""
+    """Translation (T, 3) of the body in metres, y up (``transl`` of SMPL-X)."""
     expressions: Float32[np.ndarray, "T 100"]
-    """Coefficients of ``expression_basis``; arkit52 fills the first 52 columns."""
+    """Coefficients (T, 100) of ``expression_basis``; arkit52 fills the first 52 columns."""
     expression_basis: ExpressionBasis
     betas: Float32[np.ndarray, " 300"]
-    """Shape coefficients of SMPL-X."""
+    """Shape coefficients (300,) of SMPL-X."""
 
     def __post_init__(self) -> None:
         _check(vars(self))
@@ -75,7 +75,7 @@ class Motion:
         return self.num_frames / FPS
 
     def part(self, frames: slice | np.ndarray) -> "Motion":
-        """Some of the frames, as a motion."""
+        """Return a selection of the frames as a motion."""
         return replace(
             self,
             poses=self.poses[frames],
@@ -84,13 +84,13 @@ class Motion:
         )
 
     def local_rotations(self) -> Float[Tensor, "T 55 3 3"]:
-        """Rotation of each joint relative to its parent."""
+        """Return the rotation of each joint relative to its parent."""
         poses = torch.tensor(self.poses)  # a copy: the arrays may be read-only
         return matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
 
 
 def put_together(parts: Sequence[Motion]) -> Motion:
-    """One motion of such as follow each other, all of one body."""
+    """Concatenate consecutive motions of one body."""
     first = parts[0]
     poses, trans, expressions = (
         np.concatenate([getattr(part, name) for part in parts])
@@ -100,16 +100,15 @@ def put_together(parts: Sequence[Motion]) -> Motion:
 
 
 def first_frames(motion: Motion, num_frames: int) -> Motion:
-    """The start of a motion."""
+    """Return the first ``num_frames`` frames of a motion."""
     return motion.part(slice(num_frames))
 
 
 def in_step(motion: Motion, lag_s: float) -> Motion:
-    """The motion moved to where its speech is: one that is late loses its first frames, one that
-    is early holds its first pose as long as it is early.
+    """Shift a motion by its lag behind the speech; an early one repeats its first pose.
 
     Raises:
-        ValueError: if nothing would be left of it, or it would hold longer than it lasts.
+        ValueError: if the lag is as long as the motion.
     """
     shift = round(lag_s * FPS)
     if abs(shift) >= motion.num_frames:
@@ -120,10 +119,10 @@ def in_step(motion: Motion, lag_s: float) -> Motion:
 
 
 def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
-    """Write BEAT2's npz plus ``expression_basis``; the file appears whole or not at all.
+    """Write BEAT2's npz with ``expression_basis``, atomically.
 
     Args:
-        texts: further keys, which readers leave alone.
+        texts: additional keys, which readers ignore.
 
     Raises:
         WriteError: if the file cannot be written; the message says why.
@@ -145,11 +144,11 @@ def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
 
 
 def load_motion(path: str | Path) -> Motion:
-    """Read a BEAT2 npz file. Without ``expression_basis`` it is taken as flame100.
+    """Load a BEAT2 npz file; without ``expression_basis`` it is read as flame100.
 
     Raises:
-        MotionError: if the file is missing, is no such file, or holds what a motion cannot; the
-            message is one sentence that names the file.
+        MotionError: if the file is missing, of another kind, or holds invalid values; the message
+            is one sentence that names the file.
     """
     name = Path(path).name
     with opened_archive(Path(path)) as archive:
@@ -185,7 +184,7 @@ def load_motion(path: str | Path) -> Motion:
 
 
 def _check(arrays: Mapping[str, Any]) -> None:
-    """That they are of one motion, and finite."""
+    """Check that the arrays are of one motion, and finite."""
     frames = arrays["poses"].shape[:1]
     if frames == (0,):
         raise MotionError("The motion has no frames; at least 1 is needed.")
@@ -203,7 +202,7 @@ def _check(arrays: Mapping[str, Any]) -> None:
 
 
 def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) -> ExpressionBasis:
-    """What a file says its expressions are; flame100 if it says nothing.
+    """Read the basis of a file's expressions; flame100 if the file does not name one.
 
     Raises:
         MotionError: for an unknown basis.
@@ -222,7 +221,7 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
 
 
 def check_length(num_frames: int, name: str) -> None:
-    """Refuse more than an hour.
+    """Refuse a motion of more than an hour.
 
     Raises:
         MotionError: naming the limit.

@@ -1,10 +1,9 @@
-"""The flat vector that a motion network sees, the numbers that normalise it, and the way back to
-the world.
+"""Motion vectors of the networks: packing, normalisation, and decoding to world coordinates.
 
-A frame is 333 channels: 55 rotations as row-6D, joint-major, then the root motion
-``(velocity x, height y, velocity z)`` in m/s, m, m/s. With velocities a clip may start anywhere and
-a window does not depend on where it began. The other kind, "place", is the position in metres from
-where the body is at home.
+A frame is 333 channels: 55 rotations as row-6D, joint-major, then the root motion ``(velocity x,
+height y, velocity z)`` in m/s, m, m/s. With velocities a clip may start anywhere and a window does
+not depend on where it began. The other root motion, "place", is the position in metres relative to
+the body's home position.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,21 +31,22 @@ AXIS_ANGLE_DIM = AXIS_ANGLE_MOTION_DIM - ROOT_DIM
 
 
 def joint_channels(joints: Iterable[int], width: int = 6) -> list[int]:
-    """Places in the motion vector of ``joints`` that have ``width`` numbers each: row-6D, or 3 as
-    axis-angle."""
+    """Return the channels of ``joints``, ``width`` each: 6 as row-6D, 3 as axis-angle."""
     return [width * joint + k for joint in joints for k in range(width)]
 
 
 ROOT_CHANNELS = list(range(ROTATION_DIM, MOTION_DIM))
 HAND_CHANNELS = joint_channels(HANDS)
 TORSO_CHANNELS = joint_channels(UPPER_BODY + LOWER_BODY + FACE) + ROOT_CHANNELS
-"""The paper's two regions: hands (180 channels), and everything else (153 channels)."""
+"""Channels of the paper's two regions: hands (180), and everything else (153)."""
 
 
 def _groups(width: int) -> list[list[int]]:
-    """Channels that share one standard deviation: of hands, upper and lower body and face, the
-    root's horizontal motion, and its height. One for each channel would blow up channels that
-    hardly move; none at all leaves the network with channels that are far smaller than the noise.
+    """Return the groups of channels that share one standard deviation.
+
+    These are hands, upper body, lower body, face, the root's horizontal motion, and its height. A
+    deviation per channel would amplify channels that hardly move; none at all leaves channels that
+    are far smaller than the noise.
     """
     root = width * NUM_JOINTS
     joints = (HANDS, UPPER_BODY, LOWER_BODY, FACE)
@@ -54,7 +54,7 @@ def _groups(width: int) -> list[list[int]]:
 
 
 NORMALISATION_GROUPS, AXIS_ANGLE_GROUPS = _groups(6), _groups(3)
-"""In row-6D and in axis-angle vectors."""
+"""Groups of the channels in row-6D and in axis-angle vectors."""
 
 
 def pack(
@@ -62,13 +62,11 @@ def pack(
     transl: Float[Tensor, "*batch T 3"],
     kind: RootMotion = "velocity",
 ) -> Float[Tensor, "*batch T C"]:
-    """Rotations and root positions as motion vectors.
+    """Pack rotations and root positions into motion vectors.
 
     Args:
-        rotations: numbers of each joint (row-6D, or axis-angle), in whichever frame the network
-            works.
-        transl: root position in metres, y up; with ``kind`` "place", from where the body is at
-            home.
+        rotations: values of each joint (row-6D, or axis-angle), in the network's rotation space.
+        transl: root position in metres, y up; with ``kind`` "place", relative to the body's home.
     """
     if kind == "place":
         return torch.cat([rotations.flatten(-2), transl], dim=-1)
@@ -83,25 +81,25 @@ def pack(
 def root_positions(
     root: Float[Tensor, "*batch T 3"], kind: RootMotion = "velocity"
 ) -> Float[Tensor, "*batch T 3"]:
-    """Positions in metres of root channels.
+    """Compute root positions in metres from root channels.
 
     Args:
-        root: (velocity x, height, velocity z), which lead away from x = z = 0, or the place itself.
+        root: (velocity x, height, velocity z), integrated from x = z = 0, or the position itself.
     """
     if kind == "place":
         return root
     steps = root[..., [0, 2]] / FPS
-    # The velocity of a frame leads to it from the frame before, so the first one leads nowhere.
+    # A frame's velocity is that of the step to it, so the first one is not integrated.
     horizontal = torch.cumsum(steps, dim=-2) - steps[..., :1, :]
     return torch.stack([horizontal[..., 0], root[..., 1], horizontal[..., 1]], dim=-1)
 
 
 @dataclass(frozen=True)
 class Normaliser:
-    """From motion vectors to what a network sees, and back.
+    """Affine map between motion vectors and the normalised vectors of a network.
 
-    Mean and standard deviation of each channel (motion shares one for each body-part group), then,
-    for systems that stand on a prior, a matrix to components that hardly depend on each other.
+    It has the mean and standard deviation of each channel (motion shares one per body-part group)
+    and, for systems with a prior, a matrix to nearly independent components.
     """
 
     mean: Float[Tensor, " C"]
@@ -111,7 +109,7 @@ class Normaliser:
 
     @staticmethod
     def of_tensors(tensors: Mapping[str, Tensor]) -> "Normaliser":
-        """As saved with trained weights.
+        """Make the normaliser that was saved with trained weights.
 
         Raises:
             KeyError: if there is none among them.
@@ -120,7 +118,7 @@ class Normaliser:
         return Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"], mix, unmix)
 
     def tensors(self) -> dict[str, Tensor]:
-        """The inverse of `of_tensors`."""
+        """Return the tensors to save with trained weights; the inverse of `of_tensors`."""
         parts = {"mean": self.mean, "std": self.std, "mix": self.mix, "unmix": self.unmix}
         return {f"normaliser.{k}": part for k, part in parts.items() if part is not None}
 
@@ -130,12 +128,7 @@ class Normaliser:
         representation: Representation = "normalised",
         groups: Sequence[Sequence[int]] | None = None,
     ) -> "Normaliser":
-        """Statistics of ``vectors``: a group's std is the root of its mean channel variance.
-
-        Args:
-            representation: ``raw`` leaves row-6D rotations as they are (mean 0, std 1).
-            groups: channels that share one; those of row-6D vectors if not given.
-        """
+        """Fit the statistics of ``vectors``; a group's std is the root of its mean variance."""
         mean = vectors.mean(0)
         variance = vectors.var(0)
         std = torch.ones(vectors.shape[1])
@@ -147,12 +140,12 @@ class Normaliser:
         return Normaliser(mean, std)
 
     def to(self, device: torch.device) -> "Normaliser":
-        """The same numbers on a device."""
+        """Return a copy on a device."""
         mix, unmix = (None if m is None else m.to(device) for m in (self.mix, self.unmix))
         return Normaliser(self.mean.to(device), self.std.to(device), mix, unmix)
 
     def scaled(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
-        """Channels of mean 0 and (by group) unit variance, not mixed."""
+        """Scale channels to mean 0 and (by group) unit variance, without mixing."""
         return (vector - self.mean) / self.std
 
     def normalise(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
@@ -170,7 +163,7 @@ def to_vectors(
     transl: Float[Tensor, "B T 3"],
     root: RootMotion = "velocity",
 ) -> Float[Tensor, "B T C"]:
-    """Motion vectors in a rotation space, not normalised, of local axis-angle poses."""
+    """Convert local axis-angle poses to motion vectors in a rotation space, not normalised."""
     if space == "axis-angle":
         return pack(poses.unflatten(-1, (-1, 3)), transl, root)
     rotmat = matrix_from_axis_angle(poses.unflatten(-1, (-1, 3)))
@@ -181,32 +174,32 @@ def to_vectors(
 
 @dataclass(frozen=True)
 class Decoded:
-    """What motion vectors mean in the world, with gradients."""
+    """World-space rotations and positions of motion vectors, with gradients."""
 
     global_rot: Float[Tensor, "B T 55 3 3"] | None
-    """None where no term asks for rotations."""
+    """World rotations (B, T, 55, 3, 3); None if no loss term needs them."""
     rooted: Float[Tensor, "B T 55 3"]
-    """Joint positions in metres, the pelvis where the rest pose has it."""
+    """Joint positions (B, T, 55, 3) in metres, with the pelvis at its place in the rest pose."""
     root: Float[Tensor, "B T 3"]
-    """Way of the pelvis in metres; of velocities, from x = z = 0."""
+    """Trajectory (B, T, 3) of the pelvis in metres; from velocities it starts at x = z = 0."""
     global_vectors: Float[Tensor, "B T 333"] | None
-    """Motion vectors of the same motion in the global space; None where no term asks for them."""
+    """Motion vectors (B, T, 333) in the global space; None if no loss term needs them."""
 
     def to(self, device: torch.device) -> "Decoded":
-        """The same on a device."""
+        """Return a copy on a device."""
         parts = {name: part.to(device) for name, part in vars(self).items() if part is not None}
         return replace(self, **parts)
 
     @property
     def positions(self) -> Float[Tensor, "B T 55 3"]:
-        """Joint positions in the world, metres."""
+        """Joint positions (B, T, 55, 3) in the world, metres."""
         return self.rooted + self.root[..., None, :]
 
 
 def rotations(
     vectors: Float[Tensor, "*batch T C"], space: RotationSpace
 ) -> Float[Tensor, "*batch T 55 3 3"]:
-    """The rotations that motion vectors hold, in their own space; row-6D by Gram-Schmidt."""
+    """Extract the rotations of motion vectors, in their rotation space; row-6D by Gram-Schmidt."""
     if space == "axis-angle":
         return matrix_from_axis_angle(vectors[..., :AXIS_ANGLE_DIM].unflatten(-1, (NUM_JOINTS, 3)))
     return matrix_from_rot6d(vectors[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6)))
@@ -218,7 +211,7 @@ def decode(
     skeleton: RestSkeleton,
     root: RootMotion = "velocity",
 ) -> Decoded:
-    """Rotations, and positions by forward kinematics."""
+    """Decode motion vectors to rotations, and to positions by forward kinematics."""
     rotmat = rotations(vectors, space)
     global_rot = rotmat if space == "global" else global_from_local(rotmat)
     return Decoded(

@@ -20,11 +20,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 _SERIES_BELOW = 1e-5
-"""Squared angle under which three terms of the power series are exact in float64."""
+"""Squared angle below which three terms of the power series are exact in float64."""
 
 
 def matrix_from_axis_angle(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """Rodrigues' formula, ``I + sin(a)/a K + (1 - cos(a))/a^2 K^2``, with K the cross product."""
+    """Compute Rodrigues' formula, ``I + sin(a)/a K + (1 - cos(a))/a^2 K^2``, K = cross product."""
     angle_sq = axis_angle.square().sum(-1)[..., None, None]
     is_small = angle_sq < _SERIES_BELOW
     angle = torch.where(is_small, torch.ones_like(angle_sq), angle_sq).sqrt()
@@ -46,12 +46,12 @@ def matrix_from_axis_angle(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tenso
 
 
 def axis_angle_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 3"]:
-    """Axis times angle, with the angle in [0, pi]; at pi either of the two signs may come back."""
+    """Convert to axis times angle, with the angle in [0, pi]; at pi the sign is arbitrary."""
     return axis_angle_from_quat_wxyz(quat_wxyz_from_matrix(rotmat))
 
 
 def axis_angle_from_quat_wxyz(quat_wxyz: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
-    """Axis times angle, with the angle in [0, pi], of unit quaternions of either sign."""
+    """Convert unit quaternions of either sign to axis times angle, with the angle in [0, pi]."""
     quat_wxyz = torch.where(quat_wxyz[..., :1] < 0, -quat_wxyz, quat_wxyz)
     w, vector = quat_wxyz[..., :1], quat_wxyz[..., 1:]
     sin_half_sq = vector.square().sum(-1, keepdim=True)
@@ -68,7 +68,7 @@ def axis_angle_from_quat_wxyz(quat_wxyz: Float[Tensor, "*batch 4"]) -> Float[Ten
 
 
 def quat_wxyz_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 4"]:
-    """Unit quaternion with w >= 0 (Shepperd 1978: divide by the largest of the four parts).
+    """Convert to a unit quaternion with w >= 0 (Shepperd 1978: divide by the largest part).
 
     Each of the four candidates is 4 q_k q, linear in the matrix; the one with the largest q_k is
     well conditioned at every angle.
@@ -93,15 +93,14 @@ def quat_wxyz_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, 
 
 
 def rot6d_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 6"]:
-    """The first two rows of the matrix, flattened (Zhou et al. 2019, in PyTorch3D's row form)."""
+    """Return the first two rows of the matrix (Zhou et al. 2019, in PyTorch3D's row form)."""
     return rotmat[..., :2, :].flatten(-2)
 
 
 def matrix_from_rot6d(rot6d: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3 3"]:
-    """Nearest frame by Gram-Schmidt on two rows of any length (Zhou et al. 2019, section B).
+    """Orthonormalise two rows of any length by Gram-Schmidt (Zhou et al. 2019, section B).
 
-    Two rows that are zero or parallel determine no rotation; what comes back is then finite but
-    not a rotation.
+    Rows that are zero or parallel determine no rotation: the result is finite, but not a rotation.
     """
     row_0 = torch.nn.functional.normalize(rot6d[..., :3], dim=-1)
     second = rot6d[..., 3:]
@@ -113,10 +112,10 @@ def matrix_from_rot6d(rot6d: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch
 def geodesic_angle(
     a: Float[Tensor, "*#batch 3 3"], b: Float[Tensor, "*#batch 3 3"]
 ) -> Float[Tensor, "*batch"]:
-    """Angle in [0, pi] of the rotation ``a.T @ b``.
+    """Compute the angle in [0, pi] of the rotation ``a.T @ b``.
 
-    ``atan2(sin, cos)`` keeps the dtype's precision at 0 and at pi, where ``acos`` of the trace
-    loses half the digits. The gradient is 0 where the two are equal.
+    ``atan2(sin, cos)`` has the dtype's precision at 0 and at pi, where ``acos`` of the trace loses
+    half the digits. The gradient is 0 where the two are equal.
     """
     relative = a.transpose(-1, -2) @ b
     skew = torch.stack(
@@ -140,7 +139,7 @@ def interpolate_rotations(
     b: Float[Tensor, "*#batch 3 3"],
     weight: Float[Tensor, "*#batch"] | float,
 ) -> Float[Tensor, "*batch 3 3"]:
-    """The shortest rotation from ``a`` (weight 0) to ``b`` (weight 1) at constant speed (slerp)."""
+    """Interpolate from ``a`` (weight 0) to ``b`` (weight 1) on the shortest path (slerp)."""
     relative = axis_angle_from_matrix(a.transpose(-1, -2) @ b)
     scale = weight[..., None] if isinstance(weight, Tensor) else weight
     return a @ matrix_from_axis_angle(scale * relative)

@@ -1,4 +1,4 @@
-"""Where every joint and fingertip of a motion is, frame by frame, and how it is turned."""
+"""Positions of every joint and fingertip of a motion, and joint rotations, frame by frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,34 +21,34 @@ from model.motion.motion import Motion
 from model.motion.rotations import matrix_from_axis_angle
 
 POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
-"""Everything that the ``tip_`` measures can follow."""
+"""Names of the points that the ``tip_`` metrics can track."""
 _CHUNK_FRAMES = 512
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Positions over time in metres, in the world, and rotations."""
+    """Positions over time in world metres, and rotations."""
 
     joints: Float64[np.ndarray, "T 55 3"]
     fingertips: Float64[np.ndarray, "T 10 3"]
-    """In the order of `FINGERTIP_NAMES`."""
+    """Positions (T, 10, 3) in the order of `FINGERTIP_NAMES`."""
     local_rot: Float32[np.ndarray, "T 55 3 3"]
-    """Relative to the parent. Single precision, as motion files have: half the memory."""
+    """Parent-relative rotations (T, 55, 3, 3); single precision as in motion files saves memory."""
     global_rot: Float32[np.ndarray, "T 55 3 3"]
 
     def point(self, name: str) -> Float64[np.ndarray, "T 3"]:
-        """Positions of a fingertip or joint, one of `POINT_NAMES`."""
+        """Return the positions of a fingertip or joint, one of `POINT_NAMES`."""
         if name in FINGERTIP_NAMES:
             return self.fingertips[:, FINGERTIP_NAMES.index(name)]
         return self.joints[:, JOINT_INDEX[name]]
 
 
 TipTrack = Callable[[Motion, Tracks], Float[np.ndarray, "T 3"]]
-"""Positions of a point in metres, of a motion and its tracks."""
+"""Function from a motion and its tracks to the positions (T, 3) of a point in metres."""
 
 
 def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
-    """Joints and rigid fingertips of every frame, in double precision."""
+    """Compute joints and rigid fingertips of every frame, in double precision."""
     count = motion.num_frames
     joints = np.empty((count, NUM_JOINTS, 3))
     tips = np.empty((count, len(FINGERTIP_NAMES), 3))
@@ -66,7 +66,7 @@ def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
 
 
 def point_words(name: str) -> str:
-    """A point's name as people say it: right middle fingertip, right middle joint 1, neck."""
+    """Format a point's name as text: right middle fingertip, right middle joint 1, neck."""
     spaced = name.replace("_", " ")
     if name in FINGERTIP_NAMES:
         return f"{spaced} fingertip"
@@ -75,7 +75,7 @@ def point_words(name: str) -> str:
 
 
 def moving_chain(point: str) -> tuple[int, ...]:
-    """The joints whose rotation moves a point, from the pelvis outwards.
+    """Return the joints whose rotation moves a point, from the pelvis outwards.
 
     A fingertip is moved by all joints up to the last of its finger, a joint by its ancestors only.
     """
@@ -88,11 +88,11 @@ OUTWARD: dict[Literal["left", "right"], tuple[float, float, float]] = {
     "left": (1.0, 1.0, 1.0),
     "right": (-1.0, 1.0, 1.0),
 }
-"""What turns the chest's axes into out, up and forward, and back."""
+"""Signs by which the chest's axes turn into outwards, up and forwards for each side."""
 
 
 def wrist_places(tracks: Tracks) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
-    """Metres from the chest joint in the chest's frame: out to the hand's own side, up, forward."""
+    """Compute wrist positions in the chest's frame (m): to the hand's side, up, forwards."""
     chest = JOINT_INDEX["spine3"]
     turned = tracks.global_rot[:, chest].astype(np.float64)
     places = {}

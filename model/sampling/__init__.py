@@ -1,1 +1,1 @@
-"""From noise to data: flow matching and the linear-Gaussian prior; imports no other room."""
+"""Flow matching and the linear-Gaussian prior; imports no other package of the model."""

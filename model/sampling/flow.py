@@ -1,14 +1,13 @@
-"""Flow matching that predicts the clean end: the path, its time weights, the samplers, and how
-strongly speech is heard.
+"""Flow matching with prediction of x_1: path, time weights, samplers, and speech guidance.
 
 Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t) x_0 + t x_1``
-(GlobalDiff, "Flow Matching Objective"). A model that predicts x_1 gives the velocity
-``(x_1 - x_t) / (1 - t)``.
+(GlobalDiff, "Flow Matching Objective"). A model that predicts x_1 gives the velocity ``(x_1 - x_t)
+/ (1 - t)``.
 
-A network that now and then learned without speech can be asked twice, with it and without; what
-speech changes in the answer is taken ``strength`` times. At 1 the network is as it was trained, at
-0 it is deaf. In the head, jaw and eyes stay as trained at any strength: speech decides nearly all
-of the jaw already, which at a strength of 2.5 would open twice as far.
+Of a network trained with dropped speech, classifier-free guidance multiplies the difference that
+speech makes by ``strength``. At 1 the network is as trained, at 0 speech has no effect. Relative to
+the head, jaw and eyes stay as trained at any strength: speech determines nearly all of the jaw
+already, which at a strength of 2.5 would open twice as far.
 """
 
 import math
@@ -27,11 +26,11 @@ from model.motion.spaces import RotationSpace
 from model.sampling.samplers import FlowSampler
 
 PredictClean = Callable[[Float[Tensor, "B ..."], float], Float[Tensor, "B ..."]]
-"""x_1 predicted from x_t at one time t."""
+"""Function that predicts x_1 from x_t at one time t."""
 
 
 def seeded_noise(key: Sequence[int], shape: Sequence[int]) -> Float[Tensor, "..."]:
-    """Standard normal numbers that follow from ``key`` alone."""
+    """Draw standard normal numbers that depend on ``key`` alone."""
     state = np.random.SeedSequence(key).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(state[0] >> 1))
     return torch.randn(tuple(shape), generator=generator)
@@ -40,13 +39,13 @@ def seeded_noise(key: Sequence[int], shape: Sequence[int]) -> Float[Tensor, "...
 def interpolate(
     x_0: Float[Tensor, "B ..."], x_1: Float[Tensor, "B ..."], t: Float[Tensor, " B"]
 ) -> Float[Tensor, "B ..."]:
-    """``x_t`` on the straight path from noise to data."""
+    """Compute ``x_t`` on the straight path from noise to data."""
     t = t.reshape(-1, *[1] * (x_0.ndim - 1))
     return (1 - t) * x_0 + t * x_1
 
 
 def time_weight(t: Float[Tensor, " B"], floor: float | None) -> Float[Tensor, " B"]:
-    """``1 / ((1 - t)^2 + floor)``, scaled to mean 1 over t in [0, 1]; ones when floor is None.
+    """Compute ``1 / ((1 - t)^2 + floor)``, scaled to mean 1 over t in [0, 1]; 1 if floor is None.
 
     Without the floor this is the weight that turns an x_1 error into a velocity error.
     """
@@ -63,7 +62,7 @@ def sample(
     steps: int,
     sampler: FlowSampler = "euler",
 ) -> Float[Tensor, "B ..."]:
-    """Carry noise to data in ``steps`` equal steps.
+    """Integrate from noise to data in ``steps`` equal steps.
 
     ``euler`` (one evaluation a step) and ``heun`` (two, but one in the last step) solve the ODE
     ``dx/dt = (x_1(x, t) - x) / (1 - t)``. ``reinterpolate`` is the official GlobalDiff procedure:
@@ -104,10 +103,10 @@ HEAD = (JOINT_INDEX["neck"], JOINT_INDEX["head"])
 
 
 class SpeechGuide:
-    """Takes what speech changes in predictions of clean motion ``strength`` times.
+    """Classifier-free guidance by speech, for predictions of clean motion.
 
     Args:
-        of_head: how many times in neck and head; None as elsewhere.
+        of_head: guidance scale of neck and head; None for that of the rest.
     """
 
     def __init__(
@@ -129,23 +128,23 @@ class SpeechGuide:
 
     @property
     def asks_twice(self) -> bool:
-        """Whether predictions without speech are needed."""
+        """True if predictions without speech are needed."""
         return self.strength != 1 or self._of_head != 1
 
     def copies(self, size: int) -> int:
-        """Of a batch of that size: those that hear come first, then those that do not."""
+        """Return the batch size with duplicates: samples with speech first, then without."""
         return 2 * size if self.asks_twice else size
 
     def hears(self, size: int) -> Bool[Tensor, " B"]:
-        """Of the copies of a batch, whether each hears."""
+        """Return a mask (B,) that is true for the half of the duplicated batch with speech."""
         return torch.arange(self.copies(size)) < size
 
     def twice(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:
-        """The batch, as often as it is asked."""
+        """Duplicate the batch if predictions without speech are needed."""
         return torch.cat([batch, batch]) if self.asks_twice else batch
 
     def guided(self, clean: Float[Tensor, "_ T C"]) -> Float[Tensor, "B T C"]:
-        """One normalised prediction of those for the copies."""
+        """Combine the normalised predictions with and without speech into one."""
         if not self.asks_twice:
             return clean
         heard, deaf = clean.chunk(2)
@@ -164,9 +163,11 @@ class SpeechGuide:
     def _carried(
         self, heard: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]
     ) -> Float[Tensor, "B T face"] | float:
-        """What the head's change does to the channels of jaw and eyes, which stay as they are in
-        it: nothing where they are told in the head's frame. Rows of a rotation in the world are
-        the head's rows times the rotation in the head."""
+        """Return the head's effect on jaw and eyes, which stay fixed relative to it.
+
+        It is 0 for local rotations. Rows of a global rotation are the head's rows times the
+        rotation relative to the head.
+        """
         if self._space != "global":
             return 0.0
         head = joint_channels((JOINT_INDEX["head"],))

@@ -1,17 +1,17 @@
-"""The linear-Gaussian denoiser: what is known of x_1 from x_t and the seed pose before any network.
+"""Linear-Gaussian denoiser: the posterior of x_1 given x_t and the seed pose, without a network.
 
-Motion is split into components (`Normaliser.mix`) that are taken for independent Gaussian
-processes, each with the covariance that its windows show. The posterior of x_1 given x_t (and the
-seed, whose frames are known) is then Gaussian too: a linear map of x_t gives its mean, and its
-deviation is known. A network adds to that mean, in units of that deviation: the preconditioning of
-Karras et al. (2022), with a matrix in place of a number. So motion has the right amplitude,
-smoothness and spread before the network has learned anything, continues its seed, and what the
-network can spoil at high frequencies is as small there as the data's own motion.
+Motion is split into components (`Normaliser.mix`) that are modelled as independent Gaussian
+processes, each with the covariance of its training windows. The posterior of x_1 given x_t (and the
+seed, whose frames are fixed) is then Gaussian too, with a mean linear in x_t and a known deviation.
+A network adds to that mean, in units of that deviation: the preconditioning of Karras et al.
+(2022), with a matrix in place of a number. So motion has the right amplitude, smoothness and
+variance before the network has learned anything, continues its seed, and the network's errors at
+high frequencies are as small there as the data's motion.
 
-Along an eigenvector of a process with variance v, the flow of the Gaussian alone keeps
-``z = (x_t - t mean) / sqrt(t^2 v + (1 - t)^2)`` constant, and the network's number f moves it:
-``dz = f d(angle)`` with ``angle = atan(t sqrt(v) / (1 - t))``, from 0 to a right angle. `sample`
-steps along these angles, which leaves no error of discretisation but the network's.
+Along an eigenvector of a process with variance v, the flow of the Gaussian alone leaves ``z = (x_t
+- t mean) / sqrt(t^2 v + (1 - t)^2)`` constant, and the network's output f moves it: ``dz = f
+d(angle)`` with ``angle = atan(t sqrt(v) / (1 - t))``, from 0 to a right angle. `sample` steps along
+these angles, so that the only discretisation error is the network's.
 """
 
 import math
@@ -24,22 +24,22 @@ from torch import Tensor, nn
 from model.sampling.flow import PredictClean
 
 SEED_NOISE = 1e-3
-"""Variance of a seed frame about its true place, as a share of the channel's variance. Smooth
+"""Variance of a seed frame about its true value, as a share of the channel's variance. Smooth
 curves determine their own continuation almost exactly; without this the extrapolation explodes."""
 VARIANCE_FLOOR = 1e-7
 CHANNEL_FLOOR = 1e-6
 """Variance, as a share of the largest, below which a direction of channels counts as still."""
 GRID_VARIANCE = 10.0
-"""Steps are even in the angle of a direction of this variance: many of them early, where the
-slow and large part of the motion is decided."""
+"""Variance of the direction in whose angle steps are equal: many are early, where the slow and
+large part of the motion is determined."""
 
 
 class GaussianPrior(nn.Module):
     """Posterior of clean windows whose components are independent Gaussian processes.
 
     Args:
-        covariance: of each component, between every two frames of a window.
-        seed_frames: how many first frames a seed pose gives.
+        covariance: covariance (C, T, T) of each component between the frames of a window.
+        seed_frames: number of first frames that a seed pose fixes.
     """
 
     def __init__(self, covariance: Float[Tensor, "C T T"], seed_frames: int) -> None:
@@ -67,13 +67,13 @@ class GaussianPrior(nn.Module):
     def along(
         self, x: Float[Tensor, "B T C"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
-        """Coordinates along the eigenvectors, without (0) or with (1) a seed."""
+        """Transform motion into eigenvector coordinates, without (0) or with (1) a seed."""
         return self._by_seed(which, lambda k: self.vectors[k].mT @ x.permute(2, 1, 0))
 
     def back(
         self, along: Float[Tensor, "C T B"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
-        """The inverse of `along`."""
+        """Transform eigenvector coordinates back to motion; the inverse of `along`."""
         return self._by_seed(which, lambda k: self.vectors[k] @ along).permute(2, 1, 0)
 
     def _by_seed(
@@ -81,12 +81,12 @@ class GaussianPrior(nn.Module):
         which: int | Bool[Tensor, " B"],
         told: Callable[[int], Float[Tensor, "C T B"]],
     ) -> Float[Tensor, "C T B"]:
-        """What is told without (0) or with (1) a seed, for each sample as it has one."""
+        """Select, per sample, the result without (0) or with (1) a seed."""
         one = which if isinstance(which, int) else self.one_for_all(which)
         return torch.where(torch.as_tensor(which), told(1), told(0)) if one is None else told(one)
 
     def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
-        """Mean of x_1 given its seed alone."""
+        """Compute the mean of x_1 conditioned on its seed alone."""
         return (self.gain @ seed.permute(2, 1, 0)).permute(2, 1, 0)
 
     def posterior(
@@ -96,7 +96,7 @@ class GaussianPrior(nn.Module):
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """Mean of x_1 given ``x_t = (1 - t) x_0 + t x_1``, and the seed where there is one."""
+        """Compute the mean of x_1 given x_t = (1 - t) x_0 + t x_1, and a seed if there is one."""
         return self._linear(x_t, t, seed, has_seed, t * self.variance[..., None])
 
     def carried(
@@ -106,8 +106,7 @@ class GaussianPrior(nn.Module):
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """Where the flow of the Gaussian alone carries ``x_t`` by t = 1: its consistency function,
-        which is x_t itself at t = 1."""
+        """Carry ``x_t`` to t = 1 by the Gaussian's flow alone: its consistency function."""
         spread = self._spread(t)
         return self._linear(x_t, t, seed, has_seed, self.variance[..., None].sqrt() * spread)
 
@@ -119,7 +118,7 @@ class GaussianPrior(nn.Module):
         has_seed: Bool[Tensor, " B"],
         gains: Float[Tensor, "2 C T B"],
     ) -> Float[Tensor, "B T C"]:
-        """The mean, and ``gains`` over the variance of x_t times how far x_t lies from its own."""
+        """Return the mean, plus ``gains`` over the variance of x_t times x_t's deviation."""
         shares = gains / self._spread(t).square()  # (2, C, T, B)
 
         def told(k: int) -> Float[Tensor, "C T B"]:
@@ -132,7 +131,7 @@ class GaussianPrior(nn.Module):
     def shaped(
         self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
-        """Numbers of unit size as deviations from the posterior mean."""
+        """Scale values of unit size to deviations from the posterior mean."""
         deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
 
         def told(k: int) -> Float[Tensor, "C T B"]:
@@ -141,14 +140,13 @@ class GaussianPrior(nn.Module):
         return self._by_seed(has_seed, told).permute(2, 1, 0)
 
     def one_for_all(self, has_seed: Bool[Tensor, " B"]) -> int | None:
-        """Which eigenvectors all samples ask for, where they agree: always at generation. In
-        training, which must not wait to see, they are taken to differ."""
+        """Return the eigenvectors' index if all samples share it; always None in training."""
         if self.training or not bool((has_seed == has_seed[0]).all()):
             return None
         return int(has_seed[0])
 
     def _spread(self, t: Float[Tensor, " B"] | float) -> Float[Tensor, "2 C T B"]:
-        """Deviation of x_t along each eigenvector."""
+        """Return the standard deviation of x_t along each eigenvector."""
         return (t**2 * self.variance[..., None] + (1 - t) ** 2).sqrt()
 
     def sample(
@@ -160,12 +158,11 @@ class GaussianPrior(nn.Module):
         steps: int,
         heun: bool = False,
     ) -> Float[Tensor, "B T C"]:
-        """Carry noise to data along the angles; one evaluation a step, two with ``heun`` (but one
-        in the last step).
+        """Integrate along the angles; one evaluation a step, two with ``heun`` (last step: one).
 
         Args:
-            predict: x_1 of a network that stands on this prior.
-            seed: the first frames, for every sample of the batch.
+            predict: x_1 of a network with this prior.
+            seed: first frames (B, S, C); None without a seed pose.
 
         Raises:
             ValueError: if ``steps`` is below 1.
@@ -200,7 +197,7 @@ class GaussianPrior(nn.Module):
 
 
 def time_grid(steps: int) -> list[float]:
-    """Flow times 0 to 1 between the steps, even in the angle at `GRID_VARIANCE`."""
+    """Return the flow times 0 to 1 of the steps, equally spaced in the angle at `GRID_VARIANCE`."""
     tangents = [math.tan(math.pi / 2 * k / steps) for k in range(steps)]
     return [tan / (tan + math.sqrt(GRID_VARIANCE)) for tan in tangents] + [1.0]
 
@@ -208,11 +205,11 @@ def time_grid(steps: int) -> list[float]:
 def fit_components(
     windows: Sequence[Float[Tensor, "N T C"]],
 ) -> tuple[Float[Tensor, "C C"], Float[Tensor, "C C"]]:
-    """Matrices to and from components, for channels of mean 0: unit variance, and uncorrelated
-    both in their values and in their accelerations (as in second-order blind identification, Tong
-    et al. 1991), so that what is slow and large lends nothing of itself to what trembles.
+    """Fit matrices to and from components with unit variance, for channels of mean 0.
 
-    Channels that never move get components of next to no variance.
+    Neither values nor accelerations of components are correlated (as in second-order blind
+    identification, Tong et al. 1991), so slow and large motion does not leak into jitter. Channels
+    that never move get components of next to no variance.
     """
     values, bends = (_covariance([batch.diff(n=n, dim=1) for batch in windows]) for n in (0, 2))
     size, axes = torch.linalg.eigh(values)
@@ -222,10 +219,10 @@ def fit_components(
 
 
 def fit_prior(components: Sequence[Float[Tensor, "N T C"]], seed_frames: int) -> GaussianPrior:
-    """The covariance over time of each component of windows.
+    """Fit the covariance over time of each component of windows.
 
-    It is that about the mean of all windows, not of each: where a speaker holds the hands is part
-    of what is drawn.
+    It is taken about the mean of all windows, not of each: where a speaker holds the hands is part
+    of what is sampled.
     """
     total = sum(torch.einsum("nic,njc->cij", batch, batch).double() for batch in components)
     assert isinstance(total, Tensor)
@@ -233,7 +230,7 @@ def fit_prior(components: Sequence[Float[Tensor, "N T C"]], seed_frames: int) ->
 
 
 def _covariance(windows: Sequence[Float[Tensor, "N T C"]]) -> Float[Tensor, "C C"]:
-    """Second moments over all frames; float64."""
+    """Compute the second moments over all frames, in float64."""
     flat = [batch.flatten(0, 1) for batch in windows]
     total = sum((rows.T @ rows).double() for rows in flat)
     assert isinstance(total, Tensor)

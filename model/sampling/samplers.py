@@ -1,6 +1,4 @@
-"""The ways from noise to motion that a person may choose, and the seed of that noise, known without
-torch.
-"""
+"""Names and options of samplers, and the noise seed of a clip, without an import of torch."""
 
 import hashlib
 from dataclasses import dataclass
@@ -8,7 +6,7 @@ from typing import Literal, get_args
 
 FlowSampler = Literal["euler", "heun", "reinterpolate"]
 FLOW_SAMPLERS: tuple[FlowSampler, ...] = get_args(FlowSampler)
-"""As `model.sampling.flow.sample` defines them."""
+"""Flow samplers, defined in `model.sampling.flow.sample`."""
 SAMPLER_TITLES = {
     "euler": "Euler (first order)",
     "heun": "Heun (second order)",
@@ -17,7 +15,7 @@ SAMPLER_TITLES = {
     "posterior": "Drawn from the posterior (few-step generators)",
     "lcm": "LCM",
 }
-"""What a person calls those of the families here."""
+"""Names of the samplers for users."""
 
 
 class UnknownNameError(ValueError):
@@ -26,32 +24,33 @@ class UnknownNameError(ValueError):
 
 @dataclass(frozen=True)
 class Sampler:
-    """A way from noise to motion that a person may choose."""
+    """A sampler that a user may choose for a system."""
 
     name: str
     steps: int
-    """Where nothing else is asked for."""
+    """Default number of steps."""
     title: str = ""
-    """What a person calls it; empty for its name."""
+    """Name for users; empty to use ``name``."""
     guidance: float | None = None
-    """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
+    """Default guidance scale of the speech; None if it cannot be chosen, and is that of
+    training."""
 
 
 def titled(*names: str, steps: int, strength: float | None = None) -> tuple[Sampler, ...]:
-    """Samplers of one system, which takes as many steps by each and hears as strongly."""
+    """Make the samplers of one system, with the same default steps and guidance scale."""
     return tuple(Sampler(name, steps, SAMPLER_TITLES[name], strength) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """How motion is drawn, as a user may ask; what is None is as a system usually has it."""
+    """Sampling options of a user; None stands for the system's default."""
 
     sampler: str | None = None
-    """One of the system's own."""
+    """Name of one of the system's samplers."""
     steps: int | None = None
     guidance: float | None = None
-    """Strength of the speech (`model.sampling.flow`): 1 is the network as trained, 0 is deaf. Any
-    other than 1 asks the network for a batch of two."""
+    """Guidance scale of the speech (`model.sampling.flow`): 1 is the network as trained, 0 ignores
+    speech. Any value other than 1 doubles the batch of the network."""
 
     def __post_init__(self) -> None:
         if self.steps is not None and self.steps < 1:
@@ -64,11 +63,11 @@ USUAL = Sampling()
 
 
 def clip_seed(seed: int, name: str) -> int:
-    """Compute the noise seed of one clip, 0 to 2**31 - 1, from the seed asked for and what names
-    the clip: the SHA-256 of its speech file in a run, its name in studies and evaluations.
+    """Compute the noise seed of a clip, 0 to 2**31 - 1, from the user's seed and the clip's name.
 
-    Systems with the same noise seed are compared on the same noise; two clips that share noise move
-    much alike whatever is said in them. Neither the other clips nor their order play a part.
+    In a run the name is the SHA-256 of the speech file. Systems with the same noise seed are
+    compared on the same noise; two clips that share noise move much alike whatever their speech.
+    The seed depends neither on other clips nor on their order.
     """
     digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1

@@ -1,1 +1,1 @@
-"""Files, npz archives, weights and their cards on disk; imports no other room."""
+"""Files, npz archives, weights and their cards on disk; imports no other package of the model."""

@@ -1,6 +1,4 @@
-"""The JSON cards beside weights: frozen dataclasses of settings written and read, and what a folder
-offers.
-
+"""JSON cards of weights: reading and writing of configuration dataclasses, and lookup in a folder.
 Nothing here imports torch."""
 
 import json
@@ -20,7 +18,7 @@ CALM_AND_LIVELY = "hana", "june"
 
 
 def two_speakers(written: str) -> tuple[str, str]:
-    """The calm one and the lively one; a `ValueError` with a sentence if it is not two."""
+    """Parse the names of the calm and the lively speaker; raises ValueError if they are not two."""
     calm, comma, lively = written.partition(",")
     if not (calm and comma and lively) or calm == lively:
         raise ValueError(f"Speakers are two names, CALM,LIVELY; got {written!r}.")
@@ -28,26 +26,26 @@ def two_speakers(written: str) -> tuple[str, str]:
 
 
 class CheckpointError(ValueError):
-    """Weights that are missing, damaged or of another shape than their card says."""
+    """Weights that are missing, damaged or of another shape than their card states."""
 
 
 T = TypeVar("T")
 
 
 class Card(dict[str, Any]):
-    """The JSON object beside weights: which they are, of what, and how they were trained.
+    """The JSON object that describes weights: their identity and how they were trained.
 
-    What every card states has a name here; whoever reads what one lacks gets a sentence.
+    What every card states has a property; reading what one lacks raises a message for the user.
     """
 
     def __init__(self, content: Mapping[str, Any], weights: str) -> None:
         super().__init__(content)
         self.weights = weights
-        """As its files are called."""
+        """Name of the weights' files, without the suffix."""
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Within it, whatever the card or the weights lack is told of.
+        """Convert errors within the context, from missing or invalid entries, to messages.
 
         Raises:
             CheckpointError: with what is missing, or of another kind.
@@ -60,31 +58,31 @@ class Card(dict[str, Any]):
 
     @property
     def sha256(self) -> str:
-        """Of the weights."""
+        """SHA-256 of the weights."""
         with self.reading():
             return str(self["sha256"])
 
     @property
     def speakers(self) -> dict[str, int]:
-        """Whose manners the weights know, by their place in the network's table."""
+        """Index in the network's speaker table of each speaker that the weights were trained on."""
         with self.reading():
             return {str(name): _number(place, int) for name, place in self["speakers"].items()}
 
     @property
     def encoder(self) -> str:
-        """Name of the speech encoder that the network hears by."""
+        """Name of the speech encoder of the network."""
         return str(self.setting("encoder"))
 
     def setting(self, name: str) -> Any:
-        """One of the training's settings."""
+        """Return one setting of the training."""
         with self.reading():
             return self["config"][name]
 
     def config(self, kind: type[T], part: str) -> T:
-        """A part of the training's settings, as its type.
+        """Return a part of the training's settings as a dataclass.
 
         Raises:
-            CheckpointError: if there is none, or it has fields that this version does not know.
+            CheckpointError: if there is none, or it has fields that this version does not have.
         """
         try:
             with self.reading():
@@ -96,23 +94,23 @@ class Card(dict[str, Any]):
 
     @property
     def training_hours(self) -> float:
-        """0 where that is not known."""
+        """Duration of the training (h); 0 if unknown."""
         with self.reading():
             return _number(self.get("training_hours") or 0.0, float)
 
     @property
     def steps(self) -> int | None:
-        """Of the training."""
+        """Number of training steps; None if unknown."""
         return self.get("steps")
 
     @property
     def whose(self) -> str | None:
-        """Where weights are not of this project: what they are."""
+        """Description of weights that are not of this project; None for our own."""
         return self.get("weights_are")
 
 
 def _number(told: Any, kind: Callable[[Any], T]) -> T:
-    """Return a value as a number; raises `TypeError` if it is none."""
+    """Convert a value to a number; raises `TypeError` if it is none."""
     try:
         return kind(told)
     except (ValueError, OverflowError) as error:
@@ -120,7 +118,7 @@ def _number(told: Any, kind: Callable[[Any], T]) -> T:
 
 
 def load_card(folder: Path, system: str) -> Card:
-    """The card of a system.
+    """Load the card of a system.
 
     Raises:
         CheckpointError: if it is missing or no JSON object.
@@ -139,11 +137,10 @@ def load_card(folder: Path, system: str) -> Card:
 
 
 def with_setting(config: T, setting: str) -> T:
-    """The config with one field changed, told as ``outer.inner=value``; the value is JSON, or a
-    text as it stands.
+    """Return the config with one field changed by ``outer.inner=value``; the value is JSON or text.
 
     Raises:
-        ValueError: if there is no such field, or the value is of another kind than its own.
+        ValueError: if there is no such field, or the value has another type.
     """
     path, equals, told = setting.partition("=")
     if not equals:
@@ -166,7 +163,7 @@ def with_setting(config: T, setting: str) -> T:
 
 
 def _of_kind(path: str, old: Any, new: Any) -> Any:
-    """``new`` where it can stand for ``old``."""
+    """Return ``new``, converted if needed, if its type fits that of ``old``."""
     if old is None or new is None:
         return new
     if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
@@ -178,15 +175,15 @@ def _of_kind(path: str, old: Any, new: Any) -> Any:
 
 
 def to_json(config: Any) -> str:
-    """The config as indented JSON, nested dataclasses as objects."""
+    """Format the config as indented JSON, nested dataclasses as objects."""
     return json.dumps(asdict(config), indent=1)
 
 
 def from_dict(cls: type[T], values: dict[str, Any]) -> T:
-    """Rebuild a (nested) config from parsed JSON.
+    """Make a (nested) config from parsed JSON.
 
     Raises:
-        ValueError: if a field is unknown to this version.
+        ValueError: if this version does not have a field.
     """
     if not is_dataclass(cls):
         raise TypeError(f"{cls} is no config.")
@@ -198,7 +195,7 @@ def from_dict(cls: type[T], values: dict[str, Any]) -> T:
 
 
 def _restored(hint: Any, value: Any) -> Any:
-    """A field's value as parsed from JSON, in the type that the field has."""
+    """Convert a parsed JSON value to the type of its field."""
     if is_dataclass(hint):
         return from_dict(hint, value)  # type: ignore[arg-type]
     return tuple(value) if isinstance(value, list) else value

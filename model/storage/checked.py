@@ -1,4 +1,4 @@
-"""JSON written by others, read without trusting it: a cap on its bytes, then types by pydantic."""
+"""Validation of JSON from untrusted sources: a size limit, then types by pydantic."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from conventions.names import printable
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
-"""Numbers are no texts, true and false no numbers; fields that are not known are passed over."""
+"""Pydantic settings: text and booleans are no numbers; unknown fields are ignored."""
 MAX_TEXT = 2000
-"""Longest text, in characters, that any field may hold."""
+"""Longest text of a field in characters."""
 Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
 NO_JSON = "it is no whole JSON file (cut off or damaged)"
 _UNKNOWN = "unexpected_keyword_argument", "extra_forbidden"
@@ -22,14 +22,14 @@ T = TypeVar("T")
 
 
 class FieldError(ValueError):
-    """What is wrong with a file, as the end of a sentence about it."""
+    """An invalid file; the message describes the problem as the end of a sentence."""
 
 
 def read_checked(path: Path, kind: type[T], max_bytes: int) -> T:
-    """The JSON of a file as a ``kind``.
+    """Read the JSON of a file as a ``kind``.
 
     Raises:
-        FieldError: if it is too large, unreadable, no JSON, or not such a thing.
+        FieldError: if it is too large, unreadable, no JSON, or not of this type.
     """
     try:
         with path.open("rb") as file:
@@ -42,10 +42,10 @@ def read_checked(path: Path, kind: type[T], max_bytes: int) -> T:
 
 
 def checked(content: bytes | str, kind: type[T], context: Any = None) -> T:
-    """JSON as a ``kind``.
+    """Parse JSON as a ``kind``.
 
     Raises:
-        FieldError: if it is none.
+        FieldError: if it is not of this type.
     """
     try:
         return adapter(kind).validate_json(content, context=context)
@@ -59,7 +59,7 @@ def adapter(kind: Any) -> TypeAdapter:
 
 
 def why(error: ValidationError) -> str:
-    """What is wrong first, as the end of a sentence; unknown names come before all else."""
+    """Describe the first error as the end of a sentence; unknown names take precedence."""
     return printable(_why(error))[:300]
 
 

@@ -1,6 +1,5 @@
-"""Weights on disk: ours, fp16 safetensors beside a JSON card that names their sha256; and files of
-``torch.save`` from strangers, read without running anything in them.
-"""
+"""Weights on disk: our fp16 safetensors with a JSON card that states their sha256, and untrusted
+files of ``torch.save``, read without executing anything in them."""
 
 import hashlib
 import io
@@ -39,7 +38,7 @@ def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: di
 
 
 def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
-    """Tensors (as float32) and card of a system.
+    """Load the tensors (as float32) and the card of a system.
 
     Raises:
         CheckpointError: if a file is missing or damaged, or the sha256 differs from the card's.
@@ -75,7 +74,7 @@ def load_into(module: torch.nn.Module, tensors: dict[str, Tensor], prefix: str, 
 
 
 def misfits(wanted: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> list[str]:
-    """What keeps tensors from being a module's, in its order, each as part of a sentence."""
+    """Describe each mismatch between a module's tensors and others, in the module's order."""
     wrong = []
     for key, tensor in wanted.items():
         if key not in found:
@@ -91,16 +90,16 @@ def _json_bytes(card: dict) -> bytes:
 
 
 MAX_BYTES = 2 * 10**9
-"""Of a checkpoint inside a zip; the largest that is known here has 172 MB."""
+"""Largest checkpoint inside a zip in bytes; the largest known one has 172 MB."""
 _PREFIX = "module."
 _WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net")
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """The tensors of a checkpoint by the names of the bare network, float32 where they are numbers.
+    """Read a checkpoint's tensors by the names of the bare network, floats as float32.
 
-    Files of any age of ``torch.save``, alone or in a zip, with or without the prefix of a network
-    in parallel, on whatever device they were saved; nothing in them is executed.
+    Files of any version of ``torch.save`` are read, alone or in a zip, with or without the prefix
+    of a parallel network, from any device; nothing in them is executed.
 
     Raises:
         CheckpointError: if it is no such file.
@@ -131,7 +130,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 
 def _loaded(path: Path) -> Any:
-    """What a file holds; weights only."""
+    """Load the content of a file with ``weights_only``."""
     if not zipfile.is_zipfile(path):
         return torch.load(path, map_location="cpu", weights_only=True)
     with zipfile.ZipFile(path) as archive:
@@ -156,12 +155,12 @@ def _loaded(path: Path) -> Any:
 def check_tensors(
     wanted: Mapping[str, Tensor], found: Mapping[str, Tensor], name: str, what: str, advice: str
 ) -> None:
-    """See that tensors are those of a network, all of them and no other, and finite.
+    """Check that tensors are all those of a network, no others, and finite.
 
     Args:
-        name: of their file.
-        what: the network that is asked for, as part of a sentence.
-        advice: which file to give, as the end of a sentence.
+        name: name of their file.
+        what: the required network, as part of a sentence.
+        advice: which file to use, as the end of a sentence.
 
     Raises:
         CheckpointError: with the first key that differs.

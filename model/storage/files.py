@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written ever stands under its final name."""
+"""Atomic writing and size-limited reading of files, with error messages for the user."""
 
 import errno
 import hashlib
@@ -12,9 +12,9 @@ from typing import IO
 
 
 class WriteError(OSError):
-    """A file could not be written; the message is one sentence for a person.
+    """A file that could not be written; the message is one sentence for the user.
 
-    ``errno`` is that of the cause, also after a way through another process.
+    ``errno`` is that of the cause, also after transfer from another process.
     """
 
     def __init__(self, sentence: str, errno: int | None = None) -> None:
@@ -40,16 +40,16 @@ _REASONS = {
 
 
 def write_error(path: Path, error: OSError) -> WriteError:
-    """The sentence that says why ``path`` could not be written and what to do."""
+    """Make the error that says why ``path`` could not be written and what to do."""
     reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
     return WriteError(f"{path} could not be written: {reason}.", error.errno)
 
 
 @contextmanager
 def written_atomically(path: str | Path) -> Iterator[Path]:
-    """A temporary path in the same folder that becomes ``path`` when the block ends well.
+    """Yield a temporary path in the same folder that becomes ``path`` if the block succeeds.
 
-    If the block raises, nothing is left behind and an older file under ``path`` stays as it was.
+    If the block raises, the temporary file is removed and an older ``path`` is unchanged.
 
     Raises:
         WriteError: in place of any other `OSError`, with the reason in one sentence.
@@ -71,7 +71,7 @@ def written_atomically(path: str | Path) -> Iterator[Path]:
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:
-    """A file's whole content at once; text in UTF-8, with the ends of lines that it has.
+    """Write a whole file atomically; text in UTF-8, with its line ends unchanged.
 
     Raises:
         WriteError: as `written_atomically`.
@@ -81,7 +81,7 @@ def write_atomically(path: str | Path, content: str | bytes) -> None:
 
 
 def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
-    """What a file holds; an ``error`` with one sentence if it is missing or larger."""
+    """Read a file's content; raises ``error`` with one sentence if it is missing or too large."""
     if path.exists() and not path.is_file():  # a pipe would never end, nor a device
         raise error(f"{path.name} could not be read: it is no regular file.")
     try:
@@ -97,16 +97,16 @@ def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
 
 
 def file_sha256(path: Path) -> str:
-    """Of a file's bytes."""
+    """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def list_bytes(file: IO[bytes]) -> int:
-    """Return the length of the list of files at the end of a zip, which `zipfile` reads whole.
+    """Return the length of the central directory at the end of a zip, which `zipfile` reads whole.
 
     Raises:
-        BadZipFile: where there is none.
+        BadZipFile: if there is none.
     """
     end = zipfile._EndRecData(file)  # pyright: ignore[reportAttributeAccessIssue]
     if not end:

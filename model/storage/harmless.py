@@ -1,6 +1,6 @@
-"""Text that may be anyone's, such as names of files and systems, made harmless for where it goes.
+"""Escaping of untrusted text, such as names of files and systems, for CSV, TeX and Markdown.
 
-Whoever opens a table, a paper or a terminal with it must see a name, and nothing that is obeyed.
+Tables, papers and terminals then show a name, and nothing in it is executed.
 """
 
 import csv
@@ -12,8 +12,8 @@ from conventions.names import printable
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 _FORMULA = re.compile(r"(^|;)(?= *[=+\-@\uff1d\uff0b\uff0d\uff20])")
-"""Where a spreadsheet begins a formula: where a cell begins, also if it cuts lines at semicolons,
-and with the wide forms of the signs, too."""
+"""Pattern of the start of a spreadsheet formula: the start of a cell, also in programs that split
+at semicolons, and with full-width forms of the signs."""
 _TEX = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''",
@@ -25,9 +25,9 @@ _MARKDOWN = re.compile(r"([\\`*\[\]<>|])")
 
 
 def csv_cell(value: object) -> object:
-    """A cell that no spreadsheet takes for a formula; numbers, also written ones, stay as they are.
+    """Return a cell that no spreadsheet takes for a formula; numbers, also as text, are unchanged.
 
-    An apostrophe stands before a sign that would begin one.
+    An apostrophe is inserted before a sign that would start one.
     """
     if not isinstance(value, str) or _NUMBER.fullmatch(value):
         return value
@@ -35,7 +35,7 @@ def csv_cell(value: object) -> object:
 
 
 def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\r\n") -> str:
-    """Rows of anything as CSV; None is an empty cell. Files of it are written with newline=""."""
+    """Format rows as CSV; None is an empty cell. Write the text to files with newline=""."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator=line_end)
     writer.writerows([csv_cell(value) for value in row] for row in rows)
@@ -43,10 +43,10 @@ def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\r\n") -> str:
 
 
 def tex(text: str) -> str:
-    """With LaTeX's special characters as what they look like."""
+    """Escape LaTeX's special characters."""
     return "".join(_TEX.get(char, char) for char in printable(text))
 
 
 def markdown(text: str) -> str:
-    """With Markdown's and HTML's special characters as what they look like, in a cell too."""
+    """Escape the special characters of Markdown, HTML and Markdown tables."""
     return _MARKDOWN.sub(r"\\\1", printable(text))

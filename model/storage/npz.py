@@ -1,4 +1,4 @@
-"""Numpy archives from strangers: their headers are read and judged before any array is."""
+"""Reading of untrusted numpy archives: headers are checked before any array is loaded."""
 
 import io
 import lzma
@@ -16,11 +16,12 @@ import numpy as np
 from conventions.names import printable
 
 MAX_BYTES = 512 * 2**20
-"""Largest size of a file's arrays once unpacked."""
+"""Largest size of a file's arrays once unpacked (bytes)."""
 MAX_FILE_BYTES = 160 * 2**20
-"""Largest file that is opened at all; an hour of BEAT2's arrays, not compressed, is 153 MiB."""
+"""Largest file that is opened at all (bytes); an hour of BEAT2's uncompressed arrays is 153 MiB."""
 MAX_ABS_VALUE = 1000.0
-"""No radian, metre or coefficient of a real motion is near it."""
+"""Largest absolute value in a motion; radians, metres and coefficients of real motions are far
+below."""
 
 _MAX_ENTRIES = 64
 
@@ -28,13 +29,14 @@ Header = tuple[tuple[int, ...], np.dtype]
 
 
 class MotionError(ValueError):
-    """A motion or motion file that cannot be used; the message is one sentence for a person."""
+    """A motion or motion file that cannot be used; the message is one sentence for the user."""
 
 
 def check_size(path: Path) -> None:
-    """
+    """Check that a file is small enough to be opened.
+
     Raises:
-        MotionError: if it is too large a file to be opened.
+        MotionError: if it is too large.
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
@@ -46,7 +48,7 @@ def check_size(path: Path) -> None:
 
 @contextmanager
 def opened_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipfile.ZipFile]:
-    """Open the archive at ``path``, or what stands in its place.
+    """Open the archive at ``path``, or ``content`` in its place.
 
     Raises:
         MotionError: if the file is missing, too large, or no readable archive, also while it is
@@ -78,14 +80,13 @@ def opened_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zi
 def read_headers(
     archive: zipfile.ZipFile, name: str, names_objects: bool = False
 ) -> dict[str, Header]:
-    """Shape and dtype of every array; nothing is unpacked but the first bytes of each.
+    """Read the shape and dtype of every array; nothing is unpacked but the first bytes of each.
 
     Args:
-        names_objects: arrays of Python objects, which are never loaded, are named with the others
-            in place of being refused.
+        names_objects: list arrays of Python objects, which are never loaded, instead of raising.
 
     Raises:
-        MotionError: for too many or too large arrays, and for what is none.
+        MotionError: for too many or too large arrays, and for members that are no arrays.
     """
     entries = archive.infolist()
     size = sum(entry.file_size for entry in entries)
@@ -121,7 +122,7 @@ def read_headers(
 
 
 def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
-    """Any array that holds no Python objects."""
+    """Read an array; raises BadZipFile if it is damaged or holds Python objects."""
     with archive.open(f"{key}.npy") as file:
         try:
             return np.lib.format.read_array(file, allow_pickle=False)
@@ -130,7 +131,7 @@ def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
 
 
 def read_npy_file(path: Path) -> np.ndarray | None:
-    """The array of a whole npy file without Python objects; None for any other file."""
+    """Read the array of an npy file without Python objects; None for any other file."""
     with path.open("rb") as file:
         header = _read_npy_header(file)
         if header is None or header[1].hasobject:
@@ -143,12 +144,12 @@ def read_npy_file(path: Path) -> np.ndarray | None:
 
 
 def listed(names: tuple[str, ...] | list[str]) -> str:
-    """Names for a sentence, none of them long."""
+    """Format at most 12 names for a sentence, each at most 40 characters."""
     return ", ".join(printable(name[:40]) for name in names[:12])
 
 
 def _read_npy_header(file: io.BufferedIOBase) -> Header | None:
-    """Shape and dtype of one array, or None where the bytes are no npy header."""
+    """Read the shape and dtype of one array; None if the bytes are no npy header."""
     try:
         version = np.lib.format.read_magic(file)
         if version == (1, 0):
