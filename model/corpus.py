@@ -1,4 +1,4 @@
-"""``python -m model.corpus``, whose work `tools.corpus` does."""
+"""Command ``python -m model.corpus``, implemented in `tools.corpus`."""
 
 import sys
 

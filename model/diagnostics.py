@@ -1,7 +1,7 @@
-"""Where the jitter sits: all numbers of a set of motions, and how ``diagnostics.json`` tells them.
+"""Metrics and faults of a set of motions, and the content of ``diagnostics.json``.
 
-Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
-once more behind one and the same filter, the official GlobalDiff inference's
+Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured without a
+filter, and once more after the filter of the official GlobalDiff inference
 (`model.motion.altered`), here applied to the stitched sequence.
 """
 
@@ -45,15 +45,15 @@ from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
 
 OWN_WINDOWS = Windowing(frames=60, overlap=8)
-"""Of GlobalDiff's systems: 60 frames, of which two windows share 8."""
+"""Windows of GlobalDiff's systems: 60 frames, of which two windows share 8."""
 TIP = "right_middle"
-"""The fingertip of the paper's Figure 6."""
+"""Fingertip of the paper's Figure 6."""
 JERK_FRAMES = 4
 
 
 @dataclass(frozen=True)
 class Versions:
-    """One motion's measures as it is and filtered."""
+    """Metrics of one motion, unfiltered and filtered."""
 
     raw: Measures
     savgol: Measures
@@ -67,31 +67,31 @@ class Versions:
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """Each motion and the reference, raw and filtered."""
+    """Metrics and findings of each motion and the reference, unfiltered and filtered."""
 
     point: str
-    """The fingertip or joint that the ``tip_`` measures follow."""
+    """Fingertip or joint that the ``tip_`` metrics track."""
     tip_source: str
     windows: Windowing | None
-    """Those of all motions, where they are known and all the same."""
+    """Windows of all motions, if they are known and the same."""
     num_frames: dict[str, int]
     notes: list[str]
     findings: dict[str, list[Finding]]
     reference: Versions | None
     systems: dict[str, Versions]
     assumed: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """Of motions from files: as what they were understood (`formats.reading`)."""
+    """Assumptions in reading motions from files, by name (`formats.read`)."""
     lacks: dict[str, list[str]] = field(default_factory=dict)
-    """Parts that a file does not tell, of which nothing is found."""
+    """Parts that a file does not contain, by name; they have no findings."""
 
     @property
     def of_all(self) -> dict[str, Versions]:
-        """By name, the reference last."""
+        """Metrics by name, the reference last."""
         reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
         return {**self.systems, **reference}
 
     def as_json(self) -> dict[str, Any]:
-        """The content of ``diagnostics.json``."""
+        """Return the content of ``diagnostics.json``."""
         return {
             "fps": FPS,
             "tip": self.point if self.point in FINGERTIP_NAMES else None,
@@ -127,21 +127,22 @@ def diagnose(
     heard: Float[np.ndarray, "frames bands"] | None = None,
     mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Diagnostics:
-    """Measure motions and the reference, raw and filtered.
+    """Measure motions and the reference, unfiltered and filtered.
 
     With a reference everything is measured over the same frames: all are cut to the shortest, and
     ``notes`` says so. Without one each motion is measured whole.
 
     Args:
-        motions: by the name that the file shall give them.
-        windows: how motions were cut, by name (also of `REFERENCE_NAME`), where that is known.
-            The seam measures of another motion are folded on the period that is found in it.
-        point: the fingertip or joint that the ``tip_`` measures follow.
-        tip_track: gives its positions in place of the rigid fingertip, of a motion and its tracks.
-        tip_source: what ``tip_track`` follows, such as 'vertex 7794'; without it 'rigid' for a
-            fingertip and 'joint' for a joint.
+        motions: by their names in the file.
+        windows: windows of motions by name (also of `REFERENCE_NAME`), if known. The seam metrics
+            of another motion are folded on its detected period.
+        point: the fingertip or joint that the ``tip_`` metrics track.
+        tip_track: returns the point's positions in place of the rigid fingertip, for a motion and
+            its tracks.
+        tip_source: name of what ``tip_track`` tracks, such as 'vertex 7794'; without it 'rigid' for
+            a fingertip and 'joint' for a joint.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
-        heard: of the speech by frame (`lag.heard_of`), for how late the motion is.
+        heard: log-mel bands of the speech by frame (`lag.heard_of`), for the lag of the motion.
         mean_speeds: published ones for BeatAlign (`beats.read_mean_speeds`).
 
     Raises:
@@ -193,8 +194,9 @@ def raw_evidence(
     heard: Float[np.ndarray, "frames bands"] | None = None,
     mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Evidence:
-    """One motion's measures as it is only, and what faults are looked for in, where filtered
-    numbers are not asked for. A reference must be as long.
+    """Measure one motion without the filter, as the input of fault detectors.
+
+    A reference must be as long.
 
     Args:
         onsets_s, heard, mean_speeds: see `diagnose`.
@@ -205,7 +207,7 @@ def raw_evidence(
 
 @dataclass(frozen=True)
 class _Ways:
-    """How all motions are measured; see `diagnose`."""
+    """Options of the measurement, the same for all motions; see `diagnose`."""
 
     skeleton: RestSkeleton
     point: str
@@ -218,8 +220,11 @@ class _Ways:
 def _versions(
     motion: Motion, ways: _Ways, windows: Windowing | None, recorded: Sequence[Evidence] = ()
 ) -> Iterator[Evidence]:
-    """The motion as it is, then filtered, beside the reference as it is and filtered: like is
-    compared with like. Periods, lag and usual speeds are those of the motion as it is."""
+    """Yield the unfiltered motion, then the filtered one, each with the reference of the same
+    version.
+
+    Periods, lag and mean speeds are those of the unfiltered motion.
+    """
     tracks = track_points(motion, ways.skeleton)
     period = find_period(tracks)
     lag = None if ways.heard is None else find_lag(motion, ways.heard)
@@ -251,7 +256,7 @@ def _versions(
 
 
 def _measured(versions: Iterator[Evidence]) -> tuple[Versions, list[Finding]]:
-    """Measures by version, and the faults of the motion as it is."""
+    """Return metrics by version, and the faults of the unfiltered motion."""
     evidence = next(versions)
     raw, faults = evidence.raw, find_faults(evidence)
     del evidence  # before the next one is made
@@ -279,8 +284,10 @@ def _measure_beats(
 def _usual_speed(
     published: Float[np.ndarray, " joints"] | None, recorded: Tracks | None, own: Tracks
 ) -> tuple[Float[np.ndarray, " joints"], BeatSpeeds]:
-    """Mean speeds of the joints whose beats count, m/s, the pelvis in place, and whose: the
-    published ones if there are any."""
+    """Return mean speeds (m/s) of the joints with beats, pelvis-aligned, and their source.
+
+    The published ones take precedence.
+    """
     if published is not None:
         return published, "emage"
     joints = _rooted(own if recorded is None else recorded)[:, BEAT_JOINTS]

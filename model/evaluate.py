@@ -1,12 +1,13 @@
 """Measure systems: ``python -m model.evaluate [PROTOCOL] --data DIR --out OUT``.
 
-- ``motion``, the usual one: how does generated motion move beside the recorded motion of the same
-  clips, how near is its distribution, and does the right speech help more than the wrong one? Each
-  value with a bootstrap interval over clips of the test split, of speakers the weights know. Writes
-  ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are shared out over processes or a Dask
-  cluster; each one's numbers are kept in ``clips``, and the same command goes on with the rest.
-- ``adherence``: does a system do what its plan says? Writes the file ``OUT``, as the next does.
-- ``finding``: how well are plans found in motion?
+- ``motion``, the default: metrics of generated motion compared with the recorded motion of the same
+  clips, distances of their distributions, and the difference between matched and mismatched speech.
+  Each value has a bootstrap interval over clips of the test split, of speakers the weights know.
+  Writes ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are distributed over processes
+  or
+  a Dask cluster; the numbers of each are stored in ``clips``, and the same command resumes.
+- ``adherence``: does a system follow its plan? Writes the file ``OUT``, as the next does.
+- ``finding``: how well are plans detected in motion?
 """
 
 import argparse
@@ -66,7 +67,7 @@ ALONE = JobPool(1)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Run the command; returns its exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m model.evaluate",
         description=__doc__,
@@ -140,7 +141,7 @@ PROTOCOLS = {"motion": _motion, "adherence": _plans, "finding": _plans}
 
 
 def write(table: dict, out: Path) -> None:
-    """The four files, each whole or not at all."""
+    """Write the four files, each atomically."""
     out.mkdir(parents=True, exist_ok=True)
     contents = {
         "json": json.dumps(table, indent=1) + "\n",
@@ -153,7 +154,7 @@ def write(table: dict, out: Path) -> None:
 
 
 def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
-    """Names of the test clips whose speaker every system was trained on.
+    """Return the names of the test clips with speakers that every system was trained on.
 
     Raises:
         DataError: if there is none.
@@ -177,20 +178,21 @@ def evaluate(
     pool: JobPool = ALONE,
     kept: Path,
 ) -> dict:
-    """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts,
-    ``left_out`` says what there is no judge for. Every clip has noise of its own, which is the same
-    for all systems.
+    """Compute the table, with the row ``recorded`` for the clips' recorded motion.
+
+    `as_table` lists its parts, ``left_out`` the missing metrics. Every clip has a noise seed that
+    is the same for all systems.
 
     Args:
-        cast: who is measured and who judges; asked again in another process.
+        cast: the systems and classifiers; called again in other processes.
         speakers: a calm one and a lively one, who are compared on a few clips.
-        pool: who measures the clips.
-        kept: where the numbers of each clip stay; those of the same recordings, weights and
-            options are taken from there.
+        pool: runs the jobs, one for each clip.
+        kept: folder with the numbers of each clip; those of the same recordings, weights and
+            options are read from it.
 
     Raises:
         DataError: if fewer than two clips can be used.
-        JobsError: if those who measure are lost.
+        JobsError: if workers are lost.
     """
     there = cast()
     motions = _usable(folder, clips, there)
@@ -231,7 +233,7 @@ def evaluate(
 
 @cache
 def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
-    """Systems by name, and all judges whose weights are there; read once in each process."""
+    """Load systems by name, and all available classifiers and encoders; once in each process."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()
@@ -246,12 +248,12 @@ def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
 
 
 def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float | None]:
-    """With which each hears its speech; those that cannot be asked hear it as trained."""
+    """Return each system's guidance scale; systems without guidance have None."""
     return {each.name: each.settled(each.able(asked)).guidance for each in systems}
 
 
 def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
-    """Tells the numbers of these recordings, weights and options from all others."""
+    """Compute a digest of recordings, weights and options, which identifies stored numbers."""
     judge = one.speaker_judge
     told = {
         "format": ROWS_FORMAT,
@@ -269,7 +271,11 @@ def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
 
 
 def _usable(folder: Path, clips: Sequence[str], cast: Cast) -> dict[str, Motion]:
-    """Motions by name; what cannot be used is named in the log and counted."""
+    """Read motions by name; log the unusable ones.
+
+    Raises:
+        DataError: if fewer than two are left.
+    """
     motions = {}
     window = max(system.windowing.frames for system in cast.systems)
     for name in clips:
@@ -290,5 +296,5 @@ def _usable(folder: Path, clips: Sequence[str], cast: Cast) -> dict[str, Motion]
 
 
 if __name__ == "__main__":
-    # By the name under which other processes find what it hands them.
+    # The import name, so that other processes can unpickle the functions of this module.
     sys.exit(import_module("model.evaluate").main())

@@ -1,7 +1,6 @@
 """Train a network: ``python -m model.train CONFIG --data DIR --out DIR [--system NAME]``.
 
-What is trained, and how, is asked of the family that the system belongs to; the loop is
-`model.training.loop`.
+The network and its settings come from the family of the system; the loop is `model.training.loop`.
 """
 
 import argparse
@@ -20,7 +19,7 @@ from model.training.parallel import joined_processes
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Run the command; returns its exit status."""
     parser = argparse.ArgumentParser(prog="python -m model.train", description=__doc__)
     parser.add_argument("config", help=f"one of {', '.join(_presets())}")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")

@@ -1,1 +1,1 @@
-"""Faults of a motion: one detector each, in the table of ``table.py``; may import measures."""
+"""Detectors of faults in motion, listed in ``table.py``; may import `model.measures`."""

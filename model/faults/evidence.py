@@ -1,5 +1,4 @@
-"""What detectors look at, and the findings that they give: a sentence, its numbers, how grave and
-where worst."""
+"""Input of the fault detectors, and their findings with sentence, numbers, severity and place."""
 
 from __future__ import annotations
 
@@ -20,22 +19,22 @@ from model.motion.motion import Motion
 from model.motion.tracks import Tracks
 
 BODY = (*LOWER_BODY, *UPPER_BODY, *HANDS)
-"""All joints but the face's."""
+"""Indices of all joints but the face's."""
 UPPER_AND_HANDS = (*UPPER_BODY, *HANDS)
 assert not set(BODY) & set(FACE)
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One motion as it is, never filtered."""
+    """Input of the detectors: one unfiltered motion with its metrics."""
 
     motion: Motion
     tracks: Tracks
     raw: Measures
     point: str
-    """What the ``tip_`` measures follow."""
+    """Name of the tracked point, which the ``tip_`` metrics follow."""
     reference: Evidence | None = None
-    """Recorded motion of the same speech, of as many frames."""
+    """Recorded motion of the same speech, with as many frames; None without one."""
 
     @property
     def num_frames(self) -> int:
@@ -43,54 +42,56 @@ class Evidence:
 
     @cached_property
     def turning(self) -> Float[np.ndarray, "T1 55 3"]:
-        """rad/s of each joint against its parent, from each frame to the next."""
+        """Angular velocity (rad/s) of each joint against its parent, from each frame to the
+        next."""
         return angular_velocity(self.tracks.local_rot)
 
     @cached_property
     def turning_deg_s(self) -> Float[np.ndarray, "T1 55"]:
-        """Its length in degrees per second."""
+        """Angular speed of each joint against its parent (degrees/s)."""
         return np.degrees(np.linalg.norm(self.turning, axis=-1))
 
     @cached_property
     def lower_foot_m(self) -> Float[np.ndarray, " T"]:
-        """Height of the lower foot joint in the world."""
+        """Height of the lower foot joint in world coordinates (m)."""
         return self.tracks.joints[:, list(FEET), 1].min(axis=1)
 
     @cached_property
     def floor_m(self) -> float:
-        """Where the lower foot usually is: the median, which hardly moves while a foot is where
-        no foot can be."""
+        """Median height of the lower foot (m), which is robust to frames with an impossible
+        foot."""
         return float(np.median(self.lower_foot_m))
 
 
 MOST_STRETCHES = 20
 WRONG, SEEN, MEASURED = 3, 2, 1
-"""Gravities: no person moves so; it shows in where points of the body are; it is in angles between
-neighbours, or in numbers alone, and counts half."""
+"""Gravities: no person moves so; visible in positions of points of the body; visible in angles
+between
+neighbours, or in numbers alone, which counts half."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of one motion."""
+    """A fault in one motion."""
 
     said: str
-    """A sentence or two."""
+    """One or two sentences for the user."""
     numbers: dict[str, Any]
-    """What they were made from."""
+    """Values behind the sentence, by name."""
     people: str = ""
-    """What people do instead, a clause that is told last, and once of several motions."""
+    """Clause on what people do instead; appended last, and once for several motions."""
     excess: float = 1.0
-    """How many times its limit; 1 where there is no measure."""
+    """Ratio of the value to its limit; 1 if there is no metric."""
     span: float = 4.0
-    """How many times as much one clip of people has of it as another, at most."""
+    """Largest ratio of this metric between two clips of people."""
     worst_frame: int | None = None
-    """Where it is worst; None where it is everywhere alike."""
+    """Frame at which the fault is worst; None if it is the same everywhere."""
     stretches: tuple[tuple[int, int], ...] = ()
-    """First and last frame of each place where it shows, the longest first, `MOST_STRETCHES` at
-    most; none where it is everywhere."""
+    """First and last frame of each place where the fault shows, the longest first, at most
+    `MOST_STRETCHES`; empty if it is everywhere."""
     gravity: int = SEEN
     kind: str = ""
-    """Set by the table, as gravity is (`table.FAULTS`)."""
+    """Kind of fault, set by the table like the gravity (`table.FAULTS`)."""
 
     @property
     def sentence(self) -> str:
@@ -98,12 +99,12 @@ class Finding:
 
     @property
     def worst_s(self) -> float | None:
-        """Seconds from the start of the clip."""
+        """Time of the worst frame from the start of the clip (s)."""
         return None if self.worst_frame is None else self.worst_frame / FPS
 
     @property
     def severity(self) -> float:
-        """How far it is outside of what people do, in steps by which they differ."""
+        """Distance from what people do, in steps by which people differ."""
         steps = np.log(max(self.excess, 1.0)) / np.log(self.span)
         return float(steps) * (0.5 if self.gravity == MEASURED else 1.0)
 
@@ -121,7 +122,7 @@ class Finding:
 
 
 def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
-    """What no person does first, then what is furthest outside of what people do."""
+    """Sort findings: first what no person does, then what is furthest from what people do."""
     return sorted(findings, key=_order)
 
 
@@ -130,8 +131,10 @@ def _order(finding: Finding) -> tuple[bool, float]:
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """Return the findings of several motions with their names: of each its gravest, the worst
-    motion first, by all that is found in it together; then all others, by how far outside they are.
+    """Rank the findings of several motions, each with the name of its motion.
+
+    First the gravest finding of each motion, the motion with the worst findings in sum first; then
+    all others, by their distance from what people do.
     """
 
     def badness(found: Sequence[Finding]) -> tuple[int, float]:
@@ -147,20 +150,21 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
 
 
 def clock(frame: int) -> str:
-    """A frame's time in the clip, as a player shows it: 1:05.3."""
+    """Format a frame's time in the clip as a player does: 1:05.3."""
     tenths = round(10 * frame / FPS)
     return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
 
 
 def stretches_of(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
-    """First and last frame of each run of true, the longest first, `MOST_STRETCHES` at most."""
+    """Return first and last frame of each run of true, the longest first, `MOST_STRETCHES` at
+    most."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
     runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
     return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])
 
 
 def most_in_a_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
-    """The frame in the middle of the second with the highest, or the lowest, mean."""
+    """Return the middle frame of the second with the highest, or the lowest, mean."""
     if len(values) < FPS:
         return None
     means = np.convolve(values, np.ones(FPS) / FPS, "valid")

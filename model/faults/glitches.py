@@ -1,5 +1,6 @@
-"""Single frames and frame rates that are wrong, noise, jerk that comes again; and a motion that is
-the reference, or is late or early against it or against the speech.
+"""Detectors of wrong frames and frame rates, noise and recurring jerk, and of time shifts.
+
+They also detect a motion that is the reference, or that is late or early against it or the speech.
 """
 
 from collections.abc import Iterator
@@ -23,32 +24,33 @@ from model.measures.face import correlation
 from model.motion.tracks import point_words
 
 NOISE_DEG = 0.4
-"""Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
+"""Largest `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
 LITTLE_NOISE_DEG = 0.6
-"""Up to here it is told to be hardly seen, and last."""
+"""Noise up to which the sentence calls it hardly visible; the severity starts here."""
 NAMED = 3
 POP_DEG = 17.0
-"""By which one frame stands off both its neighbours, beyond twice their own distance; clean: 6.6.
-"""
+"""Distance of one frame from both its neighbours, beyond twice their own distance; clean: 6.6."""
 SNAP_DEG = 30.0
-"""By which one step turns a joint, beyond twice the steps before and after; recorded clips: at most
-7.1 and 15.3, hence `SNAP_SPAN`."""
+"""Turn of a joint in one step, beyond twice the steps before and after; recorded clips: at most 7.1
+and 15.3, hence `SNAP_SPAN`."""
 SNAP_SPAN = 2.2
 COPY_DEG_S = 0.3
-"""Faster than this is the fastest joint of two frames that are no copies; clean: over 1."""
+"""Speed of the fastest joint below which a frame is a copy; clean: over 1."""
 COPIES = 2
 LEAST_DEG_S = 3.0
-"""Mean turning around a frame under which nothing can be told of it."""
+"""Mean angular speed around a frame below which nothing is concluded from it."""
 SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
-"""A step twice as long as those around it, in their direction: a frame is missing. Ratio of the
-lengths along them, and cosine."""
+"""Limits for a missing frame: a step about twice as long as those around it, in their direction.
+Ratio
+of the lengths along them, and cosine."""
 SKIPS, FRAMES_A_SKIP = 3, 300
-"""People make such steps, too: 2 in 1,876 recorded frames. `SKIPS` and more, and more than one in
-so many frames, are told."""
+"""Limits of the number of skips, because people make such steps, too: 2 in 1,876 recorded frames.
+They
+are reported from `SKIPS` on, and if there is more than one in so many frames."""
 LEAST_RAD_S = 1e-3
 HALF_RATE = 0.35
-"""Median change of speed at the quieter of every two frames, over that at the other. Frames put
-between others by interpolation change no speed."""
+"""Median change of speed at the quieter of every two frames, over that at the other. Frames
+interpolated between others change no speed."""
 
 
 def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
@@ -83,7 +85,7 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
 
 
 def pops(evidence: Evidence) -> Iterator[Finding]:
-    """One frame far from both its neighbours, which are near each other."""
+    """Detect single frames far from both their neighbours, which are near each other."""
     if len(evidence.turning) < 2:
         return
     before, after = evidence.turning[:-1], evidence.turning[1:]
@@ -109,7 +111,7 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
 
 
 def snaps(evidence: Evidence) -> Iterator[Finding]:
-    """Find joints that are elsewhere from one frame to the next, and stay there."""
+    """Detect joints that jump to another angle from one frame to the next, and stay there."""
     if len(evidence.turning) < 3:
         return
     steps = evidence.turning_deg_s[:, list(BODY)] / FPS
@@ -134,7 +136,7 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
 
 
 def copied_frames(evidence: Evidence) -> Iterator[Finding]:
-    """Frames that are copies of the one before while the body moves."""
+    """Detect frames that are copies of the one before while the body moves."""
     fastest = evidence.turning_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
     if len(fastest) < 3:
         return
@@ -158,7 +160,8 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
 
 
 def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
-    """Steps twice as long as the ones around them, in all joints and in the same direction."""
+    """Detect steps twice as long as the ones around them, in all joints and in the same
+    direction."""
     turning = evidence.turning[:, list(UPPER_AND_HANDS)]
     if len(turning) < 3:
         return
@@ -188,7 +191,7 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
 
 
 def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
-    """Every second frame lies on the way between its neighbours: 15 frames a second, stretched."""
+    """Detect motion of 15 fps stretched to 30: every second frame lies between its neighbours."""
     turning = evidence.turning[:, list(BODY)]
     if len(turning) <= FPS:
         return
@@ -206,13 +209,15 @@ def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _quieter(track: Float[np.ndarray, " N"]) -> float:
-    """Median of the quieter half of every two entries over that of the other; 1 if all is still."""
+    """Return the quieter half's median over that of the other half of every two; 1 if all is
+    still."""
     medians = sorted(float(np.median(track[start::2])) for start in (0, 1))
     return medians[0] / medians[1] if medians[1] > LEAST_RAD_S else 1.0
 
 
 SEAM_CHANCE = 1e-3
-"""Of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of 10 s."""
+"""Largest chance of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of
+10 s."""
 
 
 def seams(evidence: Evidence) -> Iterator[Finding]:
@@ -237,7 +242,7 @@ def seams(evidence: Evidence) -> Iterator[Finding]:
 
 
 def period(evidence: Evidence) -> Iterator[Finding]:
-    """Jerk that comes again after another number of frames than the windows that are known."""
+    """Detect jerk that recurs after another number of frames than the known windows."""
     measured = evidence.raw.seams
     found, windows = measured.period, measured.folded_on_frames
     if found is None or (windows != found.frames and windows and found.frames % windows == 0):
@@ -270,9 +275,9 @@ SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS
 LEAST_LAG_FRAMES = 3
 COPY_CORRELATION = 0.85
-"""Of upper body speeds at the best lag; a copy has 1."""
+"""Correlation of upper body speeds at the best lag; a copy has 1."""
 LEAST_SPEECH_LAG_FRAMES = 4
-"""Clean: faces are within a frame of the sound."""
+"""Smallest lag that is reported (frames); clean: faces are within a frame of the sound."""
 _LEAST_FRAMES = 10 * FPS
 
 
@@ -290,7 +295,7 @@ def identical(evidence: Evidence) -> Iterator[Finding]:
 
 
 def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
-    """The reference's own movement, earlier or later."""
+    """Detect the reference's movement, earlier or later."""
     if evidence.reference is None or evidence.num_frames < _LEAST_FRAMES:
         return
     own, theirs = (
@@ -310,7 +315,7 @@ def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
 
 
 def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
-    """Late or early all along, or more and more."""
+    """Detect motion that is late or early against the speech, constantly or increasingly."""
     lag = evidence.raw.lag
     if lag is None or not lag.is_known:
         return

@@ -1,10 +1,10 @@
-"""Too much or too little of what all motion has: jerk, high frequencies, amplitude, speed.
+"""Detectors of too much or too little jerk, high frequencies, amplitude and speed.
 
-Beside a reference a level is held against the reference's, and found where it is further off than
-clips of recorded people, or cuts of one clip, are from each other. Without one it is held against
-the range of the recorded and procedural clips at hand: two recorded clips of one speaker and 90
-procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s; the jerk of shorter clips
-against the recorded ones in stretches of 2 s. That range is narrow, and is named as what it is.
+With a reference, a level is compared with the reference's and reported if it differs more than
+clips of recorded people, or cuts of one clip, do. Without one it is compared with the range of the
+available recorded and procedural clips: two recorded clips of one speaker and 90 procedural ones,
+whole (`LONG_FRAMES` and more) or in stretches of 10 s; the jerk of shorter clips with the recorded
+ones in stretches of 2 s. That range is narrow, and the sentence names its source.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,29 +20,29 @@ from model.measures.posture import WRISTS
 from model.measures.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
 BRIEF_FRAMES, LEAST_FRAMES = 2 * FPS, 5 * FPS
-"""Between them jerk alone is judged: a tremble shows in it at once."""
+"""Between these lengths only jerk is checked: a tremor shows in it at once."""
 LONG_FRAMES = 30 * FPS
-"""From here on a clip is held against whole clips."""
+"""Length from which a clip is compared with whole clips."""
 LONG, SHORT, BRIEF = "of 30 s and more", "of 5 to 30 s", "of 2 to 5 s"
 
 
 @dataclass(frozen=True)
 class People:
-    """What clips of people have, of one length."""
+    """Range of a level in clips of people of one length."""
 
     lowest: float
     highest: float
     differ: float
-    """How many times one clip has what another has, at most."""
+    """Largest ratio of this level between two clips."""
     low_limit: float
     high_limit: float
-    """The range with room around it."""
+    """Limits of the level: the range with room around it."""
     lasts: str
 
 
 @dataclass(frozen=True)
 class Level:
-    """One such measure."""
+    """A level of motion with its detector."""
 
     kind: str
     title: str
@@ -53,12 +53,12 @@ class Level:
     low_means: str
     high_means: str
     brief: People | None = None
-    """None where a clip shorter than `LEAST_FRAMES` says nothing."""
+    """Range for clips shorter than `LEAST_FRAMES`; None if they are not checked."""
     scale: float = 1.0
-    """From the unit of the measure to the one it is told in."""
+    """Factor from the unit of the metric to the displayed one."""
 
     def search(self, evidence: Evidence) -> Iterator[Finding]:
-        """A finding where the level is out of what people have."""
+        """Report the level if it is outside the range of people."""
         frames, reference = evidence.num_frames, evidence.reference
         people = self.long if frames >= LONG_FRAMES else self.short
         if frames < LEAST_FRAMES:
@@ -108,7 +108,8 @@ def _times(ratio: float) -> str:
 
 
 def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
-    """The middle of the second in which the hands jerk most, or turn least or most."""
+    """Return the middle of the second with most jerk of the hands, or with least or most
+    turning."""
     if level.kind in ("jerk", "high_frequency"):
         track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
     else:
@@ -117,12 +118,12 @@ def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
 
 
 def fingertip_jerk(evidence: Evidence) -> float:
-    """Mean of the ten rigid fingertips, m/s^3."""
+    """Return the mean jerk of the ten rigid fingertips (m/s^3)."""
     return float(evidence.raw.fingertips.fingertips_jerk_m_s3.mean())
 
 
 def high_frequency_share(evidence: Evidence) -> float:
-    """Power of the wrists' velocities above 5 Hz over all their power, the pelvis in place."""
+    """Compute the share of the power of pelvis-aligned wrist velocities above 5 Hz."""
     wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
     spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
     if spectrum is None or not spectrum.velocity_power.any():
@@ -131,14 +132,16 @@ def high_frequency_share(evidence: Evidence) -> float:
 
 
 def amplitude_deg(evidence: Evidence) -> float:
-    """Root mean square distance of the upper body's joint angles from their mean."""
+    """Compute the root mean square distance of the upper body's joint angles from their mean
+    (degrees)."""
     angles = evidence.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
     off = angles - angles.mean(axis=0)
     return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
 
 
 def turning_speed_deg_s(evidence: Evidence) -> float:
-    """Mean angular speed of the upper body's joints against their parents."""
+    """Return the mean angular speed of the upper body's joints against their parents
+    (degrees/s)."""
     return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
 

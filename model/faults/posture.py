@@ -1,4 +1,4 @@
-"""How the body stands, joints where no person's are, and what does not move though people do."""
+"""Detectors of impossible posture and joint angles, and of body parts that never move."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -24,18 +24,19 @@ from model.measures.smoothness import derivative_magnitudes
 from model.motion.tracks import point_words
 
 LYING_DEG = 45.0
-"""Mean tilt of the spine; clean: 12 at most."""
+"""Mean tilt of the spine (degrees); clean: 12 at most."""
 LIFT_M = 0.08
-"""Between the heights of the lower foot, motion and reference; clips of one speaker: 0.001."""
+"""Difference in height of the lower foot, motion to reference (m); clips of one speaker: 0.001."""
 FOOT_SLIDE_M_S = 0.15
-"""Clean: at most 0.12, and 0.07 over a whole clip."""
+"""Mean speed of feet on the ground (m/s); clean: at most 0.12, and 0.07 over a whole clip."""
 FLOATING_FRAMES = 8
 RISE_M = 0.10
-"""Of the lower foot over its own 5th percentile; recorded clips: at most 0.08 in a stretch of 10 s.
-"""
+"""Height of the lower foot above its own 5th percentile (m); recorded clips: at most 0.08 in 10
+s."""
 SINKING_FRAMES = 2
 CONTACT_SHARE = 0.35
-"""Clean: at least 0.52 in a stretch of 10 s, 0.97 over a whole clip."""
+"""Smallest share of frames with ground contact; clean: at least 0.52 in 10 s, 0.97 in a whole
+clip."""
 
 
 def lying(evidence: Evidence) -> Iterator[Finding]:
@@ -51,7 +52,7 @@ def lying(evidence: Evidence) -> Iterator[Finding]:
 
 
 def lifted(evidence: Evidence) -> Iterator[Finding]:
-    """The usual height of the lower foot beside the reference's."""
+    """Detect feet that stand above or below those of the reference."""
     if evidence.reference is None:
         return
     apart = evidence.floor_m - evidence.reference.floor_m
@@ -84,8 +85,10 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
 
 
 def feet_float(evidence: Evidence) -> Iterator[Finding]:
-    """Find where both feet are in the air: over the height at which the lower one usually is, or,
-    of a body that bobs, over where it is lowest.
+    """Detect frames with both feet in the air.
+
+    They are above the median height of the lower foot or, if the body bobs, above its lowest
+    height.
     """
     above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
     contact = evidence.raw.posture.foot_contact_share
@@ -133,18 +136,20 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
 
 
 FINGERS_OUTSIDE = 0.02
-"""Of all frames and finger joints; clean: at most 0.005, and 0.001 over a whole clip."""
+"""Share of all frames and finger joints; clean: at most 0.005, and 0.001 over a whole clip."""
 JOINT_OUTSIDE = 0.2
-"""Of the frames of one finger joint; clean: at most 0.01 over a whole clip."""
+"""Share of the frames of one finger joint; clean: at most 0.01 over a whole clip."""
 NAMED = 3
 ELBOWS_BACKWARDS = 0.5
-"""Of all frames, on both sides; clean: 0."""
+"""Share of all frames, on both sides; clean: 0."""
 SWAPPED_ERROR_RATIO = 0.6
-"""Error with the sides changed over the error as it is. Motions of the same speech that have
-nothing to do with each other give about 1, a swapped copy 0."""
+"""Error with the sides changed over the error without. Unrelated motions of the same speech give
+about
+1, a swapped copy 0."""
 INSIDE_M = 0.06
-"""Of a wrist, knuckle or fingertip from the line through pelvis, spine and neck, which is 10 cm
-and more under the skin in front; clean: at least 0.099."""
+"""Distance (m) of a wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
+is
+10 cm and more under the skin in front; clean: at least 0.099."""
 INSIDE_FRAMES = 3
 _SPINE = ("pelvis", "spine1", "spine2", "spine3", "neck")
 _KNUCKLES = ("left_middle1", "right_middle1")
@@ -201,8 +206,11 @@ def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
 
 
 def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
-    """Beside a reference of the same speech. Without one only a swap of the joints' names shows,
-    because then both elbows bend backwards; a whole mirror image is as good a motion as any."""
+    """Detect exchanged sides by comparison with a reference of the same speech.
+
+    Without one, only exchanged joint names show, because then both elbows bend backwards; a whole
+    mirror image is as good a motion as any.
+    """
     if evidence.raw.errors is not None:
         errors = evidence.raw.errors.rotation_error_by_sides_deg
         is_mirrored = errors.mirrored <= errors.swapped
@@ -235,15 +243,16 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
 
 
 STILL_M_S = 1e-3
-"""Mean speed of the fastest joint under which nothing moves."""
+"""Mean speed of the fastest joint below which nothing moves (m/s)."""
 FROZEN_DEG_S = 1.0
 FROZEN_FRAMES = 8
-"""Clean: no two frames in a row in which upper body and fingers all turn slower than 1 degree per
-second, in two recorded and 90 procedural clips."""
+"""Shortest freeze (frames). Clean: no two frames in a row in which upper body and fingers all turn
+slower than 1 degree per second, in two recorded and 90 procedural clips."""
 HAND_STILL = 0.5
-"""Of all frames; clean: 0, because living fingers are never still for a thirtieth of a second."""
+"""Share of all frames; clean: 0, because living fingers are never still for a thirtieth of a
+second."""
 MOVING_FRAMES = 2 * FPS
-"""Nobody's pelvis stays for two seconds where it is, to the last bit."""
+"""Shortest clip for the check (frames): nobody's pelvis is bit-identical for two seconds."""
 
 
 def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
@@ -253,7 +262,7 @@ def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
 
 
 def freezes(evidence: Evidence) -> Iterator[Finding]:
-    """Longer than two seconds or a quarter: the whole upper body stops, fingers too."""
+    """Detect runs of `FROZEN_FRAMES` or more in which the whole upper body stops, fingers too."""
     fastest = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
         (first, last + 1)
@@ -287,7 +296,7 @@ def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
 
 
 def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
-    """The body turns about a pelvis that is nailed down."""
+    """Detect a translation that is constant while the body turns."""
     trans = evidence.motion.trans
     if len(trans) < MOVING_FRAMES or np.ptp(trans, axis=0).any():
         return
@@ -302,15 +311,15 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
 
 
 STILL_JAW_DEG = 0.05
-"""Standard deviation; clean: at least 0.57 in a stretch of 10 s."""
+"""Standard deviation of the jaw angle (degrees); clean: at least 0.57 in a stretch of 10 s."""
 STILL_UNIT = 1e-3
-"""Of the liveliest coefficient; clean: at least 0.11."""
+"""Standard deviation of the liveliest coefficient; clean: at least 0.11."""
 LEAST_FRAMES = 3 * FPS
 COPIED_SHARE = 0.5
 
 
 def still_face(evidence: Evidence) -> Iterator[Finding]:
-    """The jaw, the coefficients, or both. A jaw that opens by a coefficient counts as a jaw."""
+    """Detect a still jaw, still coefficients, or both; a jaw that opens by a coefficient counts."""
     if evidence.num_frames < LEAST_FRAMES:
         return
     motion = evidence.motion
@@ -337,7 +346,7 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
 
 
 def copied_face(evidence: Evidence) -> Iterator[Finding]:
-    """Frames of expressions that are the reference's to the last bit, at whatever time."""
+    """Detect frames of expressions that are bit-identical to the reference's, at whatever time."""
     if evidence.reference is None:
         return
     own, theirs = evidence.motion.expressions, evidence.reference.motion.expressions

@@ -1,4 +1,4 @@
-"""All faults that are looked for, one entry each."""
+"""Table of all fault detectors."""
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
@@ -9,18 +9,19 @@ from model.faults.evidence import MEASURED, SEEN, WRONG, Evidence, Finding, by_g
 
 @dataclass(frozen=True)
 class Fault:
-    """One kind of fault, and how it is found."""
+    """A kind of fault with its detector."""
 
     kind: str
     gravity: int
     search: Callable[[Evidence], Iterable[Finding]]
-    """No findings for clean motion; what it needs and is not there, it leaves."""
+    """Detector; no findings for clean motion, or if its inputs are missing."""
     needs: str = ""
-    """What must be beside the motion: ``reference`` or ``speech``; nothing for most."""
+    """Required input besides the motion: ``reference`` or ``speech``; empty for most."""
     explains: tuple[str, ...] = ()
-    """Kinds that are not told where this is found, because they follow from it."""
+    """Kinds that follow from this one and are not reported together with it."""
     of: tuple[str, ...] = ()
-    """Parts of a motion (`formats.reading.Part`) without any of which it says nothing."""
+    """Parts of a motion file (`formats.read.Part`) without any of which the detector is not
+    used."""
 
 
 FAULTS: tuple[Fault, ...] = (
@@ -65,11 +66,11 @@ FAULTS: tuple[Fault, ...] = (
     Fault("speed", MEASURED, levels.SPEED.search),
 )
 STILL = Fault("still", WRONG, posture.nothing_moves)
-"""Looked for first: where nothing moves, nothing else is to be said."""
+"""Detector that runs first: if nothing moves, no other finding is reported."""
 
 
 def find_faults(evidence: Evidence) -> list[Finding]:
-    """Faults of one motion, the gravest first; none for clean motion."""
+    """Find the faults of one motion, the gravest first; none for clean motion."""
     still = _found(STILL, evidence)
     if still:
         return still
@@ -87,6 +88,6 @@ def _found(fault: Fault, evidence: Evidence) -> list[Finding]:
 
 
 def without(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:
-    """Findings but for those of parts that the file does not tell."""
+    """Return the findings without those on parts that the motion file lacks."""
     unsaid = {fault.kind for fault in FAULTS if set(fault.of) & set(lacks)}
     return [finding for finding in findings if finding.kind not in unsaid]

@@ -1,1 +1,1 @@
-"""What a system is, and how its windows become motion of any length; may import training."""
+"""Interface of systems, and generation of any length from windows; may import `model.training`."""

@@ -1,8 +1,9 @@
-"""A performance that is kept, in memory or in a file, and performed again where the condition that
-it follows, such as a plan, has changed.
+"""Generation that is stored, in memory or in a file, and partly repeated after its condition, such
+as
+a plan, has changed.
 
-Windows that hear the same as before stay bit for bit, but the one after each changed stretch:
-there the new motion goes over into the old within a window, so that what follows it can stay.
+Windows with unchanged input stay bit-identical, but for the one after each changed stretch: it
+blends from the new motion into the old within a window, so that the following ones can stay.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,26 +33,27 @@ from processes.job import Cancelled
 
 OnPiece = Callable[[Motion], None]
 SAME = 1e-3
-"""What is heard differs by less where a condition is the same: soft edges of far events."""
+"""Largest difference of input features at which a condition counts as unchanged: soft edges of far
+events."""
 
 
 class KeptError(ValueError):
-    """A performance that is not there any more; the message is one sentence for a person."""
+    """Error for a stored motion that no longer exists; the message is one sentence for the user."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeptPerformance:
-    """Motion of one sample, with what it takes to change a part of it."""
+    """Motion of one sample, with all that is needed to change a part of it."""
 
     motion: Motion
     condition: Any
     fresh: tuple[range, ...]
-    """Frames that are not those of the performance before; all of a first one."""
+    """Frames that differ from those of the version before; all frames of a first version."""
     made: tuple[Window, ...]
     """Windows before they are joined."""
     heard: Float[Tensor, "T heard_dim"]
     followed: Mapping[str, Tensor]
-    """What its follower has kept."""
+    """State of the follower after the last frame, by name."""
 
 
 def perform(
@@ -62,15 +64,15 @@ def perform(
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
 ) -> KeptPerformance:
-    """The motion that `generate_motion` makes of one sample and one given condition, kept.
+    """Generate the motion of one sample and one condition as `generate_motion` does, and store it.
 
     Args:
-        before: where it was performed with another condition; only what differs is made anew.
-        on_piece: called with the frames after those before as soon as nothing changes them.
+        before: the version with another condition; only what differs is generated again.
+        on_piece: called with the next frames as soon as they are final.
 
     Raises:
         UnknownNameError, ValueError: as `generate_motion`, or without one sample and condition.
-        Cancelled: if ``should_cancel`` said so.
+        Cancelled: if ``should_cancel`` returns true.
     """
     if options.samples != 1 or len(options.conditions) != 1:
         raise ValueError("One sample with a condition is performed again; give one of each.")
@@ -127,8 +129,7 @@ def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
 
 
 def _returning(new: Window, old: Window, advance: int) -> Window:
-    """A window that begins as the new one and goes over into the old, which it has become when the
-    next one starts; that one's seed is the old one's."""
+    """Blend a window from the new to the old one, which it equals where the next window starts."""
     weight = torch.ones(new.root.shape[1])
     weight[:advance] = fade_weights(advance)
     weight = weight.to(new.root)
@@ -147,7 +148,7 @@ def _returning(new: Window, old: Window, advance: int) -> Window:
 
 
 def _runs(frames: Sequence[range]) -> list[range]:
-    """Ranges that follow on one another as one."""
+    """Merge ranges that adjoin or overlap."""
     found: list[range] = []
     for one in frames:
         if found and found[-1].stop >= one.start:
@@ -162,7 +163,7 @@ _HEARD, _FOLLOWED = "heard", "followed."
 
 
 def save_performance(performance: KeptPerformance, path: Path) -> None:
-    """Write its windows and what they heard, to the bit; the rest has files of its own."""
+    """Write the windows and their input features, bit-exact; the rest has separate files."""
     fields = [window.fields_of(slice(None)) for window in performance.made]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
@@ -172,10 +173,10 @@ def save_performance(performance: KeptPerformance, path: Path) -> None:
 
 
 def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> KeptPerformance:
-    """What `save_performance` has written of a system's motion after a condition.
+    """Load a system's motion under a condition, as written by `save_performance`.
 
     Raises:
-        KeptError: if it is kept no longer, or damaged.
+        KeptError: if the file is missing or damaged.
     """
     try:
         tensors = load(path.read_bytes())

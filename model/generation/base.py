@@ -1,8 +1,8 @@
-"""What every system is, whatever family it belongs to: a maker of windows that join to motion; how
-speech is cut into windows, and how two meet.
+"""Interface of all systems: generators of windows that are joined to motion.
 
-A system knows speech, speaker and seed. What else it follows is a condition of its family's own
-kind, which nobody here looks into: drawn from speech for each sample, or given.
+The input of a system is speech, speaker and seed. Further input is a condition of a type that its
+family defines and that is opaque here: drawn from the speech for each sample, or passed by the
+caller.
 """
 
 from abc import ABC, abstractmethod
@@ -27,14 +27,15 @@ from model.storage.cards import Card
 
 
 def num_windows(num_frames: int, window: int, overlap: int) -> int:
-    """Windows needed to cover ``num_frames``; each starts ``window - overlap`` after the last."""
+    """Return the number of windows for ``num_frames``; each starts ``window - overlap`` after the
+    last."""
     return 1 + max(0, -(-(num_frames - window) // (window - overlap)))
 
 
 def fade_weights(overlap: int) -> Float[Tensor, " overlap"]:
-    """Share of the newer window on each shared frame: a minimum-jerk ramp strictly inside (0, 1).
+    """Return the share of the newer window on each shared frame: a minimum-jerk ramp inside (0, 1).
 
-    ``10 s^3 - 15 s^4 + 6 s^5`` starts and ends with zero slope and curvature, so a join adds
+    ``10 s^3 - 15 s^4 + 6 s^5`` starts and ends with zero slope and curvature, so a seam adds
     neither a step in velocity nor one in acceleration.
     """
     s = torch.arange(1, overlap + 1) / (overlap + 1)
@@ -44,13 +45,13 @@ def fade_weights(overlap: int) -> Float[Tensor, " overlap"]:
 def fade(
     older: Float[Tensor, "*batch S C"], newer: Float[Tensor, "*batch S C"]
 ) -> Float[Tensor, "*batch S C"]:
-    """The frames two windows share of channels that may be mixed linearly."""
+    """Blend the shared frames of two windows in channels that may be mixed linearly."""
     return torch.lerp(older, newer, fade_weights(older.shape[-2]).to(older)[:, None])
 
 
 @dataclass(frozen=True)
 class SpeechWindow:
-    """The speech under some frames and around them; past either end it is held."""
+    """Speech features of a window and its context; past either end the last frame is repeated."""
 
     speech: Float[Tensor, "heard speech_dim"]
 
@@ -58,23 +59,23 @@ class SpeechWindow:
     def of(
         features: Float[Tensor, "T speech_dim"], first: int, frames: int, context: int
     ) -> "SpeechWindow":
-        """Some frames of whole speech, from ``first`` on, with their context."""
+        """Cut the features of a window, from frame ``first`` on, with their context."""
         wanted = torch.arange(first - context, first + frames + context)
         return SpeechWindow(features[wanted.clamp(0, len(features) - 1)])
 
     def around(self, context: int, window: int) -> Float[Tensor, "heard speech_dim"]:
-        """The middle ``window`` frames with ``context`` frames before and after."""
+        """Return the middle ``window`` frames with ``context`` frames before and after."""
         spare = (len(self.speech) - window) // 2 - context
         return self.speech[spare : len(self.speech) - spare]
 
 
 @dataclass(frozen=True)
 class Windowing:
-    """How a system cuts time, in frames."""
+    """Lengths, in frames, by which a system cuts time into windows."""
 
     frames: int
     overlap: int
-    """Frames that a window shares with the one before."""
+    """Number of frames that a window shares with the one before."""
     context: int = field(default=0, compare=False)
     """Frames of speech that must be known before and after a window."""
 
@@ -87,42 +88,44 @@ class Windowing:
 
     @property
     def advance(self) -> int:
-        """From the start of one window to the start of the next."""
+        """Number of frames from the start of one window to the start of the next."""
         return self.frames - self.overlap
 
 
 @dataclass(frozen=True)
 class Draw:
-    """What decides a window beside its speech and the window before it."""
+    """Inputs of a window besides its speech and the window before it."""
 
     speaker: int
     seed: int
     samples: int
     index: int
-    """Of the window."""
+    """Index of the window."""
     sampler: str
     steps: int
     guidance: float
     first_sample: int = 0
     condition: Any = None
-    """What it follows beside them; see `System.condition`."""
+    """Condition of the window; see `System.condition`."""
     first_frame: int | None = None
-    """Of the window, in the condition; None is where windows of whole speech have it."""
+    """First frame of the window in the condition; None for the place in windows of whole speech."""
     words: tuple[Interval, ...] = ()
-    """What is said, where that is known."""
+    """Words of the speech with their times, if known."""
 
     @property
     def key(self) -> tuple[int, int]:
-        """Of chance that is drawn for the first sample, whatever its windows."""
+        """Key of random numbers for the first sample that are independent of windows."""
         return self.seed, self.first_sample
 
     def guide(self, normaliser: Normaliser, space: RotationSpace) -> SpeechGuide:
-        """How strongly a network of such motion is to hear."""
+        """Return the classifier-free guidance for a network of such motion."""
         return SpeechGuide(self.guidance, normaliser, space)
 
     def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
-        """Standard normal: the same for every system that asks for this shape and step, and for
-        however many samples share a batch."""
+        """Draw standard normal noise that depends only on keys, shape and step.
+
+        It is the same for every system, and for any number of samples in a batch.
+        """
         samples = range(self.first_sample, self.first_sample + self.samples)
         keys = [[self.seed, sample, self.index, *step] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])
@@ -130,31 +133,34 @@ class Draw:
 
 @dataclass(frozen=True)
 class Window:
-    """Motion of one window, before it is joined to the others. A family may add to it what its
-    next window needs to know, tensors (B, n, ...): that starts from the last ``overlap`` frames."""
+    """Motion of one window before it is joined to the others.
+
+    A family may add tensors (B, n, ...) that the next window needs: it starts from the last
+    ``overlap`` frames.
+    """
 
     rotmat: Float[Tensor, "B n 55 3 3"]
-    """In the system's `frame`."""
+    """Joint rotations, local or global by the system's `frame`."""
     root: Float[Tensor, "B n 3"]
-    """As the system's `root_motion` has them."""
+    """Root motion in the format of the system's `root_motion`."""
     expression: Float[Tensor, "B n E"]
-    """Face units, 0 to 1."""
+    """ARKit blendshape weights, 0 to 1."""
 
     def part(self, frames: slice) -> "Window":
-        """Some of its frames."""
+        """Return some frames of the window."""
         return replace(self, **self.fields_of(frames))
 
     def fields_of(self, frames: slice) -> dict[str, Tensor]:
-        """Some frames of each of its tensors."""
+        """Return some frames of each tensor, by name."""
         return {name: tensor[:, frames] for name, tensor in vars(self).items()}
 
 
 @runtime_checkable
 class ConditionStream(Protocol):
-    """Draws a condition while speech comes."""
+    """Generator of a condition for speech that is still arriving."""
 
     manner: Any
-    """How from now on, of the family's own kind."""
+    """Style of the condition from now on, of the family's type."""
 
     def go_on(
         self,
@@ -163,68 +169,71 @@ class ConditionStream(Protocol):
         final: int,
         stop: int,
     ) -> Any:
-        """The ``condition`` around the frames from ``first`` to ``stop``, and the frame that is its
-        first (``origin``); what begins before ``final`` is decided for good. Features of frames
-        that have not come are supposed ones."""
+        """Return the ``condition`` around frames ``first`` to ``stop``, with its first frame
+        ``origin``.
+
+        Events that begin before ``final`` are decided for good. Features of future frames are
+        extrapolated.
+        """
         ...
 
     def heard(
         self, features: Float[Tensor, "n dim"], ahead: Any, first: int
     ) -> Float[Tensor, "n heard_dim"]:
-        """What windows hear of frames from ``first`` on: features and condition."""
+        """Return the windows' input for frames from ``first`` on: features and condition."""
         ...
 
 
 @runtime_checkable
 class Follower(Protocol):
-    """Brings a motion that comes piece by piece to what its condition says of it."""
+    """Adapter of motion that arrives in pieces to its condition, as a foot or hand constraint."""
 
     margin: int
-    """Frames of the condition that it looks at on either side of a piece."""
+    """Number of frames of the condition that are needed on either side of a piece."""
 
     def follow(self, motion: Motion) -> Motion:
-        """The frames that follow those of the call before."""
+        """Apply the condition to the frames that follow those of the last call."""
         ...
 
     def go_on_with(self, ahead: Any, first_frame: int) -> None:
-        """From now on another condition, in which the next frame is ``first_frame``."""
+        """Continue with another condition, in which the next frame is ``first_frame``."""
         ...
 
     def kept(self) -> dict[str, Tensor]:
-        """What it has decided, for whoever follows another condition through the same speech."""
+        """Return its decisions, for a follower of another condition through the same speech."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class System(ABC):
-    """A trained generator with a name, its card, and what it can be asked for."""
+    """Trained generator with its name, model card, speakers and samplers."""
 
     window_type: ClassVar[type[Window]] = Window
-    """Of what its `window` makes."""
+    """Type of the windows that `window` returns."""
     condition_type: ClassVar[type | None] = None
-    """Of what it follows beside speech, speaker and seed; None follows nothing else."""
+    """Type of the condition besides speech, speaker and seed; None for a system without one."""
     name: str
     card: Card
     sha256s: Mapping[str, str]
-    """Of every file of weights that it moves with: its own first."""
+    """Digest of each file of weights that it uses, its own first."""
     speakers: Mapping[str, int]
-    """Speaker name -> index in the network's table."""
+    """Index in the network's table by speaker name."""
     encoder: SpeechEncoder
     windowing: Windowing
     samplers: tuple[Sampler, ...]
-    """The first is the usual one."""
+    """Available samplers; the first is the default."""
     frame: Literal["parent", "world"]
-    """In which the rotations of its windows are told, and joined."""
+    """Frame of the rotations of windows, in which they are joined: local or global."""
     root_motion: RootMotion
     expression_basis: ExpressionBasis = "arkit52"
 
     @property
     def guidance(self) -> float | None:
-        """The usual strength of the speech; None where it cannot be chosen."""
+        """Default guidance scale; None if it cannot be chosen."""
         return self.samplers[0].guidance
 
     def speaker_index(self, speaker: str) -> int:
-        """Index of a speaker by name.
+        """Return the index of a speaker.
 
         Raises:
             UnknownNameError: if these weights were not trained on that speaker.
@@ -236,34 +245,38 @@ class System(ABC):
         return self.speakers[speaker]
 
     def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
-        """What it follows beside whole speech, drawn for the first sample.
+        """Draw the condition for whole speech, for the first sample.
 
         Raises:
-            ValueError: of a system that follows nothing else, as the two below.
+            ValueError: if the system has no condition; the next method as well.
         """
         raise ValueError(f"{self.name} follows speech alone.")
 
     def condition_stream(self, draw: Draw) -> ConditionStream:
-        """The same for speech that is still being spoken."""
+        """Return a generator of the condition for speech that is still being spoken."""
         raise ValueError(f"{self.name} follows speech alone.")
 
     def follower(self, condition: Any, kept: Mapping[str, Tensor] | None = None) -> Follower | None:
-        """What brings one sample's motion to a condition (None is one that comes as speech does),
-        with what a follower before has `kept`; None leaves the motion to the network."""
+        """Return the follower of one sample's motion; None leaves the motion to the network.
+
+        Args:
+            condition: None for one that arrives with the speech.
+            kept: the decisions of an earlier follower (`Follower.kept`).
+        """
         return None
 
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> Float[Tensor, "T heard_dim"]:
-        """What its windows hear of whole speech, silence after its end: the encoder's features."""
+        """Encode whole speech for the windows, with silence after its end."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
     def settled(self, asked: Sampling) -> Sampling:
-        """How it draws if it is asked so, with nothing left open.
+        """Return the sampling options with this system's defaults filled in.
 
         Raises:
             UnknownNameError: if it has no such sampler.
-            ValueError: if it is to hear other than as it was trained, and cannot.
+            ValueError: if the guidance scale is not 1 for a system without guidance.
         """
         known = {sampler.name: sampler for sampler in self.samplers}
         name = self.samplers[0].name if asked.sampler is None else asked.sampler
@@ -278,7 +291,7 @@ class System(ABC):
         return Sampling(sampler=name, steps=steps, guidance=strength)
 
     def able(self, asked: Sampling) -> Sampling:
-        """What of it can be asked of this system; the rest is left as it usually has it."""
+        """Return the options that this system supports; the others become its defaults."""
         has_it = any(sampler.name == asked.sampler for sampler in self.samplers)
         return replace(
             asked,
@@ -288,16 +301,19 @@ class System(ABC):
 
     @abstractmethod
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:
-        """One window of motion for each sample.
+        """Generate one window of motion for each sample.
 
         Args:
-            before: what this returned for the window before, whole or cut shorter; its last
-                ``overlap`` frames are the first of this. None where a clip begins.
+            before: the result for the window before, whole or cut shorter; its last ``overlap``
+                frames are the first of this one. None at the start of a clip.
         """
 
     def join(self, older: Window, newer: Window) -> Window:
-        """``newer`` with its first frames joined to the same of the motion so far (``older``):
-        rotations along the geodesic, all else linearly."""
+        """Blend the first frames of ``newer`` with the same frames of the motion so far
+        (``older``).
+
+        Rotations are blended along the geodesic, all else linearly.
+        """
         shared = older.root.shape[1]
         first, rest = newer.part(slice(shared)), newer.part(slice(shared, None))
         weight = fade_weights(shared).to(older.root)[:, None]

@@ -1,7 +1,6 @@
-"""A family of systems: one idea's generators under one name, the files and samplers that they
-offer, their claims.
+"""Families of systems: generators of one method with their files, samplers and claims.
 
-Only what can be told without torch is here; the rest is imported when it is asked for.
+This module does not need torch; whatever does is imported when it is used.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,20 +22,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExplainedSystem:
-    """A system that adds one thing to the one before."""
+    """An ablation step: a system that adds one thing to the one before."""
 
     system: str
     adds: str
     meaning: str
     equation: str
-    """In TeX, without the signs of HTML."""
+    """Equation in TeX, without HTML markup."""
     source: str
     look_for: str
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A system that stands beside the ladder."""
+    """A system outside the ablation, shown next to it."""
 
     system: str
     title: str
@@ -45,7 +44,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class Ladder:
-    """Systems that differ by one thing each, from the first to the last."""
+    """Ablation: systems that differ by one thing each, from the first to the last."""
 
     title: str
     introduction: str
@@ -54,33 +53,34 @@ class Ladder:
 
     @property
     def systems(self) -> tuple[str, ...]:
-        """All that it explains."""
+        """Names of all systems that it explains."""
         return tuple(each.system for each in (*self.rungs, *self.beside))
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper says of the jerk of its systems, which is held against every run."""
+    """A paper's claim about the jerk of its systems, which is checked in every run."""
 
     what: str
-    """That systems of ``less`` have, in the words of "the paper's claim, that *what* jerk less than
+    """Property of the systems in ``less``, in the words of "the paper's claim, that *what* jerk
+    less than
     *than*"."""
     than: str
-    """That ``more`` has."""
+    """Property of the systems in ``more``, in the same sentence."""
     more: str
     less: tuple[str, ...]
     plain: str
-    """Of ``less``, the one that the others add to."""
+    """The system of ``less`` to which the others add something."""
     added: str
-    """What these add, one more in each than in the one before."""
+    """Name of the additions; each system has one more than the one before."""
 
 
 @dataclass(frozen=True)
 class FileFlag:
-    """A file or folder that a flag of every command names, or a variable of the environment."""
+    """A file or folder that a command-line flag or an environment variable names."""
 
     flag: str
-    """With its two dashes."""
+    """Flag with its two dashes."""
     variable: str
     metavar: str
     help: str
@@ -88,88 +88,89 @@ class FileFlag:
 
 @dataclass(frozen=True)
 class FileReport:
-    """What ``python -m app doctor`` says of one of them."""
+    """Result of ``python -m app doctor`` for a file or folder."""
 
     name: str
     detail: str = ""
-    """What was found, where it works."""
+    """What was detected, if it works."""
     error: Exception | None = None
-    """Why it does not."""
+    """Error if it does not work."""
     advice: str = ""
 
 
 Use = Literal[
     "run", "steps", "hearing", "hearing-tab", "live", "training", "bench-training",
 ]  # fmt: skip
-"""What systems are taken for where nobody has chosen: ticked on the page for a run, ticked for the
-curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live,
+"""Uses of systems without an explicit choice: selected on the page for a run, selected for the
+curve of
+steps, compared by the command ``hearing``, selected in that tab, first in the tab Live,
 ``python -m model.train``, and rows of `make bench`."""
 
 
 class FamilyError(ValueError):
-    """A family that cannot be had; the message says why."""
+    """Error for a family that is not available; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Family:
-    """What training, evaluation, the page and the command line ask of a family.
+    """Description of a family for training, evaluation, the page and the command line.
 
-    A new one is a folder beside the others in `model.systems`, or a package of its own
-    (`model.systems.registry`), that makes one of these; nothing else needs to know of it.
+    A new one is a folder in `model.systems`, or a package of its author (`model.systems.registry`),
+    that makes one of these; nothing else needs to know it.
     """
 
     name: str
     title: str
-    """What a person calls it."""
+    """Name for users."""
     presets: "Callable[[str], Mapping[str, TrainConfig]]"
-    """Name of what is trained -> settings of its training by their names."""
+    """Function from the name of a network to its training presets by name."""
     package: str
-    """Its folder as Python imports it: ``package.task.make_task(config, data, setup)`` makes
-    what is trained, ``package.system.load(name, folder)`` reads a generator."""
+    """Importable package: ``package.task.make_task(config, data, setup)`` makes the training task,
+    ``package.system.load(name, folder)`` reads a generator."""
     systems: tuple[str, ...] = ()
-    """Its generators, in the order in which they are shown."""
+    """Names of its generators, in the order of display."""
     about: Mapping[str, str] = field(default_factory=dict)
-    """One sentence for a person on each generator."""
+    """One sentence for the user on each generator."""
     samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
-    """Of each generator; the first is the usual one."""
+    """Samplers of each generator; the first is the default."""
     place: int = 100
-    """Where its systems are shown among the families': the least first."""
+    """Place of its systems among the families: the lowest first."""
     helpers: tuple[str, ...] = ()
-    """Networks that are trained like systems and serve them."""
+    """Networks that are trained like systems and used by them."""
     whole_speech: tuple[str, ...] = ()
-    """Generators that need all of the speech before they begin, and so cannot be had live."""
+    """Generators that need the whole speech before they start, and so cannot run live."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
-    """Generators that move with the weights of another, and whose."""
+    """Generators that use the weights of another, with the name of that other."""
     weights: Path | None = None
-    """Where its own weights lie, of a family that brings some; those in a folder that is asked for
-    come first."""
+    """Folder of the weights that the family ships; those in a requested folder take precedence."""
     usual: Mapping[Use, tuple[str, ...]] = field(default_factory=dict)
-    """Its generators that are taken where nobody has chosen, by what for."""
+    """Default generators by use."""
     plans: tuple[str, ...] = ()
-    """Generators that draw a plan of gestures first, and can be given one."""
+    """Generators that draw a gesture plan first, and accept one."""
     ladder: Ladder | None = None
     claim: Claim | None = None
     files_title: str = ""
-    """Above the flags of ``files``."""
+    """Heading of the flags of ``files``."""
     files: tuple[FileFlag, ...] = ()
-    """What a person names to have its generators at all; a family with files has methods of its
-    own that read them."""
+    """Files that the user must name for its generators; a family with files overrides the methods
+    that
+    read them."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its generators and its helpers."""
+        """Names of its generators and helpers."""
         return (*self.systems, *self.helpers)
 
     @property
     def trained(self) -> tuple[str, ...]:
-        """Everything that has weights of its own."""
+        """Names of all networks that have weights."""
         return tuple(name for name in self.names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
-        """Settings of a training.
+        """Return the settings of a training.
 
         Raises:
-            ValueError: if there are none of that name.
+            ValueError: if there is no preset of that name.
         """
         presets = self.presets(system)
         if preset not in presets:
@@ -178,15 +179,15 @@ class Family:
         return presets[preset]
 
     def samplers_of(self, system: str) -> tuple[Sampler, ...]:
-        """The samplers of a generator; the first is the usual one."""
+        """Return the samplers of a generator; the first is the default."""
         return self.samplers.get(system, ())
 
     def weights_of(self, system: str) -> str:
-        """Under whose name the weights of a generator are saved."""
+        """Return the name under which the weights of a generator are saved."""
         return self.shared_weights.get(system, system)
 
     def systems_in(self, folder: Path) -> tuple[str, ...]:
-        """Its generators whose weights lie in a folder of weights."""
+        """Return the generators with weights in a folder, or among the family's own."""
         return tuple(
             name
             for name in self.systems
@@ -194,38 +195,39 @@ class Family:
         )
 
     def home_of(self, name: str, folder: Path) -> Path:
-        """Where the weights lie that a generator or a helper moves with: ``folder``, or the
-        family's own where that has none."""
+        """Return the folder of the weights of a generator or helper.
+
+        It is ``folder``, or the family's own folder if that has none.
+        """
         if self.weights is None or _weights_file(folder, self.weights_of(name)).is_file():
             return folder
         return self.weights
 
     def require_files(self) -> None:
-        """See that everything is there that was named by ``files``.
+        """Check that everything that was named by ``files`` exists.
 
         Raises:
-            CheckpointError, EncoderError: if it is not.
+            CheckpointError, EncoderError: if something is missing.
         """
 
     def why_not_on_page(self) -> str | None:
-        """Why the page cannot offer its generators with the files that were named, as a sentence;
-        None where it can."""
+        """Return why the page cannot offer its generators with the named files; None if it can."""
         return None
 
     def private_paths(self) -> tuple[Path, ...]:
-        """Of ``files``, what no visitor of the page may read."""
+        """Return the paths of ``files`` that no visitor of the page may read."""
         return ()
 
     def file_reports(self) -> tuple[FileReport, ...]:
-        """What is found of the files that were named; nothing where none were. Never raises."""
+        """Check the named files; empty without any. Never raises."""
         return ()
 
     def card(self, name: str, folder: Path) -> Card:
-        """The card of the weights that a generator or a helper has."""
+        """Load the model card of a generator's or helper's weights."""
         return load_card(self.home_of(name, folder), self.weights_of(name))
 
     def fields_of(self, name: str, card: Card) -> "dict[str, Any]":
-        """What it and the card of its weights say of a generator, as `System` has it."""
+        """Return the fields of `System` that follow from the family and the model card."""
         from model.speech.encoder import make_encoder
 
         return {
@@ -237,7 +239,7 @@ class Family:
         }
 
     def make_task(self, config: "TrainConfig", data: "PreparedData", setup: "TaskSetup") -> "Task":
-        """What there is to train under ``config``.
+        """Return the training task of ``config``.
 
         Raises:
             CheckpointError: if weights that it needs are missing, damaged or of another shape.
@@ -246,7 +248,7 @@ class Family:
         return import_module(f"{self.package}.task").make_task(config, data, setup)
 
     def load(self, name: str, folder: Path) -> "System":
-        """Read a generator.
+        """Load a generator.
 
         Raises:
             CheckpointError: if its files are missing or damaged.

@@ -1,15 +1,14 @@
-"""Motion for speech that is still being spoken, 0.3 s at a time.
+"""Streaming generation for speech that is still being spoken, 0.3 s at a time.
 
-A whole window and the context after it are almost 3 s. Here a window is made as soon as a few
-frames of new speech are there: it starts from the last frames that are final, and of what it makes
-only the frames whose speech was heard become final. What has not been spoken yet is put to the
-network as the mirror image of what was: speech that goes on much as it did, rather than a silence
-that would end every gesture.
+A whole window and the context after it are almost 3 s. Here a window is generated as soon as a few
+frames of new speech are available: it starts from the last final frames, and only those of its
+frames become final that have speech. Future speech is replaced by the mirror image of past speech:
+speech that goes on much as it did, rather than a silence that would end every gesture.
 
-`gan/5` on two recordings of BEAT2: with 8 to 12 frames heard ahead, wrists lay 8 to 12 mm from
-where they were with all of the speech and the same draws (another seed: 165 mm), the jaw's angle
-correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of the mirror image:
-20 mm.
+`gan/5` on two recordings of BEAT2: with a look-ahead of 8 to 12 frames, wrists were 8 to 12 mm from
+their place with all of the speech and the same noise (another seed: 165 mm), the jaw's angle
+correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of the mirror image: 20
+mm.
 """
 
 from dataclasses import dataclass
@@ -29,17 +28,18 @@ KNOWN_AFTER = 12
 
 @dataclass(frozen=True)
 class Pace:
-    """How early frames become final."""
+    """Latency settings of streaming generation."""
 
     hop: int = 9
-    """New frames that a window is made for, at the least; speech is heard three at a time."""
+    """Fewest new frames per window; speech features arrive three at a time."""
     heard_ahead: int = 9
-    """Frames of speech that are heard after the last frame that becomes final. The next window
-    joins there, so it is no less than their overlap."""
+    """Look-ahead: frames of speech needed after the last final frame. The next window is joined
+    there, so
+    it is no less than the overlap."""
 
 
 class LiveMotion:
-    """One speaker's motion; its memory does not grow.
+    """Streaming generator for one speaker with constant memory.
 
     Raises:
         UnknownNameError, ValueError: see `generate_motion`; also if the pace does not suit the
@@ -56,9 +56,9 @@ class LiveMotion:
         self._cut, self._pace = cut, pace
         self._chain = WindowChain(system, options)
         self._stream: ConditionStream | None = None
-        """What draws a condition as speech comes, of a system that follows one."""
+        """Generator of the condition; None for a system without one."""
         self.ahead: Any = None
-        """What it has drawn around the latest window."""
+        """Condition around the latest window."""
         self._follower: Follower | None = None
         if system.condition_type is not None:
             self._stream = system.condition_stream(draw_of(system, options))
@@ -66,13 +66,13 @@ class LiveMotion:
         self._motion = PiecewiseMotion(system, follower=self._follower)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
-        """Frame at which the kept speech begins."""
+        """Frame at which the stored speech begins."""
         self.next_frame = 0
-        """The first that is not final."""
+        """First frame that is not final."""
 
     @property
     def heard(self) -> int:
-        """Frames of speech that were heard."""
+        """Number of frames of speech received so far."""
         return self._first + len(self._speech)
 
     @property
@@ -86,12 +86,15 @@ class LiveMotion:
         return self.waiting >= self._pace.hop
 
     def hear(self, features: Float[Tensor, "_ dim"]) -> None:
-        """The next frames of ``system.encoder``'s features."""
+        """Append the next frames of features of ``system.encoder``."""
         self._speech = torch.cat([self._speech, features])
 
     def step(self) -> list[Motion]:
-        """The frames that become final with one window, one motion for each sample; call it when
-        it `is_due`. They are as many as wait, but no more than a window may advance."""
+        """Generate one window and return its final frames, one motion for each sample.
+
+        Call it when it `is_due`. It returns all waiting frames, but no more than a window's
+        advance.
+        """
         assert self.is_due
         hop = min(self.waiting, self._cut.advance)
         final = self._window(hop).part(slice(hop))
@@ -100,17 +103,17 @@ class LiveMotion:
         return self._motion.go_on(final)
 
     def lead(self, manner: Any) -> None:
-        """Follow conditions of another manner from now on.
+        """Use conditions of another style from now on.
 
         Raises:
-            ValueError: of a system that follows speech alone.
+            ValueError: if the system has no condition.
         """
         if self._stream is None:
             raise ValueError("This system follows speech alone.")
         self._stream.manner = manner
 
     def _window(self, hop: int) -> Window:
-        """The next window; with it the follower knows what to do."""
+        """Generate the next window, and pass its condition to the follower."""
         cut, start = self._cut, self.next_frame
         first, stop = start - cut.context, start + cut.frames + cut.context
         heard = self._heard_from(first, stop)
@@ -126,8 +129,10 @@ class LiveMotion:
         return self._chain.window(window, hop, ahead.condition, at)
 
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
-        """Speech from one frame to another: mirrored at the end of what was heard, held before the
-        beginning."""
+        """Return speech features of frames ``first`` to ``stop``, extrapolated at both ends.
+
+        They are mirrored at the end of the speech so far, and repeated before its beginning.
+        """
         wanted = torch.arange(first, stop)
         mirrored = torch.where(wanted < self.heard, wanted, 2 * self.heard - 1 - wanted)
         return self._speech[(mirrored - self._first).clamp(min=0)]

@@ -1,6 +1,6 @@
 """Motion for speech of any length, in windows that each start from the end of the one before.
 
-`generate_motion` gives it whole, and `motion_pieces` window by window.
+`generate_motion` returns it whole, and `motion_pieces` window by window.
 """
 
 import time
@@ -29,10 +29,10 @@ _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch works in one thread inside the block, and with as many as before after it.
+    """Limit torch to one thread inside the block, and restore the number of threads after it.
 
-    Windows are small: a second thread saves a fifth on an idle machine, and where anything else
-    works both wait for each other and take three times as long. Numbers stay the same.
+    Windows are small: a second thread saves a fifth on an idle machine, and on a busy one both wait
+    for each other and take three times as long. Results stay the same.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -44,18 +44,19 @@ def one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class GenerateOptions(Sampling):
-    """What a user may choose; equal options give systems of one shape the same noise."""
+    """Options of a generation; equal options give systems of one shape the same noise."""
 
     speaker: str
     seed: int = 0
     samples: int = 1
     first_sample: int = 0
-    """Number of the first sample, so that one of many can be made alone."""
+    """Number of the first sample, so that one of many can be generated alone."""
     conditions: tuple[Any, ...] = ()
-    """What a system follows beside speech (`System.condition_type`): one for all samples, or one
-    for each; none lets it draw them."""
+    """Conditions besides speech (`System.condition_type`): one for all samples, or one for each;
+    empty lets
+    the system draw them."""
     words: tuple[Interval, ...] = ()
-    """What is said, where that is known: conditions may be drawn to fit it."""
+    """Words with their times, if known: conditions may be drawn to fit them."""
 
     def __post_init__(self) -> None:
         if self.samples < 1:
@@ -75,18 +76,18 @@ def generate_motion(
     options: GenerateOptions,
     should_cancel: Callable[[], bool] | None = None,
 ) -> list[Motion]:
-    """One motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
+    """Generate one motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
 
-    Speech shorter than a window is padded with silence inside, and the motion cut again. Torch
-    works in one thread meanwhile (`one_thread`).
+    Speech shorter than a window is padded with silence, and the motion cut again. Torch uses one
+    thread meanwhile (`one_thread`).
 
     Args:
-        should_cancel: asked before each window.
+        should_cancel: called before each window.
 
     Raises:
-        UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if the system cannot hear speech as strongly as is asked.
-        Cancelled: if ``should_cancel`` said so.
+        UnknownNameError: if the weights lack ``options.speaker``, or the system the sampler.
+        ValueError: if the system does not support the guidance scale.
+        Cancelled: if ``should_cancel`` returns true.
     """
     found: dict[int, list[Motion]] = {}
     with one_thread():
@@ -97,7 +98,7 @@ def generate_motion(
 
 
 def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
-    """Milliseconds for each frame of each sample; speech features are computed once before."""
+    """Measure the milliseconds per frame and sample, without the computation of speech features."""
     options = GenerateOptions(next(iter(system.speakers)), steps=steps, samples=samples)
     started = time.perf_counter()
     generate_motion(system, speech, options)
@@ -106,14 +107,14 @@ def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) 
 
 @dataclass(frozen=True)
 class MotionPiece:
-    """Frames that go on with those of the piece before."""
+    """Frames that continue those of the piece before."""
 
     motions: list[Motion]
-    """One for each sample from the first."""
+    """One motion for each sample from `first_sample` on."""
     first_sample: int
-    """Counted from 0 among those that were asked for."""
+    """Index of the first sample, from 0 among the requested ones."""
     share: float
-    """Of all the work of the system, done with this: 0 to 1."""
+    """Share of the system's work that is done with this piece, 0 to 1."""
 
 
 def motion_pieces(
@@ -122,11 +123,10 @@ def motion_pieces(
     options: GenerateOptions,
     should_cancel: Callable[[], bool] | None = None,
 ) -> Iterator[MotionPiece]:
-    """What `generate_motion` returns, as its windows are made: all pieces of a sample, put
-    together, are its motion to the bit.
+    """Yield the result of `generate_motion` window by window.
 
-    Whoever takes them says how many threads torch works in, so that several systems can be asked
-    for their pieces in turn.
+    All pieces of a sample, concatenated, are its motion to the bit. The caller sets the number of
+    threads of torch, so that several systems can generate their pieces in turn.
 
     Raises:
         UnknownNameError, ValueError, Cancelled: as `generate_motion`.
@@ -145,7 +145,7 @@ def motion_pieces(
 
 
 def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
-    """What a system follows if it is given nothing, one for each sample."""
+    """Draw the conditions that a system uses by default, one for each sample."""
     with one_thread():
         return tuple(_drawn(system, speech, options))
 
@@ -181,7 +181,7 @@ def _made(
 
 
 class WindowChain:
-    """Windows that each start from the end of the one before."""
+    """Sequence of windows that each start from the end of the one before."""
 
     def __init__(self, system: System, options: GenerateOptions) -> None:
         self._system = system
@@ -196,23 +196,23 @@ class WindowChain:
         condition: Any = None,
         first_frame: int | None = None,
     ) -> Window:
-        """The next window, joined to the one before.
+        """Generate the next window, joined to the one before.
 
         Args:
-            advance: after how many of its frames the next window starts, from ``overlap`` on; only
-                those are final. None is the system's own advance.
-            condition, first_frame: of this window, where they are drawn as speech comes.
+            advance: number of its frames after which the next window starts, from ``overlap`` on;
+                only those are final. None is the system's own advance.
+            condition, first_frame: of this window, if conditions are drawn as speech arrives.
         """
         if condition is not None:
             self._draw = replace(self._draw, condition=condition, first_frame=first_frame)
         return self.joined(self.made(heard), advance)
 
     def made(self, heard: SpeechWindow) -> Window:
-        """The next window, which is not joined yet."""
+        """Generate the next window without joining it."""
         return self._system.window(heard, self._made, self._draw)
 
     def joined(self, made: Window, advance: int | None = None) -> Window:
-        """A window, made here or before, as the next, joined to the one before."""
+        """Join a window, generated here or earlier, to the one before."""
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
@@ -224,11 +224,12 @@ class WindowChain:
 
 
 class PiecewiseMotion:
-    """Turns what windows make into motion, piece after piece, in one place of the world.
+    """Converter of windows to motion, piece after piece, in one world frame.
 
     Args:
-        origin: of a body that has a place, the one that lies at x = z = 0; None is where it begins.
-        follower: brings one sample's motion to its condition.
+        origin: of a system with absolute root positions, the one placed at x = z = 0; None is the
+            first frame's.
+        follower: applies its condition to one sample's motion.
     """
 
     def __init__(
@@ -242,7 +243,7 @@ class PiecewiseMotion:
         self._travelled = None if origin is None else origin * _HORIZONTAL
 
     def go_on(self, piece: Window) -> list[Motion]:
-        """The motion of the frames after those of the piece before, one for each sample."""
+        """Return the motion of the frames after those of the piece before, one for each sample."""
         root, travelled = piece.root, self._travelled
         if self._system.root_motion == "place":
             travelled = root[:, :1] * _HORIZONTAL if travelled is None else travelled
@@ -266,7 +267,7 @@ class PiecewiseMotion:
 
 
 def draw_of(system: System, options: GenerateOptions) -> Draw:
-    """What decides the first window.
+    """Return the inputs of the first window.
 
     Raises:
         UnknownNameError, ValueError: see `generate_motion`.

@@ -1,1 +1,1 @@
-"""Layers and networks that several families build on; may import storage, motion and sampling."""
+"""Layers and networks that several families use; may import storage, motion and sampling."""

@@ -22,12 +22,12 @@ from model.networks.trained import Trained
 
 CPU = torch.device("cpu")
 Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
-"""Mean and log-variance of the codes at one scale."""
+"""Mean and log-variance of the codes at one scale, each (B, tokens, dim)."""
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions over three frames each, pre-activated; those of the first are ``dilation``
-    frames apart."""
+    """Pre-activated residual block of two convolutions over three frames each, the first
+    dilated."""
 
     def __init__(
         self, width: int, dilation: int = 1, ends: Literal["zeros", "replicate"] = "zeros"
@@ -49,8 +49,8 @@ def _blocks(config: AutoencoderConfig) -> nn.Sequential:
 
 
 class MotionAutoencoder(nn.Module):
-    """Normalised frames (motion vectors, face units or both) to codes at ``config.scales`` and
-    back."""
+    """Autoencoder of normalised frames (motion, blendshapes or both) with codes at
+    ``config.scales``."""
 
     def __init__(self, config: AutoencoderConfig) -> None:
         super().__init__()
@@ -81,7 +81,8 @@ class MotionAutoencoder(nn.Module):
         is_hidden: Bool[Tensor, "B T"] | None,
         noise: Sequence[Float[Tensor, "B _ dim"]] | None,
     ) -> tuple[Float[Tensor, "B T channels"], list[Codes]]:
-        """The motion restored from its codes (the mean ones without noise), and the codes."""
+        """Restore motion from its codes (their means without noise), and return it with the
+        codes."""
         codes = self.encode(motion, is_hidden)
         drawn = [mean for mean, _ in codes]
         if noise is not None:
@@ -96,8 +97,10 @@ class MotionAutoencoder(nn.Module):
         motion: Float[Tensor, "B T channels"],
         is_hidden: Bool[Tensor, "B T"] | None = None,
     ) -> list[Codes]:
-        """The codes at each scale, finest first, of frames that are a multiple of the largest; a
-        learned vector replaces hidden ones."""
+        """Encode motion at each scale, finest first; a learned vector replaces hidden frames.
+
+        T must be a multiple of the largest scale.
+        """
         x = self.motion_in(motion.transpose(1, 2))
         if is_hidden is not None:
             x = torch.where(is_hidden[:, None], self.hidden_frame[:, None], x)
@@ -111,7 +114,8 @@ class MotionAutoencoder(nn.Module):
         return codes
 
     def decode(self, codes: Sequence[Float[Tensor, "B _ dim"]]) -> Float[Tensor, "B T channels"]:
-        """Motion from one code sequence for each scale, finest first, as `encode` orders them."""
+        """Decode motion from one code sequence for each scale, finest first, as `encode` orders
+        them."""
         scales = sorted(self.config.scales)
         by_scale = dict(zip(scales, codes, strict=True))
         x: Tensor | None = None
@@ -131,12 +135,12 @@ def input_vectors(
     transl: Float[Tensor, "B T 3"],
     face: Float[Tensor, "B T units"],
 ) -> Float[Tensor, "B T channels"]:
-    """What a network of this shape sees of a motion, not normalised.
+    """Convert a motion to the input of an autoencoder of this shape, not normalised.
 
     Args:
         poses: local axis-angle, radians.
         transl: root position, metres.
-        face: face units, 0 to 1.
+        face: ARKit blendshape weights, 0 to 1.
     """
     parts = []
     if config.motion_channels > 0:
@@ -155,12 +159,12 @@ class FrozenEncoder:
     sha256: str
 
     def codes(self, vectors: Float[Tensor, "B T channels"]) -> list[Float[Tensor, "B _ dim"]]:
-        """Mean codes at each scale of `input_vectors`, with their gradients."""
+        """Compute the mean codes of `input_vectors` at each scale, with their gradients."""
         return [mean for mean, _ in self.network.encode(self.normaliser.normalise(vectors))]
 
 
 def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
-    """Read ``motion-vae`` or the encoder of a Fréchet distance."""
+    """Load ``motion-vae`` or the encoder of a Fréchet distance."""
     trained = Trained.read(folder, name)
     shape = trained.card.config(AutoencoderConfig, "autoencoder")
     network = trained.as_of(MotionAutoencoder(shape)).to(device)

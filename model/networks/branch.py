@@ -1,6 +1,5 @@
-"""Networks over windows of frames and what they are built of: embeddings, attention, the motion
-block, speech tokens, the condition, one branch, and a branch that stands on a prior.
-"""
+"""Networks over windows of frames, and their parts: embeddings, attention, motion block, speech
+tokens, conditioning, one branch, and a branch with a prior."""
 
 import math
 
@@ -14,7 +13,7 @@ from model.sampling.prior import GaussianPrior
 
 
 def sinusoidal_positions(length: int, width: int) -> Float[Tensor, "length width"]:
-    """The Transformer's sine and cosine table."""
+    """Return the Transformer's sine and cosine table."""
     position = torch.arange(length, dtype=torch.float32)[:, None]
     frequency = torch.exp(torch.arange(0, width, 2) * (-math.log(10_000.0) / width))
     table = torch.zeros(length, width)
@@ -27,7 +26,7 @@ FREQUENCIES = 16
 
 
 class TimeEmbedding(nn.Module):
-    """Fourier features of the flow time t in [0, 1], then a small MLP."""
+    """Embedding of the flow time t in [0, 1]: Fourier features and a small MLP."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -45,7 +44,7 @@ class TimeEmbedding(nn.Module):
 
 
 class Attention(nn.Module):
-    """Multi-head attention of ``x`` to ``memory`` (to itself when memory is ``x``)."""
+    """Multi-head attention of ``x`` to ``memory`` (self-attention if they are the same)."""
 
     def __init__(self, width: int, num_heads: int) -> None:
         super().__init__()
@@ -82,9 +81,11 @@ class TemporalConv(nn.Module):
 
 
 class MotionBlock(nn.Module):
-    """Motion generation block (GlobalDiff, after DiT): seed cross-attention, self-attention, a
-    temporal convolution and a feed-forward layer, each residual and, but for the first, FiLM
-    modulated by the conditioning vector."""
+    """Motion generation block (GlobalDiff, after DiT).
+
+    Seed cross-attention, self-attention, a temporal convolution and a feed-forward layer, each
+    residual and, but for the first, FiLM modulated by the conditioning vector.
+    """
 
     def __init__(
         self, width: int, num_heads: int, feedforward_ratio: int, conv_kernel: int
@@ -127,8 +128,10 @@ SPEAKER_WIDTH = 64
 
 
 class SpeechTokens(nn.Module):
-    """Speech features to one token a frame; with context, dilated convolutions bring in what is
-    said before and after the window."""
+    """Encoder of speech features to one token per frame.
+
+    With context, dilated convolutions add the speech before and after the window.
+    """
 
     def __init__(self, speech_dim: int, width: int, context: int) -> None:
         super().__init__()
@@ -149,8 +152,9 @@ class SpeechTokens(nn.Module):
 
 
 class AddedTokens(nn.Module):
-    """What else is told of each frame, as tokens that are added to the speech's; they say nothing
-    before training."""
+    """Encoder of further frame-wise conditions to tokens that are added to those of the speech; its
+    output
+    is zero before training."""
 
     def __init__(self, dim: int, width: int, context: int) -> None:
         super().__init__()
@@ -166,7 +170,7 @@ class AddedTokens(nn.Module):
 
 
 class TimeAndSpeaker(nn.Module):
-    """The vector that modulates every block: flow time and speaker."""
+    """Embedding of flow time and speaker: the vector that modulates every block."""
 
     def __init__(self, num_speakers: int, width: int) -> None:
         super().__init__()
@@ -183,7 +187,7 @@ class TimeAndSpeaker(nn.Module):
 
 
 class MotionBranch(nn.Module):
-    """One region's stack of motion generation blocks.
+    """Stack of motion generation blocks for one region of the body.
 
     Its input fuses x_t of the region, x_t of the whole body with the expression, and speech
     (GlobalDiff eq. 6; each is projected first, as in the official code).
@@ -216,7 +220,7 @@ class MotionBranch(nn.Module):
         nn.init.zeros_(self.out.bias)
 
     def forward(self, *told: Tensor) -> Float[Tensor, "B T channels"]:
-        """What the branch says of its region's channels, told what `enter` is."""
+        """Predict the region's channels; the arguments are those of `enter`."""
         x, seed_tokens, condition = self.enter(*told)
         for block in self.blocks:
             x = block(x, seed_tokens, condition)
@@ -231,7 +235,8 @@ class MotionBranch(nn.Module):
         has_seed: Bool[Tensor, " B"],
         condition: Float[Tensor, "B width"],
     ) -> tuple[Float[Tensor, "B T width"], Float[Tensor, "B S width"], Float[Tensor, "B width"]]:
-        """What the blocks work on: frames, tokens of the seed, the condition."""
+        """Compute the input of the blocks: frame tokens, seed tokens and the conditioning
+        vector."""
         x = self.fuse(torch.cat([self.region_in(region), self.body_in(body), speech], dim=-1))
         x = x + self.positions
         seed_tokens = torch.where(has_seed[:, None, None], self.seed_in(seed), self.no_seed)
@@ -239,12 +244,12 @@ class MotionBranch(nn.Module):
         return x, seed_tokens, condition + self.seed_to_condition(seed_tokens.mean(1))
 
     def leave(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
-        """What the last block's frames say of the region's channels."""
+        """Project the last block's frames to the region's channels."""
         return self.out(self.norm_out(x))
 
 
 class ConditionedNetwork(nn.Module):
-    """What every network that hears speech begins with; the branches are its own."""
+    """Common part of all networks that are conditioned on speech; subclasses add the branches."""
 
     def __init__(self, config: BranchConfig) -> None:
         super().__init__()
@@ -256,21 +261,22 @@ class ConditionedNetwork(nn.Module):
     def hear(
         self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
-        """Tokens of the speech, or of none where ``has_speech`` is false."""
+        """Compute speech tokens, or those of absent speech where ``has_speech`` is false."""
         return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
 
 
 def shown(told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]) -> Float[Tensor, "B T E"]:
-    """The face that a body is shown; none where it hears nothing, or it would tell."""
+    """Return the face that conditions the body; zero without speech, which it would reveal."""
     return torch.where(has_speech[:, None, None], told, torch.zeros_like(told))
 
 
 class PriorNetwork(ConditionedNetwork):
-    """Predicts x_1 (components of motion, or of a face) from x_t, time, speech, seed and speaker.
+    """Network that predicts x_1 (components of motion, or of a face) from x_t, time, speech, seed,
+    speaker.
 
     Args:
-        channels: how many components.
-        expression_dim: numbers of the face that the body is shown; 0 for the face itself.
+        channels: number of components.
+        expression_dim: size of the face that conditions the body; 0 for a network of the face.
     """
 
     def __init__(
@@ -301,8 +307,11 @@ class PriorNetwork(ConditionedNetwork):
         expression: Float[Tensor, "B T expression_dim"] | None = None,
         beside: Float[Tensor, "B T width"] | None = None,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1, told what `model.systems.globaldiff.system` is, and tokens of what
-        else is known of each frame, which are added to the speech's (``beside``)."""
+        """Predict the clean components x_1.
+
+        The arguments are those of `model.systems.globaldiff.system`. ``beside`` are tokens of
+        further frame-wise conditions, which are added to the speech's.
+        """
         tokens = self.hear(speech, has_speech)
         if beside is not None:
             tokens = tokens + beside

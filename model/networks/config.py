@@ -1,4 +1,4 @@
-"""Shapes of networks that several families build on: frozen and validated."""
+"""Validated configurations of networks that several families use."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,16 @@ from model.motion.spaces import RotationSpace
 
 @dataclass(frozen=True)
 class BranchConfig:
-    """Shape of a stack of motion blocks, and what it is told."""
+    """Shape of a stack of motion blocks and of its inputs."""
 
     width: int = 192
     num_blocks: int = 3
     num_heads: int = 6
     feedforward_ratio: int = 2
     conv_kernel: int = 7
-    """Frames seen by the depthwise temporal convolution of each block; 0 leaves it out, as in the
-    paper. It lets a small network learn smooth motion in few steps."""
+    """Kernel of each block's depthwise temporal convolution (frames); 0 omits it, as in the paper.
+    It lets
+    a small network learn smooth motion in few steps."""
     speech_dim: int = 68
     expression_dim: int = 52
     num_speakers: int = 31
@@ -23,7 +24,7 @@ class BranchConfig:
     window_frames: int = 60
     seed_frames: int = 8
     speech_context: int = 0
-    """Frames of speech heard before and after the window; 0 as in the paper."""
+    """Frames of speech before and after the window; 0 as in the paper."""
 
     def __post_init__(self) -> None:
         if self.width % self.num_heads:
@@ -36,35 +37,36 @@ class AutoencoderConfig:
     distances."""
 
     motion_channels: int = 333
-    """Numbers of each frame that tell the motion; 0 for a network that sees faces only."""
+    """Motion channels of each frame; 0 for a network of faces only."""
     face_channels: int = 0
-    """Face units of each frame, after the motion."""
+    """Blendshapes of each frame, after the motion."""
     rotation_space: RotationSpace = "global"
     width: int = 96
     blocks_per_scale: int = 2
     latent_dim: int = 32
-    """Numbers for each code vector."""
+    """Size of each code vector."""
     scales: tuple[int, ...] = (2, 4)
     """Frames under each code vector, one entry for each level of codes; powers of two."""
     mask_share: float = 0.3
-    """Share of frames hidden from the encoder in training, so that it learns how motion goes on."""
+    """Share of frames hidden from the encoder in training, so that it learns to continue motion."""
     kl_weight: float = 1e-4
-    """Pull of the codes to a standard normal; 0 makes a plain autoencoder without noise."""
+    """Weight of the KL divergence from a standard normal; 0 makes a plain autoencoder without
+    noise."""
 
     @property
     def channels(self) -> int:
-        """Numbers of each frame."""
+        """Number of channels of each frame."""
         return self.motion_channels + self.face_channels
 
 
 @dataclass(frozen=True)
 class MatchingConfig:
-    """Shape of the judge of matched and mismatched speech."""
+    """Shape of the classifier of matched and mismatched speech."""
 
     speech_dim: int = 68
     speech_width: int = 96
     motion_width: int = 64
     dilations: tuple[int, ...] = (1, 2, 4, 8)
-    """One for each block of a tower, in vectors of its track (15 a second)."""
+    """Dilation of each block of a tower, in vectors of its track (15 per second)."""
     track_dim: int = 16
-    """Numbers of a track at each time."""
+    """Size of a track's vectors."""

@@ -1,4 +1,4 @@
-"""Trained weights as networks are made of them: tensors, statistics among them, and their card."""
+"""Trained weights from which networks are made: tensors with statistics, and the model card."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 @dataclass(frozen=True)
 class Trained:
-    """What is saved of a training under one name."""
+    """Saved result of a training under one name."""
 
     name: str
     tensors: dict[str, Tensor]
@@ -24,7 +24,7 @@ class Trained:
 
     @staticmethod
     def read(folder: Path, name: str) -> "Trained":
-        """The weights of that name.
+        """Read the weights of that name.
 
         Raises:
             CheckpointError: if files are missing or damaged.
@@ -33,21 +33,21 @@ class Trained:
 
     @property
     def sha256(self) -> str:
-        """Of the weights."""
+        """Digest of the weights."""
         return self.card.sha256
 
     @property
     def normaliser(self) -> Normaliser:
-        """Statistics of the input that the weights learned with."""
+        """Statistics of the training input."""
         with self.card.reading():
             return Normaliser.of_tensors(self.tensors)
 
     def prior(self, seed_frames: int) -> GaussianPrior:
-        """The linear-Gaussian prior that the network stands on."""
+        """Return the linear-Gaussian prior of the network."""
         with self.card.reading():
             return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
 
     def as_of(self, network: Network) -> Network:
-        """An untrained network with these weights, never changed again."""
+        """Load the weights into an untrained network, and freeze it."""
         load_into(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)

@@ -1,1 +1,1 @@
-"""One training from the first step to the last, of anything; may import networks and data."""
+"""Training loop for any network; may import networks and data."""

@@ -1,4 +1,4 @@
-"""What every training run is told; a family's config adds its networks and losses."""
+"""Settings of every training; a family's config adds its networks and losses."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,29 +6,31 @@ from typing import Any
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training run, but for what is trained."""
+    """Settings of one training, without those of the network."""
 
     system: str
     encoder: str = "mel64"
-    """Speech encoder by name (`model.speech`)."""
+    """Name of the speech encoder (`model.speech`)."""
     augment_speech: bool = True
-    """Vary level, colour and background noise of the features, as microphones do."""
+    """Whether to vary level, spectral colour and background noise of the features, as microphones
+    do."""
     throats: tuple[float, float] | None = None
-    """Stretch the mel bands by a factor between these, as throats of other lengths do; for those
-    who shall understand voices that are not in the data."""
+    """Range of the factor that stretches the mel bands, as vocal tracts of other lengths do; for
+    networks
+    that must understand voices outside the data."""
     augmented_copies: int = 1
-    """Copies of each training recording at another speed, heard by another microphone."""
+    """Number of copies of each training recording at another speed and with another microphone."""
     steps: int = 8000
     batch_size: int = 16
     learning_rate: float = 4e-4
     warmup_steps: int = 200
     weight_decay: float = 0.01
     betas: tuple[float, float] = (0.9, 0.999)
-    """Of the optimizers."""
+    """AdamW's decay rates of the moments."""
     clip_norm: float = 1.0
     ema_decay: float = 0.999
     seed_dropout: float = 0.1
-    """Share of windows trained without a seed pose, so that a clip can start from nothing."""
+    """Share of windows trained without a seed pose, so that a clip can start without one."""
     speech_dropout: float = 0.1
     speaker_dropout: float = 0.1
     random_seed: int = 0
@@ -44,7 +46,7 @@ SMOKE: dict[str, Any] = {
     "save_every": 20,
     "validate_every": 20,
 }
-"""Fields of a training that takes a minute, whatever is trained."""
+"""Fields of a training that takes a minute, for any network."""
 THROATS = (0.84, 1.2)
 """`TrainConfig.throats` of men, women and children."""
 PAPER: dict[str, Any] = {
@@ -63,18 +65,20 @@ PAPER: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class GeometricWeights:
-    """Weights of the terms in `model.training.losses`; one of weight 0 is not computed.
-    Positions are in metres, differences per frame."""
+    """Weights of the terms in `model.training.losses`; a term with weight 0 is not computed.
+
+    Positions are in metres, differences per frame.
+    """
 
     simple: float = 1.0
-    """GlobalDiff eq. 7, on normalised channels."""
+    """Weight of GlobalDiff eq. 7, on normalised channels."""
     position: float = 10.0
-    """L_pos: joint positions through forward kinematics."""
+    """Weight of L_pos: joint positions through forward kinematics."""
     velocity: float = 100.0
-    """First differences of those positions; in the official code, not in the paper."""
+    """Weight of first differences of those positions; in the official code, not in the paper."""
     acceleration: float = 100.0
-    """Second differences of those positions; in the official code, not in the paper."""
+    """Weight of second differences of those positions; in the official code, not in the paper."""
     contact: float = 0.0
-    """Horizontal steps of feet that stand still in the recording."""
+    """Weight of horizontal steps of feet that stand still in the recording."""
     rooted: bool = False
-    """Take positions and their differences with the pelvis in place; the root has its channels."""
+    """Whether positions and their differences are pelvis-aligned; the root has its channels."""

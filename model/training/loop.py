@@ -1,5 +1,5 @@
-"""One training from the first step to the last: prepare, step, validate, save; and its folder, with
-its settings, its log, its saved state, and the card of its weights.
+"""Training loop: prepare, step, validate, save; and the run folder with settings, log, state and
+card.
 
 Every random draw of a step follows from the step's number, so a run that was stopped and resumed
 equals one that was not.
@@ -33,7 +33,7 @@ STATE_FILE = "state.pt"
 
 
 class TrainingError(ValueError):
-    """A run that cannot start, resume or go on; the message says why."""
+    """Error for a run that cannot start, resume or continue; the message gives the reason."""
 
 
 class History:
@@ -58,7 +58,7 @@ class History:
 
 
 def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
-    """Begin a run in ``out``, or check that the one there can be resumed with these settings.
+    """Start a run in ``out``, or check that the one there can be resumed with these settings.
 
     Raises:
         TrainingError: if ``out`` holds another run, or there is none to resume.
@@ -81,7 +81,7 @@ def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
 
 
 def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
-    """Dotted names of the settings in which two parsed configs differ."""
+    """Return dotted names of the settings in which two parsed configs differ."""
     names: list[str] = []
     for key in sorted(set(a) | set(b)):
         one, other = a.get(key), b.get(key)
@@ -115,9 +115,9 @@ def make_card(
 
 
 def revision() -> str:
-    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git.
+    """Return the Git revision, with ``+`` for uncommitted changes; "unknown" without Git.
 
-    Files that Git does not know do not count: results may lie beside the code.
+    Untracked files do not count: results may lie next to the code.
     """
     root = Path(__file__).parent
 
@@ -150,18 +150,18 @@ def train(
     shard: Shard = WHOLE,
     may_compile: bool = False,
 ) -> None:
-    """Run or resume one training; leaves ``out/state.pt``, ``log.csv`` and ``out/weights/``.
+    """Run or resume one training; writes ``out/state.pt``, ``log.csv`` and ``out/weights/``.
 
     Args:
-        make_task: of the family that ``config`` belongs to.
+        make_task: function of the family that ``config`` belongs to.
         helpers: folder with the weights of networks that the task needs and does not train.
-        start: folder with weights of the same name to begin with.
-        may_compile: compile the step where that works; it starts a minute or two later then.
+        start: folder with weights of the same name to start from.
+        may_compile: compile the step if that works; the first step then takes a minute or two more.
 
     Raises:
         TrainingError: if ``out`` holds another run, or there is none to resume.
         DataError: if the data folder cannot be used.
-        FloatingPointError: if the loss is no number; the last saved state is kept.
+        FloatingPointError: if the loss is not finite; the last saved state remains.
     """
     if config.batch_size % shard.count:
         raise TrainingError(

@@ -1,4 +1,4 @@
-"""Training terms of prediction and target, as vectors and as what vectors mean in the world.
+"""Loss terms of prediction and target, on vectors and on joint positions.
 
 Terms return one value per sample, so that the flow's time weights can be applied outside.
 """
@@ -17,21 +17,24 @@ from model.training.config import GeometricWeights
 
 FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
 STANDS_BELOW_M = 0.002
-"""A foot that moves less than this in a frame, 6 cm/s, stands."""
+"""Step (m) below which a foot counts as standing: 6 cm/s."""
 SMOOTH_L1_BETA = 0.02
-"""Metres at which the position terms turn from squared to absolute error (official code)."""
+"""Distance (m) at which the position terms turn from squared to absolute error (official code)."""
 
 
 def simple_loss(x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]) -> Float[Tensor, " B"]:
-    """GlobalDiff eq. 7: mean squared error of the predicted clean motion, normalised channels."""
+    """Compute GlobalDiff eq. 7: mean squared error of the clean motion, normalised channels."""
     return (x_1 - target).square().mean((1, 2))
 
 
 def points_loss(
     positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"], order: int = 0
 ) -> Float[Tensor, " B"]:
-    """L_pos: smooth L1 error of points in metres (joints through forward kinematics); of an order
-    above 0 that of their differences, metres per frame^order (official code, not in the paper)."""
+    """Compute L_pos: smooth L1 error of points in metres (joints through forward kinematics).
+
+    With an order above 0, the error of their differences, metres per frame^order (official code,
+    not in the paper).
+    """
     a, b = positions.diff(n=order, dim=1), target.diff(n=order, dim=1)
     return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
 
@@ -39,14 +42,14 @@ def points_loss(
 def contact_loss(
     positions: Float[Tensor, "B T 55 3"], target: Float[Tensor, "B T 55 3"]
 ) -> Float[Tensor, " B"]:
-    """Squared steps in the plane, in centimetres, of ankles and feet that stand in the target."""
+    """Compute squared horizontal steps (cm²) of ankles and feet that stand in the target."""
     still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < STANDS_BELOW_M
     steps = 100 * positions[:, :, FEET][..., [0, 2]].diff(dim=1)
     return (steps.square().sum(-1) * still).mean((1, 2))
 
 
 def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
-    """Kullback-Leibler divergence of codes from a standard normal, mean over a scale's numbers.
+    """Compute the KL divergence of codes from a standard normal, mean over a scale's numbers.
 
     Args:
         codes: mean and log-variance, each (B, tokens, dim), for every scale.
@@ -60,15 +63,15 @@ def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
 def difference_loss(
     x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
-    """Mean squared error of first differences, normalised channels."""
+    """Compute the mean squared error of first differences, normalised channels."""
     return simple_loss(x_1.diff(dim=1), target.diff(dim=1))
 
 
 def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:
-    """Stop a training whose loss or gradient is no number.
+    """Stop a training with a loss or gradient that is not finite.
 
     Raises:
-        FloatingPointError: with what it is, the step, and the clips of the batch.
+        FloatingPointError: with the quantity, the step, and the clips of the batch.
     """
     for name, value in numbers.items():
         if not math.isfinite(value):
@@ -81,7 +84,7 @@ def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> N
 def geometric_terms(
     weights: GeometricWeights, predicted: Decoded, target: Decoded
 ) -> dict[str, Float[Tensor, " B"]]:
-    """The weighted terms on positions, one value per sample; those of weight 0 are left out."""
+    """Compute the weighted terms on positions, one value per sample, without those of weight 0."""
     world = predicted.positions, target.positions
     positions = positions_of(weights, predicted, target)
     terms = {
@@ -96,7 +99,7 @@ def geometric_terms(
 def positions_of(
     weights: GeometricWeights, predicted: Decoded, target: Decoded
 ) -> tuple[Float[Tensor, "B T 55 3"], Float[Tensor, "B T 55 3"]]:
-    """Joint positions that are compared: in the world, or with the pelvis in place."""
+    """Return the joint positions to compare: in world coordinates, or pelvis-aligned."""
     if weights.rooted:
         return predicted.rooted, target.rooted
     return predicted.positions, target.positions
@@ -105,7 +108,7 @@ def positions_of(
 def weighted(
     weights: GeometricWeights, terms: Mapping[str, Callable[[], Float[Tensor, " B"]]]
 ) -> dict[str, Float[Tensor, " B"]]:
-    """Each term times the weight of its name; those of weight 0 are neither computed nor told."""
+    """Compute each term times the weight of its name, without those of weight 0."""
     return {
         name: getattr(weights, name) * term()
         for name, term in terms.items()

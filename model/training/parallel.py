@@ -1,5 +1,4 @@
-"""One training over one or several processes: whose share of a batch is which, what chance gives
-each, and whether its step can be compiled.
+"""Training in one or several processes: shards of a batch, their random numbers, and compilation.
 
 ``torchrun`` starts the processes; they join over gloo on CPUs and over nccl on GPUs.
 """
@@ -26,7 +25,7 @@ CPU = torch.device("cpu")
 
 @dataclass(frozen=True)
 class Shard:
-    """The share of every batch that one process computes."""
+    """Share of every batch that one process computes."""
 
     rank: int = 0
     count: int = 1
@@ -39,27 +38,27 @@ class Shard:
 
     @property
     def mine(self) -> slice:
-        """This process's rows of the whole batch."""
+        """Rows of the whole batch for this process."""
         return slice(self.rank, None, self.count)
 
     def of(self, rows: Tensor) -> Tensor:
-        """This process's rows of a tensor that holds the whole batch, on its device."""
+        """Return this process's rows of a tensor that holds the whole batch, on its device."""
         return rows[self.mine].to(self.device)
 
     def autocast(self) -> torch.autocast:
-        """bf16 for the network on a GPU."""
+        """Return the autocast context: bf16 for the network on a GPU."""
         is_gpu = self.device.type == "cuda"
         return torch.autocast(self.device.type, torch.bfloat16, enabled=is_gpu)
 
     def wrap(self, network: nn.Module) -> nn.Module:
-        """The network with gradients averaged over all processes."""
+        """Wrap a network so that gradients are averaged over all processes."""
         if self.count == 1:
             return network
         ids = [self.device] if self.device.type == "cuda" else None
         return nn.parallel.DistributedDataParallel(network, device_ids=ids, broadcast_buffers=False)
 
     def mean(self, values: dict[str, Tensor]) -> dict[str, float]:
-        """Each value averaged over all processes."""
+        """Average each value over all processes."""
         stacked = torch.stack(list(values.values())).double()
         if self.count > 1:
             dist.all_reduce(stacked)
@@ -67,7 +66,7 @@ class Shard:
 
     @contextmanager
     def first_alone(self) -> Iterator[None]:
-        """Let the first process through the block before the others."""
+        """Run the block in the first process before the others."""
         if not self.is_first:
             self.wait()
         yield
@@ -75,18 +74,18 @@ class Shard:
             self.wait()
 
     def wait(self) -> None:
-        """Go on when all processes are here."""
+        """Wait until all processes are here."""
         if self.count > 1:
             dist.barrier()
 
 
 WHOLE = Shard()
-"""One process that computes whole batches on the CPU."""
+"""Shard of a single process on the CPU: whole batches."""
 
 
 @contextmanager
 def joined_processes() -> Iterator[Shard]:
-    """This process's shard, joined with the others that torchrun started; GPUs where there are."""
+    """Join the processes started by torchrun, and yield this one's shard; on GPUs if available."""
     local_rank = int(os.environ.get("LOCAL_RANK", "0"))
     on_gpu = torch.cuda.is_available()
     device = torch.device("cuda", local_rank) if on_gpu else CPU
@@ -108,26 +107,26 @@ class Draws:
     """Draws for each sample of the whole batch, and gives the shard's share of them."""
 
     size: int
-    """Samples of the whole batch."""
+    """Number of samples in the whole batch."""
     generator: torch.Generator
     shard: Shard
 
     def noise(self, shape: Sequence[int]) -> Float[Tensor, "B ..."]:
-        """Standard normal numbers, of this shape for each sample."""
+        """Draw standard normal numbers of this shape for each sample."""
         return self.shard.of(torch.randn(self.size, *shape, generator=self.generator))
 
     def flow_times(self, power: float) -> Float[Tensor, " B"]:
-        """u ** power with u uniform in [0, 1)."""
+        """Draw ``u ** power`` with u uniform in [0, 1)."""
         return self.shard.of(torch.rand(self.size, generator=self.generator) ** power)
 
     def keep(self, dropout: float) -> Bool[Tensor, " B"]:
-        """False for that share of the samples."""
+        """Draw a mask that is false for that share of the samples."""
         return self.shard.of(torch.rand(self.size, generator=self.generator) >= dropout)
 
 
 @cache
 def can_compile() -> bool:
-    """Whether `torch.compile` works here; says why not, once, where it does not."""
+    """Check whether `torch.compile` works here; log the reason once if it does not."""
     if not any(shutil.which(name) for name in ("g++", "clang++")):
         log.info("No C++ compiler was found: the training step is not compiled.")
         return False
@@ -143,7 +142,7 @@ def can_compile() -> bool:
 
 
 def compiled(function: Function) -> Function:
-    """``function`` compiled for the shapes of its first call."""
+    """Compile ``function`` for the shapes of its first call."""
     # Tables of indices are made once and cached; the compiler need not follow the cache.
     warnings.filterwarnings("ignore", message=".*lru_cache.*", category=UserWarning)
     return torch.compile(function, dynamic=False)  # type: ignore[return-value]

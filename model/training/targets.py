@@ -1,8 +1,8 @@
-"""What a training step is told and what it aims at, and what is measured on the training split
-before the first: means, scales, priors.
+"""Inputs and targets of a training step, and statistics of the training split: means, scales,
+priors.
 
-What it aims at is made once for all clips; a step then reads a window's rows instead of converting
-and posing it again each time it is drawn.
+Targets are computed once for all clips; a step then reads a window's rows instead of converting and
+posing it each time it is drawn.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,7 @@ BLOCK_FRAMES = 2000
 TARGETS_FORMAT = 2
 WINDOWS = 400
 STD_FLOOR = 0.02
-"""What hardly ever changes is not blown up to unit variance."""
+"""Smallest standard deviation, so that nearly constant channels are not scaled to unit variance."""
 PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
 
 
@@ -56,13 +56,15 @@ class Targets:
     root: RootMotion
     skeleton: RestSkeleton
     vectors: np.ndarray
-    """(N, C) motion vectors, not normalised."""
+    """Motion vectors (N, C), not normalised."""
     rooted: np.ndarray
-    """(N, 165) joint positions in metres, the pelvis where the rest pose has it."""
+    """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
     def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
-        """Vectors of a batch's windows, and what they mean; without ``rotations`` global ones may
-        be None."""
+        """Return the vectors of a batch's windows, and their decoded motion.
+
+        Without ``rotations`` global ones may be None.
+        """
         vectors = self.windows(batch)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
@@ -75,14 +77,14 @@ class Targets:
         return vectors, decoded
 
     def windows(self, batch: Batch) -> Float[Tensor, "B T C"]:
-        """Vectors of a batch's windows."""
+        """Return the vectors of a batch's windows."""
         return torch.from_numpy(self.vectors[batch.frames])
 
 
 def prepare_targets(
     data: PreparedData, space: RotationSpace, root: RootMotion, skeleton: RestSkeleton
 ) -> Targets:
-    """Make the arrays beside those of ``data`` unless they are there already, then map them."""
+    """Compute the arrays next to those of ``data`` unless they exist, then map them to memory."""
     stem = f"{space}-{root}"
     width = AXIS_ANGLE_MOTION_DIM if space == "axis-angle" else MOTION_DIM
     vectors, rooted = arrays_beside(
@@ -119,8 +121,7 @@ def _by_clip(
 def heard(
     config: TrainConfig, network: nn.Module, batch: Batch, generator: torch.Generator
 ) -> Float[Tensor, "B T dim"]:
-    """The speech features of the whole batch; in training as some microphone might have caught
-    them, of some throat."""
+    """Return the speech features of the whole batch, augmented in training."""
     speech = batch.speech
     if network.training and config.throats:
         speech = in_other_throats(speech, config.throats, generator)
@@ -136,11 +137,12 @@ def conditions(
     draws: Draws,
     hidden: Sequence[str] = ("seed", "speaker", "speech"),
 ) -> dict[str, Tensor]:
-    """What a network is told of this shard's windows beside motion: speech and speaker, and from
-    which of them speech and seed are kept.
+    """Return the conditioning of this shard's windows: speech, speaker, and masks.
+
+    The masks say for which samples speech and seed are not dropped.
 
     Args:
-        hidden: from whom each is hidden is drawn in this order; what is not named never is.
+        hidden: names of the inputs with dropout, drawn in this order; all others are never dropped.
     """
     everybody = torch.ones(len(batch.clips), dtype=torch.bool)
     kept: dict[str, Tensor] = dict.fromkeys(
@@ -157,19 +159,19 @@ def conditions(
 
 
 def statistics_batch(data: PreparedData, window_frames: int) -> Batch:
-    """At most 400 windows, always the same."""
+    """Draw at most 400 windows, always the same."""
     rng = np.random.default_rng(0)
     return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng)
 
 
 def fit_features(data: PreparedData) -> Normaliser:
-    """Statistics of the speech features, of every hundredth frame."""
+    """Compute the statistics of the speech features from every hundredth frame."""
     told = torch.from_numpy(np.array(data.speech[::100], np.float32))
     return Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
 
 
 def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
-    """The windows that a linear-Gaussian prior is fitted to."""
+    """Yield the windows to which a linear-Gaussian prior is fitted."""
     clips = data.of_split("train")
     for k in range(PRIOR_BATCHES):
         rng = np.random.default_rng([k, 17])
@@ -182,7 +184,7 @@ def fit_normaliser(
     window_frames: int,
     representation: Representation = "normalised",
 ) -> Normaliser:
-    """Statistics of the motion vectors that a network aims at."""
+    """Compute the statistics of a network's target motion vectors."""
     vectors, _ = targets.of(statistics_batch(data, window_frames), rotations=False)
     groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
     return Normaliser.fit(vectors.flatten(0, 1), representation, groups)
@@ -191,8 +193,10 @@ def fit_normaliser(
 def fit_motion_prior(
     data: PreparedData, targets: Targets, shape: BranchConfig, given: Trained | None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """Components of motion and their linear-Gaussian prior, from windows of the training split,
-    or those that given weights learned with."""
+    """Fit components of motion and their linear-Gaussian prior to windows of the training split.
+
+    With ``given`` weights, theirs are returned.
+    """
     if given is not None:
         return given.normaliser, given.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
@@ -203,7 +207,7 @@ def fit_motion_prior(
 def fit_face_prior(
     data: PreparedData, shape: BranchConfig, given: Trained | None = None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """The same of face units."""
+    """Fit components of the blendshapes and their prior, as `fit_motion_prior` does for motion."""
     if given is not None:
         return given.normaliser, given.prior(shape.seed_frames)
     windows = [batch.expression for batch in prior_batches(data, shape.window_frames)]
@@ -215,7 +219,7 @@ def fit_face_prior(
 def with_components(
     normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
 ) -> tuple[Normaliser, GaussianPrior]:
-    """The statistics with components that hardly depend on each other, and their prior."""
+    """Add nearly uncorrelated components to the statistics, and fit their prior."""
     mean = torch.cat([batch.flatten(0, 1) for batch in windows]).mean(0)
     centred = Normaliser(mean, normaliser.std)
     mix, unmix = fit_components([centred.scaled(batch) for batch in windows])

@@ -1,4 +1,4 @@
-"""What there is to train: a task owns its networks, their optimizers, its state and its export."""
+"""Interface of training tasks: networks with their optimizers, state and export."""
 
 import math
 from abc import ABC, abstractmethod
@@ -26,15 +26,15 @@ from model.training.parallel import WHOLE, Draws, Shard, can_compile
 
 @dataclass(frozen=True)
 class TaskSetup:
-    """Where a task is made: what it may lean on, on which device, how fast."""
+    """Environment of a training task: weights it needs, device, compilation."""
 
     helpers: Path
     """Folder with the weights of networks that a task needs and does not train."""
     start: Path | None = None
-    """Folder with the weights to begin with, of what is trained."""
+    """Folder with initial weights of the trained network; None for random ones."""
     shard: Shard = WHOLE
     may_compile: bool = False
-    """Compile networks and losses where that is worth it (`model.training.parallel`)."""
+    """Whether networks and losses may be compiled if that pays (`model.training.parallel`)."""
 
     @property
     def compiles(self) -> bool:
@@ -44,16 +44,16 @@ class TaskSetup:
     def begin(
         self, config: TrainConfig, data: PreparedData, num_speakers: int | None = None
     ) -> Trained | None:
-        """Set torch's chance, and read the weights to begin with; they bring the statistics of
-        their input along, since others would change what they mean. None for a training from
-        nothing.
+        """Seed torch, and read the initial weights; None without any.
+
+        They include the statistics of their input, since others would change their meaning.
 
         Args:
-            num_speakers: size of the network's table, where it has one.
+            num_speakers: size of the network's table, if it has one.
 
         Raises:
             CheckpointError: if the weights are missing or damaged, or have no statistics.
-            DataError: with the speakers whose numbers do not fit the table.
+            DataError: with the speakers with numbers that do not fit the table.
         """
         if num_speakers is not None:
             outside = [
@@ -77,45 +77,48 @@ class TaskSetup:
 
 @runtime_checkable
 class Task(Protocol):
-    """What the training loop needs of a family. Every random number of a step follows from the
-    generator it is given, so that a resumed run equals one that was not stopped."""
+    """Interface between the training loop and a family.
+
+    Every random number of a step follows from the generator in its arguments, so that a resumed run
+    equals one that was not stopped.
+    """
 
     window_frames: int
     context: int
     """Frames of speech before and after each window."""
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
-        """Change the weights once; what to log.
+        """Update the weights once, and return the values for the log.
 
         Raises:
-            FloatingPointError: if a loss is no number; the weights are as before then.
+            FloatingPointError: if a loss is not finite; the weights are unchanged then.
         """
         ...
 
     def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
-        """Losses of the weights that would be exported, ``total`` among them."""
+        """Compute the losses of the weights that would be exported, ``total`` among them."""
         ...
 
     def export(self) -> dict[str, Tensor]:
-        """What to save as weights."""
+        """Return the tensors to save as weights."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """Everything that a resumed run needs, as `torch.save` writes it."""
+        """Return everything that a resumed run needs, as `torch.save` writes it."""
         ...
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         ...
 
 
 @dataclass(frozen=True)
 class StepLoss:
-    """The loss to descend: the sum of its weighted terms."""
+    """Loss to minimise: the sum of its weighted terms."""
 
     terms: dict[str, Float[Tensor, ""]]
     told: dict[str, Float[Tensor, ""]] = field(default_factory=dict)
-    """What else the log has."""
+    """Further values for the log."""
 
     @cached_property
     def total(self) -> Float[Tensor, ""]:
@@ -123,26 +126,26 @@ class StepLoss:
 
     @property
     def parts(self) -> dict[str, Float[Tensor, ""]]:
-        """For the log: each term, ``total`` and what is told."""
+        """Values for the log: each term, ``total`` and further values."""
         parts = {**self.terms, "total": self.total, **self.told}
         return {name: part.detach() for name, part in parts.items()}
 
 
 class DescentTask(ABC):
-    """One network that descends one loss with AdamW, and a moving average of its weights.
+    """Task of one network with one loss, AdamW, and a moving average of the weights.
 
     Args:
-        given: weights to begin with (`TaskSetup.begin`).
+        given: initial weights (`TaskSetup.begin`).
         normaliser: statistics of the input, saved with the weights.
         window_frames, context: see `Task`.
-        statistics: what else is saved with the weights, beside the prior of a network that stands
-            on one.
+        statistics: further tensors to save with the weights, besides the prior of a network that
+            has one.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
-    """What a resumed run needs as it was."""
+    """Attributes that make up the state of a resumed run."""
     is_compiled: ClassVar[bool] = False
-    """Whether its network is worth compiling."""
+    """Whether the network is worth compiling."""
 
     def __init__(
         self,
@@ -172,8 +175,10 @@ class DescentTask(ABC):
 
     @abstractmethod
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """The loss of a network on the shard's share of a batch. Random numbers are drawn for the
-        whole batch, so that several processes together do what one does alone."""
+        """Compute the loss of a network on the shard's share of a batch.
+
+        Random numbers are drawn for the whole batch, so that several processes together equal one.
+        """
 
     def step_loss(
         self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
@@ -187,7 +192,7 @@ class DescentTask(ABC):
         return self.setup.shard
 
     def adam(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
-        """What changes a network."""
+        """Make the optimizer of a network."""
         betas, decay = self.config.betas, self.config.weight_decay
         return torch.optim.AdamW(network.parameters(), rate, betas, weight_decay=decay, fused=True)
 
@@ -209,7 +214,7 @@ class DescentTask(ABC):
         return numbers
 
     def descend(self, number: int, rates: Mapping[torch.optim.Optimizer, float]) -> None:
-        """Change the weights by the gradients that are there, and their average with them."""
+        """Update the weights by their present gradients, and then the average of the weights."""
         for optimizer, rate in rates.items():
             for group in optimizer.param_groups:
                 group["lr"] = rate * learning_rate_factor(number, self.config)
@@ -225,7 +230,7 @@ class DescentTask(ABC):
         return self.step_loss(network, batch, generator, self.shard).parts
 
     def export(self) -> dict[str, Tensor]:
-        """The averaged weights and the statistics."""
+        """Return the averaged weights and the statistics."""
         found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
         found |= {**self.normaliser.tensors(), **self.statistics}
         prior = getattr(self.network, "prior", None)
@@ -242,7 +247,7 @@ class DescentTask(ABC):
 
 
 def learning_rate_factor(step: int, config: TrainConfig) -> float:
-    """Linear warm-up, then a cosine from 1 down to 0.02."""
+    """Compute the learning rate's factor: linear warm-up, then a cosine from 1 down to 0.02."""
     if step < config.warmup_steps:
         return (step + 1) / config.warmup_steps
     done = (step - config.warmup_steps) / max(1, config.steps - config.warmup_steps)
