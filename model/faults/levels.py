@@ -20,7 +20,7 @@ from model.measures.posture import WRISTS
 from model.measures.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
 BRIEF_FRAMES, LEAST_FRAMES = 2 * FPS, 5 * FPS
-"""Between these lengths only jerk is checked: a tremor shows in it at once."""
+"""Lengths between which only jerk is checked: a tremor shows in it at once."""
 LONG_FRAMES = 30 * FPS
 """Length from which a clip is compared with whole clips."""
 LONG, SHORT, BRIEF = "of 30 s and more", "of 5 to 30 s", "of 2 to 5 s"

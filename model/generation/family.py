@@ -92,7 +92,7 @@ class FileReport:
 
     name: str
     detail: str = ""
-    """What was detected, if it works."""
+    """Description of the file, if it works."""
     error: Exception | None = None
     """Error if it does not work."""
     advice: str = ""

@@ -82,7 +82,7 @@ class LiveMotion:
 
     @property
     def is_due(self) -> bool:
-        """Whether enough speech is there for the next window."""
+        """True if enough speech is there for the next window."""
         return self.waiting >= self._pace.hop
 
     def hear(self, features: Float[Tensor, "_ dim"]) -> None:

@@ -152,7 +152,7 @@ def input_vectors(
 
 @dataclass(frozen=True)
 class FrozenEncoder:
-    """A trained encoder with the statistics of its input; never changed again."""
+    """Trained encoder with the statistics of its input; its weights are constant."""
 
     network: MotionAutoencoder
     normaliser: Normaliser

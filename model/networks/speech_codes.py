@@ -29,7 +29,7 @@ CPU = torch.device("cpu")
 
 @dataclass(frozen=True)
 class SpeechReading:
-    """What is read off codes."""
+    """Predictions from speech codes."""
 
     phone: Float[Tensor, "B T phones"]
     """Logits of the phones; the first is no phone."""
@@ -80,7 +80,7 @@ class SpeechCodes:
 
     @torch.inference_mode()
     def of(self, features: Float[Tensor, "*B T speech_dim"]) -> Float[Tensor, "*B T codes"]:
-        """Codes of `MelEncoder`'s features."""
+        """Compute the codes of `MelEncoder`'s features."""
         batch = features.view(-1, *features.shape[-2:])
         codes = self.network.codes(self.normaliser.normalise(batch)).float()
         return codes.view(*features.shape[:-1], -1)

@@ -12,7 +12,7 @@ class TrainConfig:
     encoder: str = "mel64"
     """Name of the speech encoder (`model.speech`)."""
     augment_speech: bool = True
-    """Whether to vary level, spectral colour and background noise of the features, as microphones
+    """True to vary level, spectral colour and background noise of the features, as microphones
     do."""
     throats: tuple[float, float] | None = None
     """Range of the factor that stretches the mel bands, as vocal tracts of other lengths do; for
@@ -81,4 +81,4 @@ class GeometricWeights:
     contact: float = 0.0
     """Weight of horizontal steps of feet that stand still in the recording."""
     rooted: bool = False
-    """Whether positions and their differences are pelvis-aligned; the root has its channels."""
+    """True to align positions and their differences to the pelvis; the root has its channels."""

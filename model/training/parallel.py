@@ -33,7 +33,7 @@ class Shard:
 
     @property
     def is_first(self) -> bool:
-        """Whether this process writes the files."""
+        """True if this process writes the files."""
         return self.rank == 0
 
     @property
@@ -104,7 +104,7 @@ def joined_processes() -> Iterator[Shard]:
 
 @dataclass(frozen=True)
 class Draws:
-    """Draws for each sample of the whole batch, and gives the shard's share of them."""
+    """Random numbers for each sample of the whole batch, restricted to the shard's share."""
 
     size: int
     """Number of samples in the whole batch."""

@@ -34,11 +34,11 @@ class TaskSetup:
     """Folder with initial weights of the trained network; None for random ones."""
     shard: Shard = WHOLE
     may_compile: bool = False
-    """Whether networks and losses may be compiled if that pays (`model.training.parallel`)."""
+    """True to compile networks and losses if that pays (`model.training.parallel`)."""
 
     @property
     def compiles(self) -> bool:
-        """Whether networks and losses are compiled."""
+        """True if networks and losses are compiled."""
         return self.may_compile and can_compile()
 
     def begin(
@@ -145,7 +145,7 @@ class DescentTask(ABC):
     kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """Attributes that make up the state of a resumed run."""
     is_compiled: ClassVar[bool] = False
-    """Whether the network is worth compiling."""
+    """True if the network is worth compiling."""
 
     def __init__(
         self,
@@ -183,12 +183,12 @@ class DescentTask(ABC):
     def step_loss(
         self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
     ) -> StepLoss:
-        """`loss` with what a generator draws."""
+        """Compute `loss` with random numbers from a generator."""
         return self.loss(network, batch, Draws(len(batch.clips), generator, shard))
 
     @property
     def shard(self) -> Shard:
-        """Whose share of each batch is computed."""
+        """Shard of this process."""
         return self.setup.shard
 
     def adam(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
@@ -198,8 +198,8 @@ class DescentTask(ABC):
 
     @cached_property
     def parallel(self) -> nn.Module:
-        """The network with gradients averaged over all processes; made at the first step, when all
-        of them are there: tasks are made by one after the other."""
+        """Network with gradients averaged over all processes; made at the first step, when all of
+        them are there: tasks are made by one after the other."""
         return self.shard.wrap(self.network)
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
