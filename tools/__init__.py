@@ -1,3 +1,5 @@
-"""What is run once, beside the program: the corpus that the bundled weights learnt from, and the
-open body. May import `model`, `renderer`, `processes` and `conventions`; nothing imports it but
-`model.corpus`, which is the corpus's command."""
+"""Offline tools: making the corpus that the bundled weights were trained on, and the open body.
+
+May import `model`, `renderer`, `processes` and `conventions`; imported only by `model.corpus`, the
+command of the corpus.
+"""

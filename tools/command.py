@@ -1,4 +1,4 @@
-"""How a tool is called: a function as a command, and what goes wrong as one sentence."""
+"""Command-line entry of the tools: a function as a command, with errors as one sentence."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -14,7 +14,10 @@ def called(
     arguments: Sequence[str] | None,
     *errors: type[Exception],
 ) -> int:
-    """0 when done, 1 with a sentence for one of ``errors``; wrong arguments exit with 2."""
+    """Run a function as a command; return 0, or 1 after printing one of ``errors``.
+
+    Invalid arguments exit with 2.
+    """
     try:
         tyro.cli(does, prog=f"python -m {program}", args=arguments)
     except errors as error:

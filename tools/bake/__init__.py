@@ -1,1 +1,1 @@
-"""How the open body is made from MakeHuman's CC0 data; may import `files` and `body`."""
+"""Baking of the open body from MakeHuman's CC0 data; may import `files` and `body`."""

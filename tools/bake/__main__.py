@@ -1,8 +1,8 @@
-"""``python -m tools.bake --source DIR --out DIR``: bake the open body from MakeHuman's CC0 data.
+"""Command ``python -m tools.bake --source DIR --out DIR``: bake the open body from MakeHuman.
 
 ``open_body.npz`` and ``coarser.npz`` are for the renderer, ``skeleton.npz`` is for the model.
-Numbers are stored as coarsely as the eye allows: weights in 1/65535, offsets in 1/32767 of the
-largest of each, correctives as halves.
+Numbers are quantised below what is visible: weights in 1/65535, offsets in 1/32767 of the largest
+of each, correctives as half precision.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from tools.bake.skinning import pose_correctives
 from tools.command import called
 
 SKIN_UNDER_CLOTH_M = 0.025
-"""How far the skin goes on under a hem."""
+"""Width of the skin that continues under a hem (m)."""
 SKIN_BELOW_CLOTH_M = 0.003
-"""How much thinner the body is there."""
+"""Depth by which the skin is moved inward under cloth (m)."""
 MAX_INFLUENCES = 8
 SEED = 0
 
 
 @dataclass(frozen=True)
 class BakedBody:
-    """A finished body in metres, zero pose, vertices in the order of the file."""
+    """Baked body in metres in the zero pose, with vertices in the order of the file."""
 
     mesh: Mesh
     rest_joints: Float[np.ndarray, "J 3"]
     expression_names: tuple[str, ...]
-    """What the first offsets of the mesh are."""
+    """Names of the expressions of the mesh's first offsets."""
     build_names: tuple[str, ...]
-    """What the other offsets of the mesh are: from the first build to each of the others."""
+    """Names of the builds of the other offsets, from the first build to each of the others."""
     pose_vertices: Int[np.ndarray, " K"]
     pose_joints: Int[np.ndarray, " K"]
     pose_offsets: Float[np.ndarray, "K 3 9"]
 
 
 def bake(source: MakeHuman) -> BakedBody:
-    """Everything, from files to arrays; the same result each time."""
+    """Bake the body from files to arrays; deterministic."""
     units = source.face_units()
     base, joints = _in_zero_pose(source, np.stack(list(units.values()), axis=1))
     mesh = _assemble(source, base, joints, len(units))
@@ -64,7 +64,7 @@ def bake(source: MakeHuman) -> BakedBody:
 
 
 def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
-    """From the last joint of each finger to its tip vertex, metres, by ``<side>_<finger>``."""
+    """Return the offset from the last joint of each finger to its tip vertex (m), by name."""
     return {
         f"{side}_{finger}": body.mesh.positions[TIP_VERTICES[f"{side}_{finger}"]]
         - body.rest_joints[JOINT_INDEX[f"{side}_{finger}3"]]
@@ -76,7 +76,7 @@ def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
 def _in_zero_pose(
     source: MakeHuman, units: Float[np.ndarray, "N E 3"]
 ) -> tuple[Float[np.ndarray, "N C"], Float[np.ndarray, "J 3"]]:
-    """The columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
+    """Return the columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
     weights = joint_weights(source)
     first, *others = FIGURES.values()
     posed = in_zero_pose(source, first, weights)
@@ -128,7 +128,7 @@ def _assemble(
 
 
 def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
-    """The body made thinner where cloth lies on it, so that no skin shows through."""
+    """Return the body made thinner under cloth, so that no skin shows through."""
     sideways = np.abs(body.positions[:, 0])
     below_hem = np.where(
         sideways > wearer.wrist_m / 2,
@@ -140,7 +140,7 @@ def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
 
 
 def _with_few_influences(mesh: Mesh) -> Mesh:
-    """At most eight joints for each vertex, shares that sum to one."""
+    """Limit each vertex to eight joints, with weights that sum to one."""
     weights = mesh.weights
     smallest_kept = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
     kept = np.where(weights >= np.maximum(smallest_kept, 1e-4), weights, 0)
@@ -157,7 +157,7 @@ SIDE_VERTICES = {
 
 
 def format_vertices(mesh: Mesh, joints: Float[np.ndarray, "J 3"]) -> dict[int, int]:
-    """For each number that the format fixes: the vertex of ``mesh`` that belongs there."""
+    """Return the vertex of ``mesh`` for each vertex index that the format fixes."""
     positions = mesh.positions
     strongest = mesh.weights.argmax(1)
     skin = mesh.regions == REGION_INDEX["skin"]
@@ -198,7 +198,7 @@ def format_vertices(mesh: Mesh, joints: Float[np.ndarray, "J 3"]) -> dict[int, i
 
 
 def with_fixed_vertices(mesh: Mesh, wanted: dict[int, int]) -> Mesh:
-    """The mesh in an order of vertices that puts ``wanted[number]`` at each ``number``."""
+    """Reorder vertices so that vertex ``wanted[number]`` gets the index ``number``."""
     order: Int[np.ndarray, " V"] = np.arange(mesh.num_vertices)
     place = np.arange(mesh.num_vertices)
     for number, vertex in wanted.items():
@@ -227,7 +227,7 @@ def make(source: Path, out: Path) -> None:
 
 
 def body_arrays(body: BakedBody) -> dict[str, np.ndarray]:
-    """The contents of ``open_body.npz``."""
+    """Return the contents of ``open_body.npz``."""
     mesh = body.mesh
     joints = np.argsort(-mesh.weights, axis=1, kind="stable")[:, :MAX_INFLUENCES]
     shares = np.take_along_axis(mesh.weights, joints, axis=1)
@@ -258,14 +258,14 @@ def body_arrays(body: BakedBody) -> dict[str, np.ndarray]:
 
 
 def _levels(offsets: Float[np.ndarray, "M V 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Step (M,) and whole number of steps (M, V, 3) of each offset."""
+    """Quantise offsets: return the step (M,) and the number of steps (M, V, 3) of each offset."""
     steps = np.maximum(np.abs(offsets).max((1, 2)), 1e-9) / 32767
     levels = np.round(offsets / steps[:, None, None]).astype(np.int16)
     return steps.astype(np.float32), levels
 
 
 def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
-    """The contents of ``skeleton.npz``."""
+    """Return the contents of ``skeleton.npz``."""
     offsets = tip_offsets(body)
     names = sorted(offsets)
     return {
@@ -278,7 +278,7 @@ def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
 
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Compressed, whole or not at all."""
+    """Write a compressed npz atomically."""
     with written_atomically(path) as part:
         np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
 

@@ -1,10 +1,9 @@
-"""From MakeHuman's rig and A pose to the 55 joints and the zero pose of SMPL-X; the three figures,
-and how the others are fitted to the skeleton of the first.
+"""Conversion of MakeHuman's rig and A pose to joints and zero pose of SMPL-X, for three builds.
 
-The zero pose is described by rounded angles of its own: arms level or a little below, legs
-slightly apart, fingers straight and fanned, thumbs forward and out. All builds share one skeleton,
-one topology and one set of weights: a motion has the same joints and fingertips on each, and a
-build is no more than an offset for each vertex.
+The zero pose is defined by rounded angles: arms level or a little below, legs slightly apart,
+fingers straight and fanned, thumbs forward and out. All builds share one skeleton, one topology and
+one set of weights: a motion has the same joints and fingertips on each, and a build is only an
+offset for each vertex.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ JAW_BACK_DM = 0.35
 
 
 def joint_shares(source: MakeHuman, bone: str) -> dict[str, float]:
-    """Which joints take over the weight of a MakeHuman bone, and in which shares."""
+    """Return the joints that take over the weight of a MakeHuman bone, with their shares."""
     stem, _, side_letter = bone.partition(".")
     side = {"L": "left", "R": "right"}.get(side_letter, "")
     fixed: dict[str, dict[str, float]] = {
@@ -84,7 +83,7 @@ def _ancestry(source: MakeHuman, bone: str) -> list[str]:
 
 
 def joint_weights(source: MakeHuman) -> Float64[np.ndarray, "N J"]:
-    """Skinning weights of the whole base mesh on the 55 joints; rows sum to one or to zero."""
+    """Compute skinning weights of the base mesh on the 55 joints; rows sum to one or to zero."""
     weights = np.zeros((len(source.base_vertices), NUM_JOINTS))
     for bone, entries in source.bone_weights.items():
         if not entries:
@@ -98,7 +97,7 @@ def joint_weights(source: MakeHuman) -> Float64[np.ndarray, "N J"]:
 def joints_in_a_pose(
     source: MakeHuman, vertices: Float64[np.ndarray, "N 3"]
 ) -> Float64[np.ndarray, "J 3"]:
-    """The 55 joints of one figure in MakeHuman's A pose."""
+    """Return the 55 joints of one figure in MakeHuman's A pose."""
 
     def head(bone: str) -> Float64[np.ndarray, " 3"]:
         return vertices[source.bone_end(bone, "head")].mean(0)
@@ -154,7 +153,7 @@ def joints_in_a_pose(
 def finger_tips(
     source: MakeHuman, vertices: Float64[np.ndarray, "N 3"]
 ) -> dict[str, Float64[np.ndarray, " 3"]]:
-    """Bone ends of the fingers by ``<side>_<finger>``."""
+    """Return the bone ends of the fingers by ``<side>_<finger>``."""
     return {
         f"{side}_{finger}": vertices[source.bone_end(f"finger{f}-3.{letter}", "tail")].mean(0)
         for side, letter, _ in SIDES
@@ -165,7 +164,7 @@ def finger_tips(
 def rotations_to_zero_pose(
     joints: Float64[np.ndarray, "J 3"], tips: dict[str, Float64[np.ndarray, " 3"]]
 ) -> Float64[np.ndarray, "J 3 3"]:
-    """World rotation of each joint that carries the A pose into the zero pose."""
+    """Return the global rotation of each joint from the A pose to the zero pose."""
     rotations = np.full((NUM_JOINTS, 3, 3), np.nan)
 
     def at(name: str) -> Float64[np.ndarray, " 3"]:
@@ -231,7 +230,7 @@ def rotations_to_zero_pose(
 
 
 def _direction(sign: float, up_deg: float, forward_deg: float) -> Float64[np.ndarray, " 3"]:
-    """Unit vector to one side, raised and turned forward by the two angles."""
+    """Return the unit vector to one side, raised and turned forward by two angles."""
     up, forward = np.radians(up_deg), np.radians(forward_deg)
     return np.array([sign * np.cos(up) * np.cos(forward), np.sin(up), np.cos(up) * np.sin(forward)])
 
@@ -239,7 +238,7 @@ def _direction(sign: float, up_deg: float, forward_deg: float) -> Float64[np.nda
 def _frame(
     x: Float64[np.ndarray, " 3"], y: Float64[np.ndarray, " 3"]
 ) -> Float64[np.ndarray, "3 3"]:
-    """Right-handed frame (columns) whose x axis is ``x`` and whose y axis lies towards ``y``."""
+    """Return a right-handed frame (columns) with x along ``x`` and y towards ``y``."""
     x = x / np.linalg.norm(x)
     y = y - x * (x @ y)
     y = y / np.linalg.norm(y)
@@ -261,12 +260,12 @@ FIGURES = {
     "slender": replace(_AVERAGE, gender=0.0, muscle=0.35, weight=0.25, cup=0.5),
     "broad": replace(_AVERAGE, gender=1.0, age=0.3, muscle=0.8, weight=0.85),
 }
-"""By the names in ``renderer.body.look.BUILDS``; the skeleton is that of the first."""
+"""Figures by the names in ``renderer.body.look.BUILDS``; the first sets the skeleton."""
 
 LEG_LENGTH_M = 0.7845
-"""Hip to ankle along the leg, as in SMPL-X's mean body."""
+"""Length of a leg from hip to ankle (m), as in SMPL-X's mean body."""
 PELVIS_M = (0.0, -0.3514, 0.012)
-"""Where SMPL-X's mean body has its pelvis."""
+"""Position of the pelvis (m) in SMPL-X's mean body."""
 
 # The joint that each bone ends in, where one joint alone carries it on.
 _BONE_END = {
@@ -289,16 +288,16 @@ _HEAD = ("head", "jaw", "left_eye", "right_eye")
 
 @dataclass(frozen=True)
 class Posed:
-    """One figure in the zero pose, metres, its pelvis where SMPL-X has it."""
+    """One figure in the zero pose, in metres, with the pelvis at `PELVIS_M`."""
 
     vertices: Float[np.ndarray, "N 3"]
     joints: Float[np.ndarray, "J 3"]
     head_transform: Float[np.ndarray, "3 3"]
-    """What turned and scaled the head."""
+    """Rotation and scale that were applied to the head."""
 
 
 def in_zero_pose(source: MakeHuman, figure: BodyShape, weights: Float[np.ndarray, "N J"]) -> Posed:
-    """The whole base mesh of ``figure``; ``weights`` as from ``joint_weights``."""
+    """Return the whole base mesh of ``figure``; ``weights`` are those of ``joint_weights``."""
     vertices = source.shape(figure)
     joints = joints_in_a_pose(source, vertices)
     rotations = rotations_to_zero_pose(joints, finger_tips(source, vertices))
@@ -315,10 +314,11 @@ def in_zero_pose(source: MakeHuman, figure: BodyShape, weights: Float[np.ndarray
 def on_skeleton(
     posed: Posed, first: Posed, weights: Float[np.ndarray, "N J"]
 ) -> Float[np.ndarray, "N 3"]:
-    """The vertices of ``posed`` with its bones moved and stretched onto the joints of ``first``.
+    """Fit the vertices of ``posed`` to the joints of ``first`` by moving and stretching its bones.
 
-    The head keeps its shape: it is moved and scaled as a whole until its eyes are in place.
-    The soles come to stand as high as those of ``first``.
+    The head is only moved and uniformly scaled until its eyes match; the soles are set to the
+    height of
+    those of ``first``.
     """
     target = first.joints
     stretch = np.tile(np.eye(3), (NUM_JOINTS, 1, 1))

@@ -27,15 +27,15 @@ SHOE_TOP_ABOVE_ANKLE_M = 0.07
 SOLE_HEIGHT_M = 0.020
 SLEEVE_BEFORE_WRIST_M = 0.010
 CUFF_M = 0.06
-"""Over this length the shirt narrows to lie on the skin, at wrists and neck."""
+"""Length (m) over which the shirt narrows to the skin, at wrists and neck."""
 HEM_DEPTH_M = 0.005
 CUFF_DEPTH_M = 0.014
-"""Cuffs turn in until they meet the skin, so that no gap opens when the wrist bends."""
+"""Depth (m) of a turned-in cuff, which meets the skin so that no gap opens when the wrist bends."""
 WEIGHT_SMOOTHING_ROUNDS = 14
 
 
 class Wearer:
-    """Where garments end on a body with the given rest joints (metres, zero pose)."""
+    """Ends of garments on a body, from its rest joints (metres, zero pose)."""
 
     def __init__(self, joints: Float[np.ndarray, "J 3"]) -> None:
         self.joints = joints
@@ -47,7 +47,7 @@ class Wearer:
         self.sleeve_end_m = self.wrist_m - SLEEVE_BEFORE_WRIST_M
 
     def above_neckline(self, points: Points) -> Heights:
-        """Height above a crew neckline that runs round the root of the neck."""
+        """Return the height above a crew neckline around the root of the neck (m)."""
         from_neck = points - self.neck
         height = from_neck @ self.neck_axis
         radius = np.linalg.norm(from_neck - height[:, None] * self.neck_axis, axis=1)
@@ -56,7 +56,7 @@ class Wearer:
 
 
 def dress(helper: Mesh, wearer: Wearer) -> Mesh:
-    """The three garments of the helper mesh, as one triangle mesh painted by garment."""
+    """Make the three garments from the helper mesh, as one triangle mesh painted by garment."""
     loose = helper.positions[:, 1] > wearer.ankle_m + 0.02
     smoothed = geometry.smooth(helper, SMOOTHING_ROUNDS, loose)
     seat = np.abs(smoothed.positions[:, 1] - wearer.waist_m) < SEAT_HALF_HEIGHT_M
@@ -118,7 +118,7 @@ def _keep(mesh: Mesh, field: geometry.Field) -> Mesh:
 
 
 def _hemmed(garment: Mesh, depth_m: float) -> Mesh:
-    """The garment with its open ends turned in."""
+    """Return the garment with its open ends turned in."""
     hem = np.zeros(garment.num_vertices, bool)
     hem[geometry.border_edges(garment.faces)] = True
     inward = 0.3 * geometry.towards_neighbours(garment) - depth_m * geometry.normals(garment)

@@ -1,4 +1,4 @@
-"""The head: skin, hair, brows and lips painted on it, eyeballs, lips that close, and teeth."""
+"""Head of the open body: painted skin, brows and lips, hair, eyeballs, closing lips, and teeth."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Points = Float[np.ndarray, "N 3"]
 LIP_RING_EDGE = (537, 538)
 MOUTH_VERTEX = 680
 LIP_REACH_M = 0.009
-"""How far from the line the lips follow when it is drawn shut."""
+"""Distance (m) from the lip line over which the lips follow when it is closed."""
 LIP_RINGS = 6
-"""Rings of faces from the line where the lips meet to their outer edge."""
+"""Number of face rings from the lip line to the outer edge of the lips."""
 
 # A dental arch, half a superellipse seen from above; small enough to stay behind the lips.
 ARCH_HALF_WIDTH_M = 0.0195
@@ -30,21 +30,21 @@ ARCH_LENGTH_M = 0.013
 ARCH_EXPONENT = 2.6
 ARCH_BEHIND_LIPS_M = {"upper": 0.009, "lower": 0.0115}
 TOOTH_EDGE_M = {"upper": -0.0014, "lower": -0.0020}
-"""Height of the edge of a row above the line where the lips meet."""
+"""Height (m) of the edge of each row of teeth above the lip line."""
 TOOTH_HEIGHT_M = 0.0085
 TOOTH_DEPTH_M = 0.005
 ARCH_STEPS = 24
 
 
 def lip_line(quads: Int[np.ndarray, "Q 4"]) -> list[int]:
-    """Base-mesh vertices of the closed ring where the lips meet."""
+    """Return the base-mesh vertices of the closed ring where the lips meet."""
     return _edge_loop(quads, LIP_RING_EDGE)
 
 
 def mouth_and_lips(
     quads: Int[np.ndarray, "Q 4"],
 ) -> tuple[Bool[np.ndarray, " Q"], Bool[np.ndarray, " Q"]]:
-    """Which faces of the base mesh line the mouth, and which are the lips."""
+    """Return masks of the base mesh's faces inside the mouth and on the lips."""
     ring = set(lip_line(quads))
     neighbours: dict[int, set[int]] = defaultdict(set)
     for a, b in geometry.edges(quads).tolist():
@@ -68,12 +68,12 @@ def mouth_and_lips(
 
 
 def with_closed_lips(positions: Points, ring: list[int], quads: Int[np.ndarray, "Q 4"]) -> Points:
-    """Base-mesh positions with the ring where the lips meet drawn shut, and the lips after it.
+    """Return base-mesh positions with the mouth closed at the lip line.
 
     Args:
-        positions: of the base mesh, metres, zero pose.
-        ring: as from ``lip_line``.
-        quads: of the body, whose vertices may move.
+        positions: vertices of the base mesh, metres, zero pose.
+        ring: vertices from ``lip_line``.
+        quads: faces of the body, of which vertices may move.
     """
     x, y = positions[ring, 0], positions[ring, 1]
     corners = np.argmin(x), np.argmax(x)
@@ -91,12 +91,12 @@ def with_closed_lips(positions: Points, ring: list[int], quads: Int[np.ndarray, 
 
 
 def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
-    """A smooth dental arch that moves like the row of teeth it replaces.
+    """Make a smooth dental arch that moves like the row of teeth it replaces.
 
     Args:
         row: ``upper`` or ``lower``.
         old: MakeHuman's row of teeth, which pokes through the lips.
-        mouth: middle of the line where the lips meet.
+        mouth: middle of the lip line.
     """
     sign = 1.0 if row == "upper" else -1.0
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARCH_STEPS)
@@ -126,7 +126,7 @@ def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
 
 
 def _edge_loop(quads: Int[np.ndarray, "Q 4"], start: tuple[int, int]) -> list[int]:
-    """The closed loop of edges that goes straight on at each vertex, from one edge of it."""
+    """Return the closed edge loop through ``start`` that continues straight at each vertex."""
     faces_at: dict[int, list[list[int]]] = defaultdict(list)
     for quad in quads.tolist():
         for corner in quad:
@@ -166,11 +166,11 @@ HAIRLINE = (
 )
 HAIR_THICKNESS_M = 0.011
 HAIR_EDGE_M = 0.0025
-"""Thickness at the hairline, enough to cover the skin, which is the coarser mesh."""
+"""Thickness (m) at the hairline, enough to cover the skin, which is the coarser mesh."""
 HAIR_RAMP_M = 0.03
 HAIR_HEM_M = 0.006
 SCALP_MARGIN_M = 0.035
-"""The hair is cut out of the scalp and so much more around it."""
+"""Margin (m) around the scalp from which the hair is cut."""
 SKIN_UNDER_HAIR_M = 0.015
 
 # Brow: height above the eyes and half thickness for each distance from the middle; metres.
@@ -189,7 +189,7 @@ CORNEA_BULGE = 0.035
 
 
 class FacePaint:
-    """Curves on the head for hair and brows, placed by the eye joints (metres, zero pose)."""
+    """Hairline and brow curves on the head, placed by the eye joints (metres, zero pose)."""
 
     def __init__(self, joints: Float[np.ndarray, "J 3"]) -> None:
         self.eyes = joints[[JOINT_INDEX["left_eye"], JOINT_INDEX["right_eye"]]].mean(0)
@@ -203,12 +203,12 @@ class FacePaint:
         return points[:, 1] - self.eyes[1] - self._hairline(behind)
 
     def in_front(self, points: Points) -> Bool[np.ndarray, " N"]:
-        """Around the brows."""
+        """Return a mask of points around the brows."""
         x, y, z = (points - self.eyes).T
         return (np.abs(x) < 0.06) & (y > 0.005) & (y < 0.045) & (z > -0.02)
 
     def brow_fields(self) -> tuple[geometry.Field, ...]:
-        """Fields that are all positive on the brows only."""
+        """Return fields that are all positive only on the brows."""
         start, end = BROW[0][0], BROW[-1][0]
 
         def sideways(points: Points) -> Heights:
@@ -226,12 +226,12 @@ class FacePaint:
 
 
 def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Mesh:
-    """Mouth, lips, brows and hair on the bare head.
+    """Add mouth, lips, brows and hair to the bare head.
 
     Args:
-        skin: the head in quads.
-        quads: the same quads in the vertex numbers of the base mesh.
-        paint: where the curves run.
+        skin: head in quads.
+        quads: the same quads with vertex indices of the base mesh.
+        paint: hairline and brow curves.
     """
     inside, lips = mouth_and_lips(quads)
     regions = np.full(len(quads), REGION_INDEX["skin"])
@@ -251,7 +251,7 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
 
 
 def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
-    """A cap on the scalp, finer than the skin so that its outline is round."""
+    """Make hair as a cap on the scalp, finer than the skin so that its outline is round."""
     on_scalp = paint.above_hairline(skin.positions) > -SCALP_MARGIN_M
     scalp = geometry.subdivide(skin.faces_only(np.asarray(on_scalp[skin.faces].all(axis=1))))
     hair = geometry.cut(scalp, paint.above_hairline)
@@ -267,7 +267,7 @@ def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
 
 
 def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
-    """A round eye in place of the old one, gaze along +z, iris and pupil as rings."""
+    """Make a round eyeball in place of ``old``, with gaze along +z, iris and pupil as rings."""
     centre, radius = _sphere(old.positions)
     polar = np.radians(EYE_RINGS_DEG)
     around = np.arange(EYE_SECTORS) * 2 * np.pi / EYE_SECTORS
@@ -302,7 +302,7 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
 
 
 def _sphere(points: Points) -> tuple[Float[np.ndarray, " 3"], float]:
-    """Centre and radius of the sphere that fits the back of an eye."""
+    """Return centre and radius of the sphere fitted to the back of an eye."""
     back = points[points[:, 2] < np.percentile(points[:, 2], 75)]
     system = np.c_[2 * back, np.ones(len(back))]
     solution = np.linalg.lstsq(system, (back**2).sum(1), rcond=None)[0]

@@ -1,7 +1,7 @@
-"""Meshes whose vertices carry everything that skinning needs, and the cuts made in them.
+"""Meshes with all skinning attributes per vertex, and operations that cut and join them.
 
 Every operation makes new vertices as weighted means of old ones, of positions, skinning weights
-and offsets alike; so an edited mesh moves like the one it was made from, in every build.
+and offsets alike; so an edited mesh moves like its source, in every build.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from jaxtyping import Bool, Float, Int
 from conventions.joints import NUM_JOINTS
 
 Field = Callable[[Float[np.ndarray, "N 3"]], Float[np.ndarray, " N"]]
-"""A number for each point in space; a curve on a mesh is where it is zero."""
+"""Scalar field over points in space; its zero set on a mesh is a curve."""
 
 SNAP_SHARE = 0.2
-"""A cut this close to a vertex, as a share of the edge, moves the vertex onto the cut."""
+"""Share of an edge within which a cut moves the near vertex onto the cut."""
 
 
 @dataclass(frozen=True)
 class Mesh:
     faces: Int[np.ndarray, "F K"]
-    """Quads or triangles, counter-clockwise seen from outside."""
+    """Quads or triangles, counter-clockwise from outside."""
     carried: Float[np.ndarray, "V C"]
     """Columns: position (3, metres, zero pose), weights (55), offsets (M * 3).
 
@@ -59,7 +59,7 @@ class Mesh:
         return replace(self, regions=np.full_like(self.regions, region))
 
     def faces_only(self, keep: Bool[np.ndarray, " F"]) -> Mesh:
-        """The faces in ``keep`` and the vertices they use."""
+        """Return the faces in ``keep`` and the vertices they use."""
         used, faces = np.unique(self.faces[keep], return_inverse=True)
         return Mesh(faces.reshape(-1, self.faces.shape[1]), self.carried[used], self.regions[used])
 
@@ -70,7 +70,7 @@ class Mesh:
 
 
 def join(meshes: list[Mesh]) -> Mesh:
-    """One triangle mesh of several, vertices in the order given."""
+    """Join meshes to one triangle mesh, with vertices in the order of ``meshes``."""
     meshes = [mesh.triangles() for mesh in meshes]
     offsets = np.cumsum([0] + [mesh.num_vertices for mesh in meshes[:-1]])
     return Mesh(
@@ -81,12 +81,12 @@ def join(meshes: list[Mesh]) -> Mesh:
 
 
 def edges(faces: Int[np.ndarray, "F K"]) -> Int[np.ndarray, "E 2"]:
-    """Directed edges of all faces, face by face."""
+    """Return the directed edges of all faces, face by face."""
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
 def border_edges(faces: Int[np.ndarray, "F K"]) -> Int[np.ndarray, "B 2"]:
-    """Directed edges that have a face on one side only."""
+    """Return the directed edges that have a face on one side only."""
     directed = edges(faces)
     _, index, count = np.unique(
         np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
@@ -95,7 +95,7 @@ def border_edges(faces: Int[np.ndarray, "F K"]) -> Int[np.ndarray, "B 2"]:
 
 
 def normals(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
-    """Unit normals, the faces of a vertex weighted by their area."""
+    """Compute unit vertex normals, with faces weighted by their area."""
     faces = mesh.triangles().faces
     a, b, c = (mesh.positions[faces[:, k]] for k in range(3))
     total = np.zeros_like(mesh.positions)
@@ -105,7 +105,7 @@ def normals(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
 
 
 def subdivide(mesh: Mesh) -> Mesh:
-    """One step of Catmull-Clark subdivision on a quad mesh; borders become smooth curves."""
+    """Apply one step of Catmull-Clark subdivision to a quad mesh; borders become smooth curves."""
     num_vertices, quads = mesh.num_vertices, mesh.faces
     num_faces = len(quads)
     directed = edges(quads)
@@ -170,12 +170,12 @@ def cut(
     field: Field,
     within: Callable[[Float[np.ndarray, "N 3"]], Bool[np.ndarray, " N"]] | None = None,
 ) -> Mesh:
-    """The mesh with edges along the curve where ``field`` of the position is zero.
+    """Cut a mesh along the curve where ``field`` of the position is zero.
 
     Args:
-        mesh: of triangles or quads; the result has triangles.
-        field: should be close to linear along an edge, or the curve comes out ragged.
-        within: cut only edges whose middle lies here.
+        mesh: triangles or quads; the result has triangles.
+        field: should be close to linear along an edge, or the curve is ragged.
+        within: region of edge midpoints outside which edges are not cut.
     """
     mesh = mesh.triangles()
     carried, values = mesh.carried.copy(), field(mesh.positions)
@@ -213,7 +213,7 @@ def cut(
 
 
 def _triangles_of(polygon: list[int], first_new: int) -> list[list[int]]:
-    """Triangles of a face with up to two new vertices on its sides, cut between them."""
+    """Triangulate a face with up to two new vertices on its sides, with a cut between them."""
     new = [k for k, vertex in enumerate(polygon) if vertex >= first_new]
     if not new:
         return [polygon]
@@ -228,7 +228,7 @@ def _triangles_of(polygon: list[int], first_new: int) -> list[list[int]]:
 
 
 def paint(mesh: Mesh, face_regions: Int[np.ndarray, " F"]) -> Mesh:
-    """Give each face a region; faces of different regions share no vertex, so edges are sharp."""
+    """Assign each face a region; regions share no vertex, so their borders are sharp."""
     return join(
         [mesh.faces_only(face_regions == r).painted(int(r)) for r in np.unique(face_regions)]
     )
@@ -258,7 +258,7 @@ def smooth_weights(mesh: Mesh, rounds: int) -> Mesh:
 
 
 def towards_neighbours(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
-    """From each vertex to the mean of the vertices it shares an edge with."""
+    """Return the vector from each vertex to the mean of its neighbours."""
     return _mean_of_neighbours(mesh) @ mesh.positions - mesh.positions
 
 
@@ -274,7 +274,7 @@ def _mean_of_neighbours(mesh: Mesh) -> sp.csr_array:
 def fold_border(
     mesh: Mesh, on_border: Bool[np.ndarray, " V"], inward: Float[np.ndarray, "V 3"]
 ) -> Mesh:
-    """Turn a hem: faces from the marked border to a copy of it moved by ``inward``.
+    """Make a hem: faces from the marked border to a copy of it moved by ``inward``.
 
     The fold shares no vertex with the garment, so the hem is a sharp edge in shading too.
     """

@@ -22,7 +22,7 @@ from jaxtyping import Float64, Int64
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Where one figure lies between MakeHuman's extreme shapes, each from 0 to 1."""
+    """Position of a figure between MakeHuman's extreme shapes, each from 0 to 1."""
 
     gender: float
     """0 female, 1 male."""
@@ -38,7 +38,7 @@ class BodyShape:
 
 
 class MakeHuman:
-    """The files of one MakeHuman data folder, read when first used."""
+    """Files of one MakeHuman data folder, read when first used."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -64,7 +64,7 @@ class MakeHuman:
         return self._obj[0]
 
     def quads(self, group: str) -> Int64[np.ndarray, "Q 4"]:
-        """The faces of one named group, which are all quads in the groups that are used."""
+        """Return the faces of a named group; all groups in use have only quads."""
         return np.array(self._obj[1][group], np.int64).reshape(-1, 4)
 
     @cached_property
@@ -74,12 +74,12 @@ class MakeHuman:
 
     @cached_property
     def bone_weights(self) -> dict[str, list[list[float]]]:
-        """Per bone: pairs of a vertex that it moves and the share."""
+        """Pairs of vertex index and weight, by bone."""
         path = self._mpfb / "rigs" / "standard" / "weights.default.json"
         return json.loads(path.read_text())["weights"]
 
     def bone_end(self, bone: str, end: str) -> list[int]:
-        """Vertices whose mean is the ``head`` or ``tail`` of a bone."""
+        """Return the vertices that have the ``head`` or ``tail`` of a bone as their mean."""
         rule = self.bones[bone][end]
         if rule["strategy"] == "VERTEX":
             return [rule["vertex_index"]]
@@ -88,12 +88,12 @@ class MakeHuman:
         return sorted({corner for face in self._obj[1][rule["cube_name"]] for corner in face})
 
     def face_units(self) -> dict[str, Float64[np.ndarray, "N 3"]]:
-        """Offsets of the 52 ARKit-like face units, in alphabetical order."""
+        """Return the offsets of the 52 ARKit-like face units, in alphabetical order."""
         folder = self._folder / "faceunits01" / "targets" / "faceunits"
         return {path.stem: self._offsets(path) for path in sorted(folder.glob("*.target"))}
 
     def shape(self, figure: BodyShape) -> Float64[np.ndarray, "N 3"]:
-        """Vertices of one figure: the base mesh plus MakeHuman's blend of macro targets."""
+        """Return the vertices of a figure: base mesh plus MakeHuman's blend of macro targets."""
         vertices = self.base_vertices.copy()
         for name, share in _macro_targets(figure):
             path = self._mpfb / "targets" / name
@@ -113,7 +113,7 @@ class MakeHuman:
 
 
 def _between(position: float, names: Iterable[str]) -> dict[str, float]:
-    """Linear shares of ``names`` spread evenly over 0 to 1."""
+    """Return linear interpolation shares of ``names`` spread evenly over 0 to 1."""
     names = list(names)
     centres = np.linspace(0, 1, len(names))
     shares = np.maximum(0, 1 - np.abs(position - centres) * (len(names) - 1))
@@ -121,7 +121,7 @@ def _between(position: float, names: Iterable[str]) -> dict[str, float]:
 
 
 def _macro_targets(figure: BodyShape) -> Iterable[tuple[str, float]]:
-    """File name and share of each macro target, as MakeHuman's modifiers combine them."""
+    """Yield file name and share of each macro target, as MakeHuman's modifiers combine them."""
     genders = _between(figure.gender, ("female", "male"))
     ages = _between(figure.age, ("young", "old"))
     muscles = _between(figure.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))

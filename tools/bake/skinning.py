@@ -1,8 +1,7 @@
-"""What skinning loses: dual quaternions that keep volume, and pose correctives that tell the
-difference.
+"""Dual quaternion skinning, and pose correctives for linear skinning fitted to it.
 
-Linear in the nine entries of ``R - I`` of each joint, fitted on random rotations of that joint
-alone, mostly about the axis it bends in.
+Dual quaternions keep volume. Correctives are linear in the nine entries of ``R - I`` of each joint,
+fitted on random rotations of that joint alone, mostly about the axis it bends in.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 def rotate_towards(
     start: Float64[np.ndarray, " 3"], end: Float64[np.ndarray, " 3"]
 ) -> Float64[np.ndarray, "3 3"]:
-    """The smallest rotation that turns the direction ``start`` into ``end`` (not opposite)."""
+    """Return the smallest rotation from direction ``start`` to ``end`` (not opposite)."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     x, y, z = np.cross(start, end)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -27,7 +26,7 @@ def rotate_towards(
 def posed_joints(
     joints: Float64[np.ndarray, "J 3"], global_rot: Float64[np.ndarray, "J 3 3"]
 ) -> Float64[np.ndarray, "J 3"]:
-    """Joint positions when each bone turns with the world rotation of its parent joint."""
+    """Return joint positions with each bone turned by the global rotation of its parent joint."""
     posed = joints.copy()
     for joint in range(1, NUM_JOINTS):
         parent = PARENTS[joint]
@@ -41,7 +40,7 @@ def linear_blend(
     joints: Float64[np.ndarray, "J 3"],
     global_rot: Float64[np.ndarray, "J 3 3"],
 ) -> Float64[np.ndarray, "V 3"]:
-    """Vertices blended as the renderer does it, without correctives."""
+    """Blend vertices linearly as the renderer does, without correctives."""
     translations = _translations(joints, global_rot)
     blended = np.tensordot(weights, global_rot, 1)
     return np.einsum("vab,vb->va", blended, vertices) + weights @ translations
@@ -53,7 +52,7 @@ def dual_quaternion_blend(
     joints: Float64[np.ndarray, "J 3"],
     global_rot: Float64[np.ndarray, "J 3 3"],
 ) -> Float64[np.ndarray, "V 3"]:
-    """Vertices blended with dual quaternions (Kavan et al. 2007)."""
+    """Blend vertices with dual quaternions (Kavan et al. 2007)."""
     real = Rotation.from_matrix(global_rot).as_quat(scalar_first=True)
     real *= np.where(real[:, :1] < 0, -1, 1)
     shift = _translations(joints, global_rot)
@@ -82,12 +81,12 @@ NUM_SAMPLES = 120
 RIDGE = 0.03
 SMALL_ROTATION = 0.1
 MIXED_SHARE = 0.005
-"""Vertices between this share and one minus it of a joint's branch are corrected."""
+"""Weight of a joint's branch above which, and below one minus which, vertices are corrected."""
 SMALLEST_OFFSET_M = 1e-4
 LINEAR_SHOULDER_SHARE = 0.7
-"""Dual quaternions alone make the shoulder of a raised arm bulge."""
+"""Share of linear blending at the shoulder, which bulges with dual quaternions alone."""
 CAP_SHRINKING = 0.38
-"""Share by which the cap of the shoulder comes nearer to its joint when the arm hangs."""
+"""Share by which the cap of the shoulder is moved towards its joint when the arm hangs."""
 CAP_RADIUS_M = 0.16
 _LARGEST_ANGLE = {"elbow": 2.2, "knee": 2.0, "shoulder": 1.5, "hip": 1.4, "wrist": 1.3}
 _UNCORRECTED = ("pelvis", "jaw", "left_eye", "right_eye", "left_foot", "right_foot")
@@ -99,7 +98,7 @@ def pose_correctives(
     joints: Float[np.ndarray, "J 3"],
     rng: np.random.Generator,
 ) -> tuple[Int[np.ndarray, " K"], Int[np.ndarray, " K"], Float[np.ndarray, "K 3 9"]]:
-    """Blocks of correctives: vertex, joint, and offset (m) per entry of that joint's R - I."""
+    """Fit correctives: return vertex, joint, and offset (m) per entry of that joint's R - I."""
     blocks = [
         _fit_joint(vertices, weights, joints, joint, rng)
         for joint in range(1, NUM_JOINTS)
@@ -149,7 +148,7 @@ def _fit_joint(
 def _shoulder_cap(
     vertices: Float[np.ndarray, "V 3"], joints: Float[np.ndarray, "J 3"], joint: int
 ) -> Float[np.ndarray, " V"]:
-    """1 at a shoulder joint, falling to 0 around it; 0 everywhere for other joints."""
+    """Return 1 at a shoulder joint, falling to 0 around it; 0 everywhere for other joints."""
     if not JOINT_NAMES[joint].endswith("shoulder"):
         return np.zeros(len(vertices))
     distance = np.linalg.norm(vertices - joints[joint], axis=1)

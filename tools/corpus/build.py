@@ -1,5 +1,4 @@
-"""``python -m model.corpus --out DIR --hours H --seed N [--workers N]``: which clips there are, and
-making the missing ones with several processes."""
+"""Building of the corpus (``python -m model.corpus``): the list of clips and their making."""
 
 import errno
 import json
@@ -34,12 +33,12 @@ MAX_HOURS = 1000.0
 
 
 class CorpusError(ValueError):
-    """A corpus that cannot be made, with the reason and the way out."""
+    """Error for a corpus that cannot be made, with the reason and the way out."""
 
 
 @dataclass(frozen=True)
 class ClipJob:
-    """One clip to make; picklable, and all a worker needs to know."""
+    """Job of making one clip; picklable, with everything that a worker needs."""
 
     root: Path
     seed: int
@@ -63,14 +62,15 @@ def main(arguments: list[str] | None = None) -> int:
 def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count() or 1) -> None:
     """Make a corpus of speech and co-speech motion in BEAT2's layout.
 
-    The same hours and seed give the same bytes whatever the number of workers. A folder of the
-    same seed is continued, also with more hours than before.
+    The same hours and seed give the same bytes with any number of workers. A folder of the same
+    seed is
+    continued, also with more hours than before.
 
     Args:
         out: Folder of the corpus.
         hours: Length of the corpus; clips last about a minute each.
-        seed: Same seed, same bytes.
-        workers: Processes.
+        seed: Random seed; the same seed gives the same bytes.
+        workers: Number of processes.
 
     Raises:
         CorpusError: for bad numbers, a folder of another corpus, or a full disk.
@@ -98,7 +98,7 @@ def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count
 
 
 def plan_jobs(root: Path, hours: float, seed: int) -> list[ClipJob]:
-    """The clips in order: speakers take turns, held-out ones every third round.
+    """List the clips in order: speakers alternate, held-out speakers in every third round.
 
     In each block of ten rounds a speaker has eight training clips, one validation and one test
     clip; the held-out speakers have test clips only.
@@ -124,7 +124,7 @@ def _split_for(turn: int, place: int) -> Split:
 
 
 def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
-    """Refuse a folder that holds something else; otherwise mark it as this corpus."""
+    """Check that a folder is empty or holds this corpus, and mark an empty one."""
     manifest = root / MANIFEST
     wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
     if manifest.is_file():
@@ -146,7 +146,7 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
 
 
 def read_manifest(path: Path) -> dict[str, int | float]:
-    """Format, seed and clip length of the corpus in a folder."""
+    """Read format, seed and clip length from a corpus's manifest."""
     try:
         found = json.loads(path.read_text())
         return {key: found[key] for key in ("format", "seed", "clip_s")}
@@ -176,7 +176,7 @@ def make_job(job: ClipJob) -> None:
 
 
 def made_clip(job: ClipJob) -> CorpusClip:
-    """The clip that a job asks for."""
+    """Make the clip of a job."""
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
     return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -1,10 +1,9 @@
-"""One clip put together for one speaker from one seed, and its files in BEAT2's layout: motion,
-sound, annotation and the table of splits.
+"""One clip of one speaker from one seed, and its files in BEAT2's layout.
 
-Every file is written under another name first and moved into place, and holds no time of writing,
-so that the same clip gives the same bytes. The annotation is a Praat TextGrid: what was said, and
-all that the body did to it; times are seconds. Nothing is measured in the motion: tiers hold what
-the motion was made from.
+The files are motion, sound, annotation and the table of splits. Each is written atomically and
+contains no time stamp, so that the same clip gives the same bytes. The annotation is a Praat
+TextGrid of speech and body events in seconds. Nothing is measured in the motion: tiers contain the
+events that the motion was made from.
 """
 
 import io
@@ -37,7 +36,7 @@ NUM_EXPRESSIONS = 100
 
 @dataclass(frozen=True)
 class CorpusClip:
-    """Motion in BEAT2's arrays, with the speech and the parts of the body it was made from."""
+    """Motion in BEAT2's arrays, with the speech and the body parts that it was made from."""
 
     poses: Float32[np.ndarray, "T 165"]
     trans: Float32[np.ndarray, "T 3"]
@@ -52,7 +51,7 @@ class CorpusClip:
 def make_clip(
     rig: Rig, speaker: Speaker, split: Split, target_s: float, seed: list[int]
 ) -> CorpusClip:
-    """A clip of about ``target_s`` seconds; the same arguments give the same clip."""
+    """Make a clip of about ``target_s`` seconds; deterministic in its arguments."""
     text_rng, voice_rng, motion_rng = np.random.default_rng(seed).spawn(3)
     utterance = speak(speaker, target_s, split, text_rng, voice_rng)
     return animate(rig, speaker, utterance, motion_rng)
@@ -61,7 +60,7 @@ def make_clip(
 def animate(
     rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Generator
 ) -> CorpusClip:
-    """Gestures, body and face to given speech; round(30 x seconds) frames."""
+    """Animate gestures, body and face for an utterance; round(30 x seconds) frames."""
     plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
     num_frames = round(utterance.duration_s * FPS)
     plan = make_plan(utterance, speaker, plan_rng)
@@ -97,7 +96,7 @@ EXPRESSION_BASIS = "arkit52"
 
 @dataclass(frozen=True)
 class ClipPaths:
-    """The three files of a clip."""
+    """Paths of the three files of a clip."""
 
     motion: Path
     sound: Path
@@ -108,7 +107,7 @@ class ClipPaths:
 
 
 def clip_paths(root: Path, clip_id: str) -> ClipPaths:
-    """Where the files of a clip lie under the corpus folder."""
+    """Return the paths of a clip's files under the corpus folder."""
     return ClipPaths(
         root / MOTION / f"{clip_id}.npz",
         root / SOUND / f"{clip_id}.wav",
@@ -137,7 +136,7 @@ def write_clip(root: Path, clip_id: str, clip: CorpusClip) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, and its folder where there is none.
+    """Write a file atomically, and make its folder if there is none.
 
     Raises:
         WriteError: with the reason.
@@ -150,7 +149,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def split_table(rows: list[tuple[str, str]]) -> str:
-    """``train_test_split.csv``: the id and split of every clip."""
+    """Format ``train_test_split.csv``: the id and split of every clip."""
     return "id,type\n" + "".join(f"{clip_id},{split}\n" for clip_id, split in rows)
 
 
@@ -160,7 +159,7 @@ NO_SMILE = 0.02  # levels up to this are none
 
 
 def textgrid(clip: CorpusClip) -> str:
-    """The tiers of speech, of either hand, and of head, face and feet, in Praat's long format."""
+    """Format a clip's tiers of speech, hands, head, face and feet in Praat's long format."""
     utterance, trunk, face = clip.utterance, clip.trunk, clip.face
     duration_s = utterance.duration_s
 
@@ -213,11 +212,13 @@ def textgrid(clip: CorpusClip) -> str:
 
 
 def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list[Point]]:
-    """What a hand does when, and where it is to be at the end of each move.
+    """Return the gesture intervals of a hand, and its goal position at the end of each move.
 
-    An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has
-    one; holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
-    frame; the first, at 0, is the pose that the clip starts in.
+    An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name if there is
+    one;
+    holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
+    frame;
+    the first, at 0, is the initial pose of the clip.
     """
     started = [key for key in keys if key.arrive_s <= 0]
     rows: list[tuple[Span, HandKey | None]] = []
@@ -247,7 +248,7 @@ def _goal(key: HandKey) -> str:
 
 
 def _apexes(keys: list[HandKey], side: str) -> list[Point]:
-    """The ends of strokes: gesture, hand and the word it lands on."""
+    """Return the ends of strokes with gesture, hand and word."""
     return [
         (key.arrive_s, f"{key.gesture} {side} {key.word}".strip())
         for key in keys
@@ -256,6 +257,6 @@ def _apexes(keys: list[HandKey], side: str) -> list[Point]:
 
 
 def _clipped(row: Span, from_s: float, duration_s: float) -> Span | None:
-    """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
+    """Clip an interval to ``from_s`` and the clip's end, rounded to a tenth of a millisecond."""
     start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
     return (start_s, end_s, row[2]) if end_s > start_s else None

@@ -1,1 +1,1 @@
-"""How the parts of a body carry gestures out; may import gesture, words and people."""
+"""Animation of the body's parts from gestures and speech; may import gesture, words and people."""

@@ -1,9 +1,9 @@
-"""From a plan's keys to collar, shoulder, elbow, wrist and finger rotations.
+"""Collar, shoulder, elbow, wrist and finger rotations from the keys of a plan.
 
 Moves are minimum-jerk and superposed, so that one may begin before the last has ended. The arm is
 solved in the chest's frame by analytic two-bone inverse kinematics, from a wrist position to
-collar, upper arm and forearm. Drift, a follow of the other hand, tremor, restless fingers and drag
-keep hands alive.
+collar, upper arm and forearm. Drift, coupling to the other hand, tremor, finger movements and drag
+add natural variation.
 """
 
 from dataclasses import dataclass
@@ -63,17 +63,17 @@ def two_bone_ik(
     hinge: Float[np.ndarray, " 3"],
     pole: Float[np.ndarray, "T 3"],
 ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3"]]:
-    """Rotations of both bones that bring the lower bone's end to the target.
+    """Compute the rotations of two bones that bring the lower bone's end to a target.
 
     A target near or past full stretch is approached softly, so that the middle joint never snaps.
 
     Args:
-        root: where the upper bone begins.
-        target: where the lower bone shall end.
-        upper: the upper bone at rest.
-        lower: the lower bone at rest.
-        hinge: the middle joint's axis at rest.
-        pole: the direction in which the middle joint lies off the line from root to target.
+        root: start of the upper bone.
+        target: position for the end of the lower bone.
+        upper: vector of the upper bone at rest.
+        lower: vector of the lower bone at rest.
+        hinge: axis of the middle joint at rest.
+        pole: direction of the middle joint from the line between root and target.
 
     Returns:
         The upper bone's rotation, the lower bone's rotation, the lower bone's unit direction.
@@ -103,7 +103,7 @@ def bone_rotations(
     lower: Float[np.ndarray, " 3"],
     hinge: Float[np.ndarray, " 3"],
 ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
-    """Rotations that turn two bones there and the hinge between them across both."""
+    """Return the rotations of two bones to these directions, with the hinge normal to both."""
     axis = unit(np.cross(upper_direction, lower_direction))
     upper_rest = hinge_frame(upper[None], hinge[None])[0]
     lower_rest = hinge_frame(lower[None], hinge[None])[0]
@@ -113,7 +113,7 @@ def bone_rotations(
 
 @dataclass(frozen=True)
 class Arm:
-    """One arm's bones in the chest's frame at rest."""
+    """Bones of one arm in the chest's frame at rest (m)."""
 
     side: str
     collar: Float[np.ndarray, " 3"]
@@ -131,7 +131,7 @@ class Arm:
 
 
 def arm_of(rig: Rig, side: str) -> Arm:
-    """The arm's bones; the collar's root is measured from the chest joint."""
+    """Return an arm's bones; the collar is measured from the chest joint."""
     return Arm(
         side,
         rig.rest_joints[JOINT_INDEX[f"{side}_collar"]] - rig.rest_joints[JOINT_INDEX["spine3"]],
@@ -148,10 +148,11 @@ def solve_arm(
     shrug: Float[np.ndarray, " T"] | float = 0.0,
     shake_deg: Float[np.ndarray, "T 3"] | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Collar, upper arm and forearm rotations in the chest's frame, and the forearm's direction.
+    """Compute collar, upper arm and forearm rotations in the chest's frame, and the forearm axis.
 
-    The upper arm is slower than the wrist asks for: strokes are led by the forearm, which points
-    at the wrist's position from wherever the elbow has got to.
+    The upper arm follows the wrist with a low-pass filter: strokes are led by the forearm, which
+    points
+    at the wrist's position from the current elbow.
     """
     sign = arm.sign
     height, ahead = position[:, 1], position[:, 2]
@@ -182,7 +183,7 @@ def pronation_for(
     direction: Float[np.ndarray, "T 3"],
     palm: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, " T"]:
-    """Degrees about the forearm that turn the palm there; the longer way round is never taken."""
+    """Compute the pronation (degrees) that turns the palm to ``palm``, within the joint's range."""
     start = fore @ np.array([0.0, -1.0, 0.0])
     start = unit(start - (start * direction).sum(-1, keepdims=True) * direction)
     goal = unit(palm - (palm * direction).sum(-1, keepdims=True) * direction)
@@ -194,7 +195,7 @@ def pronation_for(
 def forearm_and_wrist(
     arm: Arm, hand: Float[np.ndarray, "T C"], fore: Float[np.ndarray, "T 3 3"]
 ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
-    """The forearm turned by its share of the pronation, and the wrist's rotation against it."""
+    """Return the forearm with its share of the pronation, and the wrist's local rotation."""
     along = unit(arm.fore)
     pronation = np.radians(hand[:, PRONATION]) * arm.sign
     flex = np.radians(np.clip(hand[:, WRIST_FLEX], -60, 55))
@@ -224,7 +225,7 @@ def with_less_twist(
 
 
 def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
-    """Not too far to the side, not too high, not too near to the shoulder."""
+    """Limit the wrist's position smoothly: not too far out, too high or too near the shoulder."""
     hand = hand.copy()
     out = _soft_ceiling(hand[:, 0] * arm.sign, 0.33, 0.07)
     hand[:, 0] = arm.sign * np.maximum(out, -0.05)
@@ -237,7 +238,7 @@ def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, 
 
 
 def _soft_ceiling(value: np.ndarray, limit: np.ndarray | float, margin: float) -> np.ndarray:
-    """The value, bent over smoothly above ``limit`` and never past ``limit + margin``."""
+    """Bend values smoothly above ``limit``, never past ``limit + margin``."""
     over = np.maximum(value - limit, 0.0)
     return np.where(value > limit, limit + margin * np.tanh(over / margin), value)
 
@@ -249,9 +250,9 @@ def add_life(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> None:
-    """Drift that both hands share, drift of each, a follow of the other hand, and tremor.
+    """Add drift of both hands and of each, coupling to the other hand, and tremor.
 
-    ``share`` of it is left in each frame.
+    The amplitude is scaled by ``share`` in each frame.
     """
     num_frames = len(curves["left"])
     vigour = vigour_of(speaker)
@@ -277,14 +278,14 @@ def add_life(
 
 
 def vigour_of(speaker: Speaker) -> float:
-    """About 1; how much of a speaker's liveliness shows in wrists and fingers."""
+    """Return a factor of about 1 for the liveliness of a speaker's wrists and fingers."""
     return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 2.5
 
 
 def _finger_life(
     hand: Float[np.ndarray, "T C"], speaker: Speaker, rng: np.random.Generator
 ) -> Float[np.ndarray, "T 19"]:
-    """Fingers that never stand still, together and one by one, livelier while the hand moves."""
+    """Make finger movements, together and one by one, stronger while the hand moves."""
     num_frames = len(hand)
     speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
     energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None]
@@ -307,7 +308,7 @@ def trailing(
     fore: Float[np.ndarray, "T 3 3"],
     direction: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, "T C"]:
-    """The curves with wrist and fingers that trail behind the hand and swing on when it stops."""
+    """Return the curves with wrist and fingers that lag behind the hand and swing on at stops."""
     hand = hand.copy()
     palm = fore @ np.array([0.0, -1.0, 0.0])
     pronation = np.radians(hand[:, PRONATION]) * arm.sign
@@ -328,15 +329,15 @@ def _softly(value: Float[np.ndarray, " T"], limit: float) -> Float[np.ndarray, "
 
 @dataclass(frozen=True)
 class Swing:
-    """A limp part at the end of a moving one: a damped pendulum on a spring."""
+    """Damped pendulum on a spring: a limp part at the end of a moving one."""
 
     hz: float
     damping: float
-    """Share of the critical damping."""
+    """Damping as a share of the critical damping."""
     lever_m: float
 
     def angle_deg(self, acceleration: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-        """Degrees by which the part lags behind its root, whose acceleration is in m/s^2."""
+        """Compute the angle (degrees) of the part behind its root from its acceleration (m/s^2)."""
         time_s = np.arange(round(1.2 * FPS)) / FPS
         natural = 2 * np.pi * self.hz
         damped = natural * np.sqrt(1 - self.damping**2)
@@ -356,9 +357,9 @@ def follow_plan(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, "T C"]]:
-    """The curves of both hands, by side, as the plan and the hands' own life have them.
+    """Return the curves of both hands by side: the plan's keys and natural variation.
 
-    Where the body is ``calm`` (1; 0 while it speaks), hands have hardly any life of their own.
+    Natural variation is reduced where ``calm`` is 1 (listening; 0 while speaking).
     """
     time_s = frame_times(len(calm))
     arms = {side: arm_of(rig, side) for side in SIDES}
@@ -378,7 +379,7 @@ def move_arms(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
-    """Local rotations of both arms and hands; the hands keep off the trunk and off each other."""
+    """Compute local rotations of arms and hands, with hands apart and off the trunk."""
     num_frames = len(curves["left"])
     time_s = frame_times(num_frames)
     shrug = np.zeros(num_frames)
@@ -403,7 +404,7 @@ def move_arms(
 
 
 class _ArmMover:
-    """Turns one hand's curves into joint rotations, with noise drawn once."""
+    """Converter of one hand's curves to joint rotations, with noise drawn once."""
 
     def __init__(
         self,
@@ -425,14 +426,14 @@ class _ArmMover:
         self._twist *= life[:, None]
 
     def trailing(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
-        """The curves with wrist and fingers that trail behind the hand."""
+        """Return the curves with wrist and fingers that lag behind the hand."""
         _, _, fore, direction = self._solve(hand)
         return trailing(self._arm, hand, fore, direction)
 
     def balls(
         self, hand: Float[np.ndarray, "T C"]
     ) -> tuple[Float[np.ndarray, "T P 3"], Float[np.ndarray, " P"]]:
-        """The balls of the hand in the chest's frame."""
+        """Return the collision spheres of the hand in the chest's frame."""
         collar, upper, fore, direction = self._solve(hand)
         elbow = self._arm.collar + collar @ self._arm.shoulder + upper @ self._arm.upper
         wrist = elbow + np.linalg.norm(self._arm.fore) * direction
@@ -443,7 +444,7 @@ class _ArmMover:
     def soften_steps(self, hand: Float[np.ndarray, "T C"]) -> None:
         """Smooth the path where the wrist would be jerked off its way from one frame to the next.
 
-        A fold of the arm near the shoulder can do so, or moves that overlap.
+        This happens when the arm folds near the shoulder, or when moves overlap.
         """
         for _ in range(_SOFTENING_ROUNDS):
             off_way = np.linalg.norm(np.diff(self._wrist(hand), 2, axis=0), axis=1)
@@ -455,13 +456,13 @@ class _ArmMover:
             hand[:, POSITION] += share * (low_pass(position, 0.06) - position)
 
     def _wrist(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T 3"]:
-        """The wrist's place in the chest's frame."""
+        """Return the wrist's position in the chest's frame."""
         collar, upper, _, direction = self._solve(hand)
         elbow = self._arm.collar + collar @ self._arm.shoulder + upper @ self._arm.upper
         return elbow + np.linalg.norm(self._arm.fore) * direction
 
     def rotations(self, hand: Float[np.ndarray, "T C"]) -> dict[int, Float[np.ndarray, "T 3 3"]]:
-        """Local rotations of collar, shoulder, elbow, wrist and fingers."""
+        """Return the local rotations of collar, shoulder, elbow, wrist and fingers."""
         side = self._arm.side
         collar, upper, fore, _ = self._solve(hand)
         upper = with_less_twist(self._arm, upper, SHOULDER_TWIST_SHARE)
@@ -492,7 +493,7 @@ def _key_channels(arm: Arm, key: HandKey) -> Float[np.ndarray, " C"]:
 def _follow_keys(
     arm: Arm, keys: list[HandKey], time_s: Float[np.ndarray, " T"], rng: np.random.Generator
 ) -> Float[np.ndarray, "T C"]:
-    """Superposed minimum-jerk moves on slightly bent paths; fingers follow from index to pinky."""
+    """Superpose minimum-jerk moves on slightly bent paths; fingers follow from index to pinky."""
     targets = [_key_channels(arm, key) for key in keys]
     curves = np.tile(targets[0], (len(time_s), 1))
     span_share = np.where(np.arange(NUM_CHANNELS) < 7, 1.0, 0.85)

@@ -1,7 +1,7 @@
-"""Hands that go neither through the trunk nor through each other.
+"""Collision avoidance of the hands with the trunk and each other.
 
-A hand is a set of balls along its bones. The trunk is two columns of superelliptic slices measured
-on the open body, one that goes with the chest and one with the pelvis.
+A hand is a set of spheres along its bones. The trunk is two columns of superelliptic slices
+measured on the open body, one fixed to the chest and one to the pelvis.
 """
 
 from dataclasses import dataclass
@@ -47,14 +47,14 @@ _RADIUS_M = {"wrist": 0.026, "palm": 0.017, "1": 0.014, "2": 0.011, "3": 0.009, 
 
 @dataclass(frozen=True)
 class Hips:
-    """The pelvis as the chest sees it."""
+    """Pelvis in the frame of the chest."""
 
     rotmat: Float[np.ndarray, "T 3 3"]
     position: Float[np.ndarray, "T 3"]
 
 
 def hips_of(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) -> Hips:
-    """Where the pelvis is in the chest's frame, from the spine's local rotations."""
+    """Return the pelvis in the chest's frame, from the spine's local rotations."""
     lowest, middle, chest = (JOINT_INDEX[f"spine{k}"] for k in (1, 2, 3))
     two = rotations[lowest] @ rotations[middle]
     position = rig.offsets[lowest] + rotations[lowest] @ rig.offsets[middle]
@@ -70,7 +70,7 @@ def hand_balls(
     wrist_rot: Float[np.ndarray, "T 3 3"],
     wrist: Float[np.ndarray, "T 3"],
 ) -> tuple[Float[np.ndarray, "T P 3"], Float[np.ndarray, " P"]]:
-    """Centres of a hand's balls in the frame of ``wrist`` and ``wrist_rot``, and their radii."""
+    """Return centres of a hand's spheres in the frame of the wrist's transform, and their radii."""
     centres, radii = [wrist], [_RADIUS_M["wrist"]]
     rotmat, place = {JOINT_INDEX[f"{side}_wrist"]: wrist_rot}, {JOINT_INDEX[f"{side}_wrist"]: wrist}
     for name, joint in JOINT_INDEX.items():
@@ -94,7 +94,7 @@ def hand_balls(
 def push_off_trunk(
     centres: Float[np.ndarray, "T P 3"], radii: Float[np.ndarray, " P"], side: str, hips: Hips
 ) -> Float[np.ndarray, "T 3"]:
-    """The offset, smooth in time, that takes a hand out of the trunk; in the chest's frame."""
+    """Return the offset, smooth in time, that moves a hand out of the trunk (chest's frame)."""
     sign = SIDE_SIGN[side]
     push = _off_column(centres, radii, sign, _CHEST)
     from_hips = (centres + push[:, None] - hips.position[:, None]) @ hips.rotmat
@@ -107,9 +107,9 @@ def push_apart(
     right: Float[np.ndarray, "T P 3"],
     radii: Float[np.ndarray, " P"],
 ) -> Float[np.ndarray, " T"]:
-    """Metres, smooth in time, by which each hand must go sideways for the hands not to overlap.
+    """Compute the sideways shift (m) of each hand, smooth in time, that separates the hands.
 
-    Resting hands that nearly touch are drawn together instead: a negative push.
+    Resting hands that nearly touch are moved together instead: a negative shift.
     """
     gap = left[:, :, None] - right[:, None]
     reach = radii[:, None] + radii - _CONTACT_M
@@ -124,7 +124,7 @@ def push_apart(
 
 
 def _stillness(place: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
-    """1 while a hand rests, 0 while it gestures."""
+    """Return 1 while a hand rests, 0 while it gestures."""
     speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * FPS
     return 1.0 - minimum_jerk((low_pass(speed, 0.2) - 0.08) / 0.12)
 
@@ -151,5 +151,5 @@ def _off_column(
 
 
 def _ahead_of(push: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-    """A smooth curve above a push that comes and goes suddenly."""
+    """Return a smooth upper envelope of a push that starts and ends abruptly."""
     return gaussian_filter1d(maximum_filter1d(push, 9), 2.0)

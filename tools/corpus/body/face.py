@@ -1,4 +1,4 @@
-"""The face from phones and accents: jaw, lips with coarticulation, blinks, brows and smiles."""
+"""Face animation from phones and accents: jaw, coarticulated lips, blinks, brows and smiles."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -59,27 +59,27 @@ MOUTH_UNITS = tuple(sorted({unit for _, _, units in VISEMES.values() for unit in
 
 @dataclass(frozen=True)
 class BrowMove(Brow):
-    """Up, or into a frown, and back as a Gaussian."""
+    """Brow raise, or frown if negative, as a Gaussian in time."""
 
     width_s: float
-    """Standard deviation."""
+    """Standard deviation (s)."""
 
 
 @dataclass(frozen=True)
 class BlinkMove(Blink):
-    """Lids are half shut or more for ``duration_s``."""
+    """Blink whose lids are at least half shut for ``duration_s``."""
 
     duration_s: float
 
 
 @dataclass(frozen=True)
 class FaceCurves:
-    """The face's curves, and what they are made from."""
+    """Curves of the face, and the events they are made from."""
 
     units: Float[np.ndarray, "T E"]
     """Face units from 0 to 1, in the order of the rig's names."""
     jaw: Float[np.ndarray, " T"]
-    """Radians."""
+    """Opening of the jaw (rad)."""
     brows: tuple[BrowMove, ...]
     smiles: tuple[Smile, ...]
     blinks: tuple[BlinkMove, ...]
@@ -92,7 +92,7 @@ def move_face(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> FaceCurves:
-    """The mouth speaks; brows, smiles and lids go with accents, phrases and gaze."""
+    """Animate the mouth from phones; brows, smiles and lids from accents, phrases and gaze."""
     num_frames = len(trunk.accent)
     time_s = frame_times(num_frames)
     jaw_deg, mouth = _mouth(utterance, num_frames)
@@ -125,7 +125,7 @@ def move_face(
 def _mouth(
     utterance: Utterance, num_frames: int
 ) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, "T U"]]:
-    """Jaw in degrees and mouth units as dominance-weighted means (Cohen and Massaro 1993)."""
+    """Compute jaw (degrees) and mouth units as dominance-weighted means (Cohen, Massaro 1993)."""
     fine_s = np.arange(num_frames * FINE) / (FPS * FINE)
     weighted = np.zeros((len(fine_s), 1 + len(MOUTH_UNITS)))
     total = np.full(len(fine_s), 1e-3)
@@ -148,7 +148,7 @@ def _mouth(
 
 
 def _brows(utterance: Utterance, rng: np.random.Generator) -> tuple[BrowMove, ...]:
-    """Brows go up on about half of the strong accents, and frown a little every few seconds."""
+    """Draw brow raises on about half of the strong accents, and a frown every few seconds."""
     moves = []
     for word in utterance.words:
         if word.accent > 0.75 and rng.random() < 0.55:
@@ -163,7 +163,7 @@ def _brows(utterance: Utterance, rng: np.random.Generator) -> tuple[BrowMove, ..
 
 
 def _smiles(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> tuple[Smile, ...]:
-    """The speaker's own smile, more or less of it about the end of each phrase."""
+    """Draw the speaker's own smile, more or less of it about the end of each phrase."""
     own = 0.6 * speaker.smile
     smiles, at_s = [], 0.0
     for phrase in utterance.phrases:
@@ -181,7 +181,7 @@ def _smiles(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) ->
 def _smile_curve(
     smiles: tuple[Smile, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, " T"]:
-    """From level to level, each change centred on the end of a smile."""
+    """Return the smile level, with each change centred on the end of a smile."""
     curve = np.full(len(time_s), smiles[0].size)
     for before, after in pairwise(smiles):
         phase = (time_s - after.start_s) / SMILE_CHANGE_S + 0.5
@@ -192,7 +192,7 @@ def _smile_curve(
 def _blinks(
     gaze: tuple[Gaze, ...], duration_s: float, rng: np.random.Generator
 ) -> tuple[BlinkMove, ...]:
-    """About twenty a minute, evenly enough for any ten seconds; some go with a wide gaze shift."""
+    """Draw about twenty blinks a minute, some at wide gaze shifts."""
     wide = [
         after.start_s
         for before, after in pairwise(gaze)
@@ -210,7 +210,7 @@ def _blinks(
 def _closed_lids(
     blinks: tuple[BlinkMove, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, " T"]:
-    """Lids close faster than they open: a third and two thirds of the blink's time."""
+    """Return lid closure, with a third of the blink for closing and two thirds for opening."""
     closed = np.zeros(len(time_s))
     half = np.sqrt(np.log(2.0))
     for blink in blinks:

@@ -1,4 +1,4 @@
-"""Legs that carry the trunk: planted feet, weight shifts, steps, and the body's translation."""
+"""Leg animation: planted feet, weight shifts, steps, and the body's translation."""
 
 from dataclasses import dataclass
 
@@ -33,14 +33,14 @@ STEP_S = 0.46
 
 @dataclass(frozen=True)
 class Legs:
-    """Local rotations of the legs' joints, the body's translation, and what they are made from."""
+    """Local rotations of the legs' joints, the body's translation, and the events behind them."""
 
     rotations: dict[int, Float[np.ndarray, "T 3 3"]]
     trans: Float[np.ndarray, "T 3"]
     stances: tuple[Stand, ...]
-    """They cover the clip."""
+    """Stances, which cover the clip."""
     planted: tuple[Planted, ...]
-    """Each foot while it is not in the air."""
+    """Spans in which each foot is on the floor."""
 
 
 def move_legs(
@@ -50,10 +50,10 @@ def move_legs(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> Legs:
-    """Feet that stand, shift weight and step, and the body that they carry.
+    """Animate standing, weight shifts and steps, and the translation of the body.
 
-    The pelvis is carried at the height at which the straighter leg bends by as much as a standing
-    leg does; so no leg is ever asked for more than its length and planted feet stay on the floor.
+    The pelvis is set to the height at which the straighter leg bends like a standing leg; so no leg
+    needs more than its length, and planted feet stay on the floor.
     """
     pelvis = trunk.rotations[0]
     num_frames = len(pelvis)
@@ -116,9 +116,9 @@ class _Feet:
 
 
 def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.Generator) -> _Feet:
-    """Where each foot stands, is lifted and turned; and how the weight moves between them.
+    """Draw position, lift and yaw of each foot, and the shift of weight between them.
 
-    Nobody steps, and few shift their weight, where they are ``calm``.
+    Where ``calm`` is positive there are no steps and few weight shifts.
     """
     num_frames = len(calm)
     time_s = frame_times(num_frames)
@@ -172,7 +172,7 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
 
 
 def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stand, ...]:
-    """The leg stood on from each change to the next."""
+    """Return the supporting leg from each change to the next."""
     changes = sorted(changes, key=lambda change: change[0])
     ends = [*(time for time, _ in changes[1:]), duration_s]
     spans = zip(changes, ends, strict=True)

@@ -1,4 +1,4 @@
-"""Curves in time at 30 fps: moves, bumps, noise, sway, the channels of a hand, quiet."""
+"""Curves in time at 30 fps: moves, bumps, noise, sway, hand channels, and calm while listening."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from tools.corpus.words.prosody import Utterance
 
 
 def bump(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """0 outside phases 0 to 1 and 1 at phase .5, with a continuous first derivative."""
+    """Return 0 outside phases 0 to 1 and 1 at phase .5, with a continuous first derivative."""
     x = np.clip(phase, 0.0, 1.0)
     return 16.0 * x**2 * (1.0 - x) ** 2
 
@@ -19,24 +19,24 @@ def bump(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 def gaussian_bump(
     time_s: Float[np.ndarray, " T"], centre_s: float, width_s: float
 ) -> Float[np.ndarray, " T"]:
-    """1 at ``centre_s``, falling off as a Gaussian of standard deviation ``width_s``."""
+    """Return a Gaussian of standard deviation ``width_s`` that is 1 at ``centre_s``."""
     return np.exp(-0.5 * ((time_s - centre_s) / width_s) ** 2)
 
 
 def frame_times(num_frames: int) -> Float[np.ndarray, " T"]:
-    """The time of each frame in seconds."""
+    """Return the time of each frame (s)."""
     return np.arange(num_frames) / FPS
 
 
 def low_pass(signal: Float[np.ndarray, "*shape"], width_s: float) -> Float[np.ndarray, "*shape"]:
-    """Gaussian smoothing along the first axis, time; ``width_s`` is the standard deviation."""
+    """Smooth along the first axis (time) with a Gaussian of standard deviation ``width_s``."""
     return gaussian_filter1d(signal, width_s * FPS, axis=0)
 
 
 def smooth_noise(
     rng: np.random.Generator, num_frames: int, sd: float, scale_s: float, channels: int
 ) -> Float[np.ndarray, "T C"]:
-    """Gaussian noise of standard deviation ``sd``, smooth over ``scale_s`` seconds."""
+    """Draw Gaussian noise of standard deviation ``sd``, smooth over ``scale_s`` seconds."""
     width = max(scale_s * FPS, 0.5)
     pad = int(4 * width) + 4
     white = rng.normal(size=(num_frames + 2 * pad, channels))
@@ -47,21 +47,21 @@ def smooth_noise(
 def smooth_line(
     rng: np.random.Generator, num_frames: int, sd: float, scale_s: float
 ) -> Float[np.ndarray, " T"]:
-    """One channel of ``smooth_noise``."""
+    """Draw one channel of ``smooth_noise``."""
     return smooth_noise(rng, num_frames, sd, scale_s, 1)[:, 0]
 
 
 def sway(
     rng: np.random.Generator, num_frames: int, sd: float, channels: int
 ) -> Float[np.ndarray, "T C"]:
-    """Postural sway: a sum of noises whose spectrum falls about as 1/f from .05 to 1 Hz."""
+    """Draw postural sway: a sum of noises with a spectrum of about 1/f from .05 to 1 Hz."""
     bands = ((3.2, 0.8), (1.4, 0.5), (0.6, 0.28), (0.25, 0.10))
     parts = [smooth_noise(rng, num_frames, sd * share, scale, channels) for scale, share in bands]
     return np.sum(parts, axis=0)
 
 
 def sway_line(rng: np.random.Generator, num_frames: int, sd: float) -> Float[np.ndarray, " T"]:
-    """One channel of ``sway``."""
+    """Draw one channel of ``sway``."""
     return sway(rng, num_frames, sd, 1)[:, 0]
 
 
@@ -76,7 +76,7 @@ WAKES_S = (0.6, 0.0)  # before the next
 
 
 def quiet(utterance: Utterance, time_s: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-    """0 to 1: the body settles when it begins to listen, and wakes shortly before it speaks."""
+    """Return the calmness (0 to 1): it rises after listening begins and falls before speech."""
     level = np.zeros(len(time_s))
     for span in utterance.listening:
         rise, fall = np.ones(len(time_s)), np.zeros(len(time_s))

@@ -1,4 +1,4 @@
-"""Trunk, head and gaze: what they do while the hands gesture."""
+"""Animation of trunk, head and gaze."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -28,16 +28,16 @@ SPINE = ((3, 0.30, 7.0), (6, 0.35, 4.0), (9, 0.35, 4.0))  # joint, share of the 
 
 @dataclass(frozen=True)
 class Trunk:
-    """Pelvis, spine, neck, head and eye rotations, and what legs and face need to know of them."""
+    """Pelvis, spine, neck, head and eye rotations, and curves for legs and face."""
 
     rotations: dict[int, Float[np.ndarray, "T 3 3"]]
     accent: Float[np.ndarray, " T"]
     eyes_deg: Float[np.ndarray, "T 2"]
-    """Pitch (down positive) and yaw of the eyes in the head."""
+    """Pitch (down positive) and yaw of the eyes in the head (degrees)."""
     breath: Float[np.ndarray, " T"]
     nods: tuple[Nod, ...]
     gaze: tuple[Gaze, ...]
-    """They cover the clip."""
+    """Fixations, which cover the clip."""
 
 
 def move_trunk(
@@ -47,9 +47,9 @@ def move_trunk(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> Trunk:
-    """The trunk follows hands and accents, the head follows the gaze; all of it sways.
+    """Animate the trunk from hands and accents, the head from the gaze, all with sway.
 
-    Where it is ``calm`` (1; 0 while it speaks) it sways less.
+    Sway is reduced where ``calm`` is 1 (listening; 0 while speaking).
     """
     num_frames = len(hands["left"])
     time_s = frame_times(num_frames)
@@ -115,7 +115,7 @@ def move_trunk(
 def _restless(
     rng: np.random.Generator, num_frames: int, slow_deg: float, fast_deg: float
 ) -> Float[np.ndarray, " T"]:
-    """Sway, and quicker small movements."""
+    """Draw sway plus quicker small movements."""
     slow = sway_line(rng, num_frames, slow_deg)
     return slow + smooth_line(rng, num_frames, fast_deg, 0.2)
 
@@ -133,7 +133,7 @@ class _Accents:
 def _accents(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], lively: float, rng: np.random.Generator
 ) -> _Accents:
-    """What head and trunk do on stressed words: nods, small turns that decay, tilts."""
+    """Draw movements of head and trunk on stressed words: nods, decaying turns, tilts."""
     level, nod, yaw, roll, tilt = (np.zeros(len(time_s)) for _ in range(5))
     nods: list[Nod] = []
     for word in utterance.words:
@@ -162,7 +162,7 @@ def _accents(
 
 
 def _listeners_nods(utterance: Utterance, lively: float, rng: np.random.Generator) -> list[Nod]:
-    """Now and then one to three nods in a row, each smaller than the one before."""
+    """Draw one to three nods in a row now and then, each smaller than the one before."""
     nods = []
     for span in utterance.listening:
         at_s = span.start_s + rng.uniform(0.7, 2.0)
@@ -180,7 +180,7 @@ def _listeners_nods(utterance: Utterance, lively: float, rng: np.random.Generato
 def _phrase_attitudes(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, " T"]]:
-    """A head tilt and a sideways look held for each phrase, in degrees."""
+    """Draw a head tilt and a sideways turn for each phrase (degrees)."""
     tilt, look = np.zeros(len(time_s)), np.zeros(len(time_s))
     for phrase in utterance.phrases:
         hold = minimum_jerk((time_s - phrase.start_s + 0.3) / 0.6)
@@ -193,7 +193,7 @@ def _phrase_attitudes(
 def _gaze(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
 ) -> tuple[Gaze, ...]:
-    """Fixations: at the listener, and away at beginnings of phrases."""
+    """Draw fixations: on the listener, and away from the listener at beginnings of phrases."""
     starts = [phrase.start_s for phrase in utterance.phrases]
     changes = [(0.0, 0.0, 0.0)]
     at_s = 0.6
@@ -216,7 +216,7 @@ def _gaze(
 def _gaze_curve(
     fixations: tuple[Gaze, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T 2"]:
-    """Yaw and pitch of the gaze in degrees, with saccades of 90 ms between the fixations."""
+    """Return gaze yaw and pitch (degrees), with saccades of 90 ms between the fixations."""
     gaze = np.zeros((len(time_s), 2))
     for before, after in pairwise(fixations):
         step = np.array([after.yaw_deg - before.yaw_deg, after.pitch_deg - before.pitch_deg])
@@ -227,7 +227,7 @@ def _gaze_curve(
 def _breath(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
 ) -> Float[np.ndarray, " T"]:
-    """A slow wave, and a quicker intake in each pause of speech."""
+    """Return the breath curve: a slow wave, and a quicker intake in each pause of speech."""
     breath = 0.5 * np.sin(2 * np.pi * 0.24 * time_s + rng.uniform(0, 2 * np.pi))
     for before, after in zip(utterance.phrases[:-1], utterance.phrases[1:], strict=True):
         pause_s = after.start_s - before.end_s

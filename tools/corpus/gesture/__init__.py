@@ -1,1 +1,1 @@
-"""Which gestures go with the words, when and where; may import words and people."""
+"""Choice, time and position of gestures for the words of a clip; may import words and people."""

@@ -1,4 +1,4 @@
-"""What to gesture, with which hand, and where a speaker puts ideas."""
+"""Choice of gesture, hand and side of the gesture space."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -32,11 +32,13 @@ NEW_PLACE_SHARE = 0.3  # of the stressed words that have no place yet
 
 
 class Choice:
-    """Draws gestures, hands and places for one speaker, and remembers the last gestures and on
-    which side of the gesture space an idea was put.
+    """Random choice of gestures, hands and positions for one speaker.
 
-    The first half of a contrast goes to the side of the other hand, the second to that of the
-    dominant hand; the items of a list are set down one by one.
+    It avoids the last gestures and reuses the side of an idea. The first half of a contrast goes to
+    the
+    side of the non-dominant hand, the second to that of the dominant hand; the items of a list are
+    set
+    down side by side.
     """
 
     def __init__(
@@ -58,7 +60,7 @@ class Choice:
         self._items = {k: place * first for k, place in list_items(words, phrases).items()}
 
     def gesture(self, chunk: range) -> tuple[str, int]:
-        """The gesture's name and the word it lands on: a word that calls for it, or an accent."""
+        """Choose a gesture and its word: a word with a literal gesture, or the strongest accent."""
         called = self._called_for(chunk)
         strongest = max(chunk, key=lambda k: self._words[k].accent)
         if called is not None:
@@ -71,9 +73,9 @@ class Choice:
         return name, index
 
     def hands(self, gesture: GestureShape, aside_m: float, index: int) -> list[str]:
-        """The hands that take part, the leading one first; a place aside may call its own hand.
+        """Choose the participating hands, the leading one first.
 
-        Where the word is of one of two sides, it mostly does.
+        A position to one side may select the nearer hand; in a contrast it mostly does.
         """
         rng, speaker, contrasts = self._rng, self._speaker, index in self._contrast
         nearest = SIDES[0] if aside_m > 0 else SIDES[1]
@@ -97,11 +99,11 @@ class Choice:
         return self._free_hands
 
     def hands_rested(self) -> None:
-        """After a rest the hands of free gestures are drawn anew."""
+        """Forget the current hands, so that they are drawn again after a rest."""
         self._free_hands = None
 
     def _called_for(self, chunk: range) -> tuple[str, int] | None:
-        """A gesture with the word that calls for it; stressed words are obeyed more often."""
+        """Draw a literal gesture with its word, more often for stressed words; None without one."""
         rng, words = self._rng, self._words
         candidates = []
         for k in chunk:
@@ -126,7 +128,7 @@ class Choice:
         return names[self._rng.choice(len(names), p=weights / weights.sum())]
 
     def aside_m(self, index: int) -> float:
-        """Metres to the speaker's left for a gesture on this word; 0 for the middle."""
+        """Return the offset (m) to the speaker's left for a gesture on a word; 0 is the middle."""
         word = self._words[index]
         if index in self._items and index not in self._contrast:
             return ASIDE_M * self._items[index]
@@ -142,7 +144,7 @@ class Choice:
 
 
 def contrast_halves(words: Sequence[SpokenWord]) -> dict[int, float]:
-    """+1 for words of the first half of a contrast, -1 for the second; others are left out.
+    """Return +1 for words of the first half of a contrast, -1 for the second; others are left out.
 
     A sentence is a contrast where a word such as "but" follows one such as "some".
     """
@@ -160,7 +162,7 @@ def contrast_halves(words: Sequence[SpokenWord]) -> dict[int, float]:
 
 
 def directions(words: Sequence[SpokenWord], first: float) -> dict[int, float]:
-    """The words "left", and "right" after "the" or "turn", as +1 or -1 times ``first``."""
+    """Return the words "left", and "right" after "the" or "turn", as +1 or -1 times ``first``."""
     found = {k: first for k, word in enumerate(words) if word.text == "left"}
     for k in range(1, len(words)):
         if words[k].text == "right" and words[k - 1].text in ("the", "turn"):
@@ -169,7 +171,7 @@ def directions(words: Sequence[SpokenWord], first: float) -> dict[int, float]:
 
 
 def list_items(words: Sequence[SpokenWord], phrases: Sequence[Phrase]) -> dict[int, float]:
-    """For the words of a list's items their place: from +1 for the first item to -1 for the last.
+    """Return the positions of list items' words: from +1 for the first item to -1 for the last.
 
     A sentence is a list where three or more phrases follow each other, the last begun by "and".
     """

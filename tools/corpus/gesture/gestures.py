@@ -1,4 +1,4 @@
-"""The gesture library: wrist targets, palms, hand shapes, and the words that call for them.
+"""Gesture library: wrist targets, palms, hand shapes, and the words of literal gestures.
 
 A hand shape is 19 numbers in degrees: flexion of the three joints of index, middle, ring and pinky
 (12), abduction of each of these fingers (4, positive away from the middle finger's line towards
@@ -76,12 +76,12 @@ def finger_rotations(
     curves: Float[np.ndarray, "T 19"],
     twist: Float[np.ndarray, "T 12"],
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
-    """Local rotations of one hand's 15 joints.
+    """Compute the local rotations of one hand's 15 joints.
 
     Args:
         side: ``"left"`` or ``"right"``.
         curves: hand shapes in degrees.
-        twist: rotation of each long finger's joint about its own bone, in degrees.
+        twist: rotation of each long finger's joint about its bone, in degrees.
     """
     sign = SIDE_SIGN[side]
     rotations = {}
@@ -108,7 +108,7 @@ def finger_rotations(
 
 
 def _within_joint(flex: Float[np.ndarray, " T"], lowest: float) -> Float[np.ndarray, " T"]:
-    """Flexion bent over smoothly above the joint's lowest angle, and never past 95 degrees."""
+    """Limit flexion smoothly above the joint's lowest angle, and to at most 95 degrees."""
     margin = 8.0
     over = np.maximum(lowest + margin - flex, 0.0)
     soft = np.where(over > 0, lowest + margin - margin * np.tanh(over / margin), flex)
@@ -120,40 +120,40 @@ Vector = Float[np.ndarray, " 3"]
 
 @dataclass(frozen=True)
 class HandPose:
-    """Where one hand is and how it is held."""
+    """Position, orientation and shape of one hand."""
 
     position: Vector
     palm: Vector
     flex_deg: float = 0.0
-    """Wrist flexion towards the palm."""
+    """Wrist flexion towards the palm (degrees)."""
     deviation_deg: float = 0.0
-    """Wrist deviation towards the thumb."""
+    """Wrist deviation towards the thumb (degrees)."""
     elbow_out: float = 0.0
-    """How far the elbow is lifted sideways; 0 hangs under the shoulder."""
+    """Sideways lift of the elbow; 0 hangs under the shoulder."""
     fingers: Float[np.ndarray, " 19"] = field(default_factory=lambda: SHAPES["relaxed"])
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A repeated circle or up-and-down of the hands during the stroke."""
+    """Repeated circle or up-and-down movement of the hands during the stroke."""
 
     vertical_m: float
     forward_m: float
     hz: float
     in_turn: bool
-    """The second hand goes half a period later."""
+    """True if the second hand is half a period later."""
 
 
 @dataclass(frozen=True)
 class GestureShape:
-    """Preparation and stroke poses; ``via`` poses lie between them at a share of the stroke."""
+    """Preparation and stroke poses; ``via`` poses are between them at a share of the stroke."""
 
     hands: Literal["one", "two", "free", "dominant", "other"]
     prepare: HandPose
     stroke: HandPose
     via: tuple[tuple[float, HandPose], ...] = ()
     shapes: tuple[str, ...] = ()
-    """Hand shapes that serve the stroke as well as its own."""
+    """Alternative hand shapes of the stroke."""
     cycle: Cycle | None = None
     shrugs: bool = False
 
@@ -198,16 +198,16 @@ def _calls() -> dict[str, tuple[str, ...]]:
 
 
 KEYWORDS = _calls()
-"""For each word the gestures it may call for."""
+"""Names of the literal gestures of each word."""
 
 ONLY_WHEN_STRESSED = frozenset(
     """self you you_open there sweep big roll think dismiss back one two frame weigh shrug here no
     all up down""".split()
 )
-"""Gestures whose words are too common to gesture at every time."""
+"""Gestures with words that are too common to be gestured every time."""
 
 LISTED = ("item", "item", "item", "set_down", "frame", "chop")
-"""Gestures that set down one item of a list beside the other."""
+"""Gestures that set down one item of a list next to the other."""
 
 GENERIC: dict[str, float] = _TOLD["generic"]
-"""Weights of the gestures drawn where no word calls for one."""
+"""Weights of the gestures for accents without a literal gesture."""

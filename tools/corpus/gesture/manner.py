@@ -1,4 +1,4 @@
-"""A speaker's manner: library poses turned into poses that nobody makes twice."""
+"""Gesture style of a speaker: random variation of the library's poses."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ Choice = TypeVar("Choice")
 
 
 class Habit:
-    """Draws poses for one speaker from one random generator."""
+    """Random poses of one speaker from one generator."""
 
     def __init__(self, speaker: Speaker, rng: np.random.Generator):
         self.speaker = speaker
@@ -33,7 +33,7 @@ class Habit:
         self._offset = np.array([speaker.outward_m, speaker.height_m, speaker.forward_m])
 
     def fingers(self, shape: str, curl_deg: float = 0.0) -> np.ndarray:
-        """A hand shape in the speaker's manner, never twice the same."""
+        """Draw a hand shape in the speaker's style, never twice the same."""
         rng = self.rng
         fingers = SHAPES[shape].copy()
         fingers[FLEX] *= self.speaker.finger_curl * (1.0 + rng.normal(0, 0.13))
@@ -43,18 +43,18 @@ class Habit:
         return fingers
 
     def idle_fingers(self) -> np.ndarray:
-        """The shape of a hand that is not needed; everyone has a habit."""
+        """Draw the shape of an idle hand, often the speaker's habitual one."""
         habit = self.speaker.idle_shape if self.rng.random() < 0.6 else pick(self.rng, IDLE_SHAPES)
         return self.fingers(habit)
 
     def rest_pose(self, name: str) -> HandPose:
-        """One of the library's rest poses, the same for every speaker but for chance."""
+        """Draw one of the library's rest poses, without the speaker's style."""
         return self._varied(REST[name], 0.008 if name == "hang" else 0.012, styled=False)
 
     def _varied(
         self, pose: HandPose, sd_m: float, size: float = 1.0, styled: bool = True
     ) -> HandPose:
-        """The pose in the speaker's gesture space, scaled about its middle, with noise."""
+        """Scale a pose to the speaker's gesture space about its middle, and add noise."""
         rng, speaker = self.rng, self.speaker
         centre = np.array([0.17, -0.14, 0.25])
         position = pose.position
@@ -75,7 +75,7 @@ class Habit:
     def styled(
         self, name: str, gesture: GestureShape, size: float
     ) -> tuple[HandPose, HandPose, list[tuple[float, HandPose]]]:
-        """Preparation, stroke and via poses of a gesture, with hand shapes drawn for them."""
+        """Draw preparation, stroke and via poses of a gesture with hand shapes."""
         rng, speaker = self.rng, self.speaker
         prepare = self._varied(gesture.prepare, 0.024, size)
         stroke = self._varied(gesture.stroke, 0.022, size)
@@ -96,7 +96,7 @@ class Habit:
         return prepare, stroke, via
 
     def not_a_mirror(self, prepare: HandPose, stroke: HandPose) -> tuple[HandPose, HandPose]:
-        """The second hand goes its own way: lower, smaller, turned a little."""
+        """Vary the poses for the second hand: lower, smaller, turned a little."""
         rng = self.rng
         offset = rng.normal(0, 0.032, 3) * [0.6, 1.2, 1.0] - [0.0, 0.015, 0.0]
         share = rng.uniform(0.6, 1.0)
@@ -115,7 +115,7 @@ class Habit:
         )
 
     def settled(self, pose: HandPose, share: float) -> HandPose:
-        """The pose moved ``share`` of the way towards the middle of the gesture space."""
+        """Move a pose by ``share`` towards the middle of the gesture space."""
         rng = self.rng
         centre = NEUTRAL + self._offset + np.array([0.0, -0.03, -0.01])
         fingers = pose.fingers + 0.5 * share * (SHAPES["half_open"] - pose.fingers)
@@ -132,7 +132,7 @@ class Habit:
     def beat_poses(
         self, held: HandPose, depth_m: float, aside_m: float
     ) -> tuple[HandPose, HandPose]:
-        """Up and down of a beat; arm beats travel, wrist and forearm beats turn the hand."""
+        """Draw the up and down poses of a beat: with the arm, or by turning forearm and wrist."""
         rng = self.rng
         travel, bend, turn = pick(
             rng, ((1.0, 1.0, 0.0), (1.0, 1.0, 0.25), (0.45, 2.0, 0.1), (0.4, 0.6, 0.8))
@@ -167,15 +167,15 @@ class Habit:
 
 
 def distance_from_neutral(pose: HandPose) -> float:
-    """0 in the middle of the gesture space, 1 from 20 cm on."""
+    """Return 0 in the middle of the gesture space, rising to 1 at 20 cm."""
     return float(np.clip(np.linalg.norm(pose.position - NEUTRAL) / 0.2, 0.0, 1.0))
 
 
 def _shape_name(pose: HandPose) -> str:
-    """The name of the designed shape a library pose holds."""
+    """Return the name of the library's hand shape of a pose."""
     return next(name for name, shape in SHAPES.items() if shape is pose.fingers)
 
 
 def pick(rng: np.random.Generator, choices: Sequence[Choice]) -> Choice:
-    """One of the choices, all equally likely."""
+    """Draw one of the choices with equal probability."""
     return choices[int(rng.integers(len(choices)))]

@@ -1,8 +1,8 @@
-"""The gesture plan of a clip: for each hand a list of keys, one arrival after the other.
+"""Gesture plan of a clip: for each hand a list of keys in order of arrival.
 
-Every phrase is cut into chunks of about two seconds. A chunk may bring one gesture (Kendon's
+Every phrase is cut into chunks of about two seconds. A chunk may have one gesture (Kendon's
 preparation and stroke, the stroke's end on the stressed vowel), beats on its later accents, and
-a held hand that gives way; pauses between phrases bring the hands down.
+a hold that slowly relaxes; in pauses between phrases the hands retract.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ GESTURE_FROM_ACCENT = 0.62  # prominence of the strongest word of a chunk, for a
 
 @dataclass(frozen=True)
 class HandKey:
-    """The hand reaches ``pose`` at ``arrive_s`` by a move that takes ``duration_s``."""
+    """Pose that a hand reaches at ``arrive_s`` by a move of ``duration_s``."""
 
     arrive_s: float
     duration_s: float
@@ -30,12 +30,12 @@ class HandKey:
     phase: Phase
     gesture: str
     word: str = ""
-    """The word that a stroke lands on."""
+    """Word at the end of a stroke."""
 
 
 @dataclass(frozen=True)
 class CycleSpan:
-    """A gesture's circling on one side from ``start_s`` to ``end_s``."""
+    """Circling of a gesture on one side from ``start_s`` to ``end_s``."""
 
     side: str
     start_s: float
@@ -48,7 +48,7 @@ class CycleSpan:
 
 @dataclass
 class HandPlan:
-    """Keys by side, cycles, and the spans in which the shoulders are shrugged."""
+    """Keys by side, cycles, and spans of shrugged shoulders."""
 
     keys: dict[str, list[HandKey]] = field(default_factory=dict)
     cycles: list[CycleSpan] = field(default_factory=list)
@@ -56,7 +56,7 @@ class HandPlan:
 
 
 def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> HandPlan:
-    """Gestures for the whole of an utterance."""
+    """Plan the gestures of an utterance."""
     planner = _Planner(utterance, speaker, rng)
     for number, phrase in enumerate(utterance.phrases):
         for chunk in planner.chunks(phrase):
@@ -72,7 +72,7 @@ def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) 
 
 
 class _Planner:
-    """Walks through the phrases; remembers each hand's last key."""
+    """Planner that goes through the phrases and stores each hand's keys."""
 
     def __init__(self, utterance: Utterance, speaker: Speaker, rng: np.random.Generator):
         self.utterance = utterance
@@ -87,7 +87,7 @@ class _Planner:
         self.plan = HandPlan({side: [HandKey(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
 
     def chunks(self, phrase: Phrase) -> list[range]:
-        """Runs of words that take about two seconds."""
+        """Split a phrase into runs of words of about two seconds."""
         words = self.utterance.words
         starts = [phrase.words.start]
         for k in phrase.words[1:]:
@@ -97,12 +97,12 @@ class _Planner:
         return [range(a, b) for a, b in zip(starts, stops, strict=True)]
 
     def calls_for_a_gesture(self, chunk: range) -> bool:
-        """Only what is stressed is gestured, so that the sound tells when the hands move."""
+        """Check whether a chunk is stressed enough for a gesture."""
         strongest = max(self.utterance.words[k].accent for k in chunk)
         return strongest > GESTURE_FROM_ACCENT - 0.25 * (min(self.speaker.rate, 1.2) - 1.0)
 
     def gesture(self, chunk: range) -> None:
-        """One gesture, its beats and its hold."""
+        """Plan one gesture, its beats and its hold."""
         rng, speaker, words = self.rng, self.speaker, self.utterance.words
         name, word_index = self.choice.gesture(chunk)
         gesture = GESTURES[name]
@@ -148,7 +148,7 @@ class _Planner:
                 self._idle(side, apex_s, beats)
 
     def listen(self, phrase: Phrase) -> None:
-        """Both hands come down within about a second and stay there."""
+        """Plan the retraction of both hands within about a second, for listening."""
         rng, speaker = self.rng, self.speaker
         for side in SIDES:
             keys = self.plan.keys[side]
@@ -161,7 +161,7 @@ class _Planner:
         self.choice.hands_rested()
 
     def pause(self, phrase: Phrase, gap_s: float) -> None:
-        """Retract in a long pause, sink in a short one."""
+        """Plan a pause: retract in a long one, sink in a short one."""
         rng, speaker = self.rng, self.speaker
         for side in SIDES:
             last = self._last(side)
@@ -210,7 +210,7 @@ class _Planner:
         stroke: HandPose,
         via: list[tuple[float, HandPose]],
     ) -> None:
-        """Preparation, where there is time for one, and the stroke that ends at ``apex_s``."""
+        """Plan a preparation, if there is time, and the stroke that ends at ``apex_s``."""
         rng, tempo = self.rng, self.speaker.tempo
         noise = rng.normal(0, 0.012, 3)
         prepare = replace(prepare, position=prepare.position + noise)
@@ -235,7 +235,7 @@ class _Planner:
         self._add(side, arrive_s, stroke_s, stroke, "stroke", name, word)
 
     def _beats(self, chunk: range, apex_s: float) -> list[tuple[float, float]]:
-        """Times and depths in metres of the beats after the stroke."""
+        """Draw times (s) and depths (m) of the beats after the stroke."""
         rng, speaker = self.rng, self.speaker
         beats: list[tuple[float, float]] = []
         for k in chunk:
@@ -251,7 +251,7 @@ class _Planner:
     def _beat_moves(
         self, side: str, name: str, beats: list[tuple[float, float]], wander: np.ndarray
     ) -> None:
-        """Up and down for every beat there is time for."""
+        """Plan up and down moves for every beat with enough time."""
         rng, manner = self.rng, self.manner
         for (beat_s, depth_m), aside_m in zip(beats, wander, strict=True):
             last = self._last(side)
@@ -266,7 +266,7 @@ class _Planner:
             self._add(side, beat_s + 0.03, rng.uniform(0.25, 0.33), down, "beat", name)
 
     def _hold(self, side: str, name: str, end_s: float) -> None:
-        """No frozen holds: the hand gives way, sooner where it is high or wide."""
+        """Plan a hold that relaxes, sooner where the hand is high or wide."""
         rng = self.rng
         while end_s + 0.3 - self._last(side).arrive_s > 0.6:
             pose = self._last(side).pose
@@ -276,7 +276,7 @@ class _Planner:
             self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)
 
     def _idle(self, side: str, apex_s: float, beats: list[tuple[float, float]]) -> None:
-        """The hand that takes no part goes to where it waits and follows the beats a little."""
+        """Plan the idle hand, which moves to its waiting pose and follows the beats a little."""
         rng, speaker = self.rng, self.speaker
         pose = self.manner.rest_pose(speaker.waiting_of(side, rng.random()))
         away_m = float(np.linalg.norm(pose.position - self._last(side).pose.position))

@@ -1,1 +1,1 @@
-"""Who speaks: bones, voice and temperament; may import motion."""
+"""Speakers of the corpus: skeleton, voice and style; may import motion."""

@@ -1,6 +1,6 @@
-"""The skeleton the corpus moves: SMPL-X joints in numpy, rest positions of the open body.
+"""Skeleton of the corpus: SMPL-X joints in numpy, with rest positions of the open body.
 
-It needs no torch, for which every worker process would pay two seconds.
+It needs no torch, which would cost every worker process two seconds.
 """
 
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ class Rig:
 
     @property
     def floor_m(self) -> float:
-        """Height of the floor under the body in its rest pose."""
+        """Height of the floor under the body in its rest pose (m)."""
         return float(self.rest_joints[JOINT_INDEX["left_foot"], 1]) - SOLE_BELOW_FOOT_M
 
 
 @lru_cache(maxsize=1)
 def open_body_rig() -> Rig:
-    """The rig of the open body, read once per process."""
+    """Load the rig of the open body, once per process."""
     with np.load(ASSET, allow_pickle=False) as data:
         rest = data["rest_joints"].astype(np.float64)
         tips = data["tip_offsets"].astype(np.float64)
@@ -50,13 +50,13 @@ def open_body_rig() -> Rig:
 
 
 def matrices(axis_angle: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation matrices of axis-angle vectors in radians."""
+    """Convert axis-angle vectors (rad) to rotation matrices."""
     flat = Rotation.from_rotvec(axis_angle.reshape(-1, 3)).as_matrix()
     return flat.reshape(*axis_angle.shape[:-1], 3, 3)
 
 
 def axis_angles(rotmat: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Axis-angle vectors in radians of rotation matrices."""
+    """Convert rotation matrices to axis-angle vectors (rad)."""
     flat = Rotation.from_matrix(rotmat.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*rotmat.shape[:-2], 3)
 
@@ -64,7 +64,7 @@ def axis_angles(rotmat: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*
 def euler_matrices(
     order: str, degrees: Float[np.ndarray, "*batch A"]
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation matrices of intrinsic Euler angles, e.g. ``"YXZ"`` for yaw, pitch, roll."""
+    """Convert intrinsic Euler angles to matrices, e.g. ``"YXZ"`` for yaw, pitch, roll."""
     flat = Rotation.from_euler(order, degrees.reshape(-1, len(order)), degrees=True).as_matrix()
     return flat.reshape(*degrees.shape[:-1], 3, 3)
 
@@ -72,7 +72,7 @@ def euler_matrices(
 def forward_kinematics(
     rig: Rig, local_rot: Float[np.ndarray, "T 55 3 3"], trans: Float[np.ndarray, "T 3"]
 ) -> tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]:
-    """World rotations and positions of every joint; the pelvis sits at its rest place + trans."""
+    """Compute global rotations and positions of every joint, with the pelvis at rest plus trans."""
     rest = np.broadcast_to(rig.rest_joints, local_rot.shape[:-1])
     global_rot, positions = global_transforms(local_rot, rest)
     return global_rot, positions + trans[:, None]

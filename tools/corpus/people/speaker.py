@@ -1,4 +1,4 @@
-"""Who speaks: a voice and a gesture style each, as ``speakers.toml`` beside this tells them."""
+"""Speakers with a voice and a gesture style each, from ``speakers.toml`` in this folder."""
 
 import re
 import shutil
@@ -24,12 +24,12 @@ VOWELS = frozenset("aa ae ah ao aw ax axr ay eh er ey ih ix iy ow oy uh uw".spli
 
 
 class VoiceError(RuntimeError):
-    """flite is missing or did not speak."""
+    """Error of the speech synthesizer: flite is missing or failed."""
 
 
 @dataclass(frozen=True)
 class FliteVoice:
-    """One of flite's voices, changed in pitch, formants and pace."""
+    """Voice of flite with changed pitch, formants and pace."""
 
     flite_name: str
     f0_hz: float
@@ -40,7 +40,7 @@ class FliteVoice:
 
 @dataclass(frozen=True)
 class Phone:
-    """A speech sound; ``word`` counts the words of its sentence; ``stress`` is 1 if stressed."""
+    """Speech sound; ``word`` is its index in the sentence, ``stress`` is 1 if stressed."""
 
     name: str
     start_s: float
@@ -54,7 +54,7 @@ class Phone:
 
 
 def require_flite() -> None:
-    """Raise a sentence that says how to install flite where it is missing."""
+    """Raise a VoiceError with installation help if flite is missing."""
     if shutil.which("flite") is None or shutil.which("t2p") is None:
         raise VoiceError(
             "The speech program flite was not found; install it with: apt-get install flite"
@@ -62,7 +62,7 @@ def require_flite() -> None:
 
 
 def words_of(sentence: str) -> list[str]:
-    """The words of a sentence in lower case."""
+    """Return the words of a sentence in lower case."""
     return re.findall(r"[a-z']+", sentence.lower())
 
 
@@ -104,13 +104,13 @@ def say(
 
 @lru_cache(maxsize=4096)
 def pronounce(word: str) -> tuple[tuple[str, int], ...]:
-    """The phones of a word alone, each with 1 if it carries the main stress."""
+    """Return the phones of a word alone, each with 1 if it carries the main stress."""
     phones = [p for p in _run(["t2p", word]).split() if p != PAUSE]
     return tuple((p.rstrip("012"), int(p.endswith("1"))) for p in phones)
 
 
 def align(words: list[str], phones: list[Phone]) -> list[Phone]:
-    """Give every spoken phone its word and stress, by least edit distance to the words alone.
+    """Assign words and stress to phones, by least edit distance to the words' pronunciations.
 
     flite joins and reduces sounds in a sentence, so the lists differ a little.
     """
@@ -170,45 +170,45 @@ def _read_wav(path: Path) -> tuple[Float[np.ndarray, " N"], int]:
 
 @dataclass(frozen=True)
 class Speaker:
-    """A voice and a style; plain numbers are factors around 1 unless a unit is in the name."""
+    """Voice and style; plain numbers are factors around 1 unless a unit is in the name."""
 
     number: int
     name: str
     voice: FliteVoice
     pause: float = 1.0
-    """Length and share of pauses between sentences."""
+    """Length of pauses between sentences."""
     dominant: Literal["left", "right"] = "right"
     dominance: float = 0.7
     """Probability that a one-hand gesture uses the dominant hand."""
     amplitude: float = 1.0
     rate: float = 1.0
-    """Share of accents that get a stroke."""
+    """Share of accents with a stroke."""
     height_m: float = 0.0
-    """Raises the gesture space."""
+    """Upward shift of the gesture space (m)."""
     outward_m: float = 0.0
-    """Widens the gesture space."""
+    """Outward shift of the gesture space (m)."""
     forward_m: float = 0.0
-    """Moves the gesture space away from the body."""
+    """Forward shift of the gesture space (m)."""
     elbow_out: float = 0.0
-    """Lifts the elbows sideways in gestures; below 0 they are tucked in."""
+    """Sideways lift of the elbows in gestures; negative tucks them in."""
     palm_up: float = 0.0
-    """Turns palms upwards, as a share of a unit vector; below 0 downwards."""
+    """Upward turn of the palms, as a share of a unit vector; negative turns them down."""
     wrist_deg: float = 0.0
-    """Habitual bend of the wrist towards the palm."""
+    """Habitual bend of the wrist towards the palm (degrees)."""
     two_hands: float = 0.55
-    """Probability of two hands where the gesture leaves it free."""
+    """Probability of two hands for gestures with a free choice."""
     tempo: float = 1.0
     rest: str = "hang"
     other_rest: str = ""
-    """Where the other hand rests, and waits while it takes no part; empty: as the dominant one."""
+    """Rest and waiting pose of the non-dominant hand; empty for that of the dominant one."""
     listening_rest: str = ""
-    """Where hands lie while the other one speaks; empty: as in pauses."""
+    """Rest pose of the hands while listening; empty for that in pauses."""
     ready: str = "low"
-    """Where a hand waits between gestures."""
+    """Waiting pose of a hand between gestures."""
     patience_s: float = 0.7
-    """Pauses longer than this send the hands down."""
+    """Longest pause (s) without retraction."""
     energy: float = 1.0
-    """Accents of head and trunk."""
+    """Strength of accents of head and trunk."""
     sway: float = 1.0
     lean_deg: float = 0.0
     steps: float = 1.0
@@ -216,30 +216,30 @@ class Speaker:
     finger_curl: float = 1.0
     finger_life: float = 1.0
     beats: float = 1.0
-    """Share of accents after a stroke that get a beat."""
+    """Share of accents after a stroke with a beat."""
     literal: float = 1.0
-    """Share of words that call for a gesture and get it."""
+    """Share of words with a literal gesture that get it."""
     beat_shape: str = "relaxed"
     idle_shape: str = "relaxed"
     favourites: tuple[str, ...] = ()
-    """Gestures drawn four times as often where no word asks for one."""
+    """Gestures drawn four times as often where there is no literal gesture."""
     held_out: bool = False
-    """All clips go to the test split."""
+    """True if all clips are in the test split."""
 
     @property
     def other_hand(self) -> str:
         return SIDES[1] if self.dominant == SIDES[0] else SIDES[0]
 
     def listening_rest_of(self, side: str) -> str:
-        """The rest pose of a hand that has nothing to say."""
+        """Return the rest pose of a hand while listening."""
         return self.listening_rest or self.rest_of(side)
 
     def rest_of(self, side: str) -> str:
-        """The rest pose of a hand in a pause."""
+        """Return the rest pose of a hand in a pause."""
         return self.other_rest or self.rest if side == self.other_hand else self.rest
 
     def waiting_of(self, side: str, chance: float) -> str:
-        """The rest pose of a hand that takes no part, for a draw between 0 and 1."""
+        """Return the pose of an idle hand, for a draw between 0 and 1."""
         if side == self.other_hand and self.other_rest:
             return self.other_rest
         return self.ready if chance < 0.7 else self.rest

@@ -1,1 +1,1 @@
-"""What the corpus is like beside a real recording, in figures; may import all of the corpus."""
+"""Statistics of the corpus compared with real recordings; may import all of the corpus."""

@@ -1,7 +1,7 @@
-"""``python -m tools.corpus.report --data DIR [--real DIR] [--out FILE]``: the corpus in figures.
+"""Command ``python -m tools.corpus.report --data DIR [--real DIR] [--out FILE]``: corpus report.
 
-Writes a Markdown page with the statistics of the speakers beside those of real clips, how well the
-corpus is told from real motion, and a picture of gestures beside it.
+Writes a Markdown page with statistics of the corpus and of real clips, how well a classifier
+distinguishes them, and a picture of all gestures.
 """
 
 import sys
@@ -42,10 +42,10 @@ VIEW = "three_quarter"
 
 
 def draw_gestures(rig: Rig, path: Path) -> None:
-    """One picture a gesture at the end of its stroke, and one a rest pose.
+    """Draw a contact sheet of every gesture at the end of its stroke and every rest pose.
 
     Raises:
-        GLError: if nothing draws here.
+        GLError: if there is no OpenGL backend.
     """
     poses = {name: (gesture.stroke, gesture.hands) for name, gesture in GESTURES.items()}
     poses |= {f"rest: {name}": (pose, "two") for name, pose in REST.items()}
@@ -66,7 +66,7 @@ def draw_gestures(rig: Rig, path: Path) -> None:
 
 
 def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
-    """A standing body with one or both hands held in a pose, radians."""
+    """Return the pose (rad) of a standing body with one or both hands in a pose."""
     other = pose if both else REST["hang"]
     keys = {
         "right": [HandKey(-1.0, 0.5, pose, "stroke", "")],
@@ -93,7 +93,7 @@ Clips = list[MeasuredClip]
 
 
 def report_page(clips: Clips, real: Clips, seed: int | None) -> str:
-    """The whole page, of a corpus of that seed, where it is known; there may be no real clips."""
+    """Format the page; the seed may be unknown, and there may be no real clips."""
     names = [clip.clip_id for clip in real[:2]]
     bodies = [[clip.realism for clip in each] for each in (real, clips)]
     heads = [[clip.head_realism for clip in each] for each in (real, clips)]
@@ -117,7 +117,7 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _short(value: float) -> str:
-    """Three significant digits without an exponent."""
+    """Format a number with three significant digits, without exponent."""
     digits = 0 if value == 0 else max(0, 2 - int(np.floor(np.log10(abs(value)))))
     return f"{value:.{min(digits, 4)}f}"
 
@@ -195,19 +195,19 @@ Every gesture at the end of its stroke.
 
 
 class ReportError(ValueError):
-    """A report that cannot be made."""
+    """Error for a report that cannot be made."""
 
 
 def write_report(
     data: Path, real: Path | None = None, out: Path = Path("docs/corpus.md"), clips: int = 8
 ) -> None:
-    """Describe a corpus in figures, on a page with a picture of its gestures beside it.
+    """Describe a corpus in statistics, on a page with a picture of its gestures.
 
     Args:
         data: Corpus folder.
         real: Folder of real BEAT2 clips to compare with.
-        out: The page.
-        clips: Of each speaker, and real ones.
+        out: Path of the page.
+        clips: Number of clips of each speaker, and of real ones.
     """
     rig = open_body_rig()
     by_speaker: dict[str, list[str]] = {}
@@ -227,7 +227,7 @@ def write_report(
 
 
 def list_clips(root: Path) -> dict[str, ClipPaths]:
-    """By id the clips in the table of splits that have motion.
+    """Return the paths of clips with motion in the table of splits, by id.
 
     Raises:
         ReportError: if there are none.
@@ -242,7 +242,7 @@ def list_clips(root: Path) -> dict[str, ClipPaths]:
 
 
 def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[MeasuredClip]:
-    """All of them, on a bar."""
+    """Measure all clips with a progress bar."""
     shown = tqdm(clips.items(), unit="clip", desc=title)
     return [measure_clip(clip_id, paths, rig) for clip_id, paths in shown]
 

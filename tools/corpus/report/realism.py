@@ -1,8 +1,8 @@
-"""Can a window of the corpus be told from a window of real motion?
+"""Classifier test of whether windows of the corpus can be distinguished from real motion.
 
-Figures of windows of two seconds are compared one by one and all together, by a logistic
-regression judged on clips that it has not seen. How well two real clips of one person can be told
-apart by the same figures is the floor: a corpus cannot hide better than real motion does.
+Statistics of windows of two seconds are compared one by one and all together, by a logistic
+regression tested on clips outside its training data. How well the same statistics distinguish two
+real clips of one person is the floor: a corpus cannot do better than real motion.
 """
 
 from collections.abc import Sequence, Sized
@@ -32,7 +32,7 @@ RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
 
 @dataclass(frozen=True)
 class PosedClip:
-    """A clip on the corpus's own skeleton, whatever body it was recorded on."""
+    """Clip on the skeleton of the corpus, whatever body it was recorded on."""
 
     local_rot: Float[np.ndarray, "T 55 3 3"]
     global_rot: Float[np.ndarray, "T 55 3 3"]
@@ -55,19 +55,19 @@ def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
 
 
 def derivative(positions: Float[np.ndarray, "T D"], order: int) -> Float[np.ndarray, " S"]:
-    """Length of the time derivative of this order, by finite differences."""
+    """Compute the magnitude of the time derivative of this order, by finite differences."""
     return np.linalg.norm(np.diff(positions, order, axis=0), axis=-1) * FPS**order
 
 
 def turning_deg_s(rotmat: Float[np.ndarray, "T J 3 3"]) -> Float[np.ndarray, "S J"]:
-    """Angular speed of each joint between frames."""
+    """Compute the angular speed of each joint between frames."""
     step = np.swapaxes(rotmat[:-1], -1, -2) @ rotmat[1:]
     angle = Rotation.from_matrix(step.reshape(-1, 3, 3)).magnitude()
     return np.degrees(angle).reshape(step.shape[:2]) * FPS
 
 
 def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
-    """A joint's place as seen from the chest: metres to its left, up and forward."""
+    """Return a joint's position in the chest's frame: metres to its left, up and forward."""
     chest = JOINT_INDEX["spine3"]
     offset = clip.positions[:, joint] - clip.positions[:, chest]
     return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
@@ -80,30 +80,35 @@ SHUT_DEG = 1.5  # of a jaw
 FINGERS = range(JOINT_INDEX["left_index1"], JOINT_INDEX["right_thumb3"] + 1)
 
 Figures = pd.DataFrame
-"""A row for each window, a column for each figure, whose name holds the unit."""
+"""Statistics: one row per window, one column per statistic, with the unit in its name."""
 
 
 @dataclass(frozen=True)
 class Realism:
-    """How well real windows and windows of the corpus are told apart; 0.5 is chance."""
+    """Separability of real windows and windows of the corpus; 0.5 is chance."""
 
     joint: float
-    """Area under the curve of all figures together: mean over real clips left out of training."""
+    """Area under the curve of all statistics together: mean over real clips left out of training.
+    """
     floor: float
-    """The same between two real clips, trained on three quarters of each and tested on the rest."""
+    """Area between two real clips, trained on three quarters of each and tested on the rest."""
     features: pd.DataFrame
-    """By figure, the most telling first: medians of the ``first`` and ``second`` real clip and of
+    """Columns by statistic, sorted by ``auc``: medians of the ``first`` and ``second`` real clip
+    and of
     the ``corpus``, the area under the curve by it alone (``auc``, 0.5 to 1) and of the first real
-    clip against the second (``real_auc``), and its ``share`` in the regression's mean distance
-    between real and corpus; negative where it works against the others."""
+    clip
+    against the second (``real_auc``), and its ``share`` in the regression's mean distance between
+    real
+    and corpus, negative if it works against the others.
+    """
 
 
 Silences = Sequence[tuple[float, float]]
-"""Seconds from and to which the person listens."""
+"""Starts and ends (s) of the person's listening."""
 
 
 def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
-    """Figures of the body in every window of 2 s in which nobody listens; one starts each second.
+    """Compute body statistics of every window of 2 s without listening; one starts each second.
 
     Fewer than 65 frames give none.
     """
@@ -116,10 +121,11 @@ def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
 
 
 def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
-    """Figures of head and jaw in the same windows.
+    """Compute statistics of head and jaw in the same windows.
 
-    Brows, lids and lips are left out: recordings have them in another basis of face units. So is
-    the jaw's sideways turning, which the corpus has none of.
+    Brows, lids and lips are left out, as recordings have another basis of face units, and the
+    sideways
+    turn of the jaw, which the corpus does not have.
     """
     neck, head, jaw = (clip.local_rot[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw"))
     in_chest_deg = np.degrees(axis_angles(neck @ head))
@@ -142,7 +148,7 @@ def _figures(
     paths: dict[str, Float[np.ndarray, "_ D"]],
     silences: Silences,
 ) -> Figures:
-    """Means of series, and shares and centroids of the spectra of paths, window by window."""
+    """Compute window means of series, and spectral shares and centroids of paths."""
     num_frames = min(len(path) for path in paths.values())
     starts = [
         start
@@ -162,7 +168,7 @@ def _figures(
 
 
 def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
-    """What is averaged over a window, frame by frame."""
+    """Return the series, per frame, that are averaged over a window."""
     left, right = in_chest(clip, LEFT_WRIST), in_chest(clip, RIGHT_WRIST)
 
     def both(name: str) -> list[int]:
@@ -198,7 +204,7 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
 
 
 def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
-    """Log share of the velocity's power above 5 Hz, and its mean frequency in Hz."""
+    """Return the log share of the velocity's power above 5 Hz, and its mean frequency (Hz)."""
     velocity = np.diff(path, axis=0)
     velocity = (velocity - velocity.mean(0)) * np.hanning(len(velocity))[:, None]
     power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(1) + 1e-20  # a still path has none
@@ -209,13 +215,13 @@ def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class MeasuredClip:
-    """All figures of a clip."""
+    """Statistics of a clip."""
 
     clip_id: str
     realism: Figures
-    """Of the body, while it speaks."""
+    """Statistics of the body while the person speaks."""
     head_realism: Figures
-    """Of head and jaw, while they speak."""
+    """Statistics of head and jaw while the person speaks."""
     duration_s: float
     listening_s: float
 
@@ -225,7 +231,7 @@ class MeasuredClip:
 
 
 def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
-    """All figures of one clip.
+    """Compute all statistics of one clip.
 
     Raises:
         MotionError: if its motion cannot be used.
@@ -244,16 +250,19 @@ def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
 
 
 def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
-    """Seconds from and to which the speaker listens, from a TextGrid; none without such a tier."""
+    """Read starts and ends (s) of listening from a TextGrid; none without such a tier."""
     tiers, _ = textgrid_tiers(path.read_text(), path.name, ValueError)
     rows = next((tier.rows for tier in tiers if tier.name == "listening"), ())
     return tuple((row.start_s, row.end_s) for row in rows if row.text)
 
 
 def _judge(a: Figures, b: Figures) -> Pipeline:
-    """A regression that is high for windows like ``b``, low for windows like ``a``, which count
-    alike whatever their number; ``PENALTY / 2`` times the squared weights is added to the mean log
-    loss."""
+    """Fit a regression that is high for windows like ``b`` and low for windows like ``a``.
+
+    Both have equal weight whatever their number; ``PENALTY / 2`` times the squared weights is added
+    to
+    the mean log loss.
+    """
     both = pd.concat([a, b])
     regression = LogisticRegression(
         C=1 / (PENALTY * len(both)), class_weight="balanced", tol=1e-10, max_iter=10_000
@@ -262,7 +271,7 @@ def _judge(a: Figures, b: Figures) -> Pipeline:
 
 
 def _told_apart(judge: Pipeline, a: Figures, b: Figures) -> float:
-    """Area under the curve."""
+    """Compute the area under the curve of a classifier."""
     return _area(judge.decision_function(a), judge.decision_function(b))
 
 
@@ -271,7 +280,7 @@ def _sides(a: Sized, b: Sized) -> np.ndarray:
 
 
 def _area(low: np.ndarray, high: np.ndarray) -> float:
-    """Probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
+    """Return the probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
     return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
 
 
@@ -312,7 +321,7 @@ def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
 
 
 def _floor(first: Figures, second: Figures) -> float:
-    """Real against real, quarter by quarter in time; NaN where no quarter has windows in both."""
+    """Compare the real clips by quarters in time; NaN if no quarter has windows in both."""
     areas = []
     for quarter in range(4):
         (first_rest, first_part), (second_rest, second_part) = (
@@ -324,13 +333,13 @@ def _floor(first: Figures, second: Figures) -> float:
 
 
 def _without_quarter(windows: Figures, quarter: int) -> tuple[Figures, Figures]:
-    """The windows that share no frame with one quarter of a clip, and that quarter's."""
+    """Return the windows that share no frame with one quarter of a clip, and that quarter's."""
     start, stop = (len(windows) * q // 4 for q in (quarter, quarter + 1))
     rest = windows.take([*range(max(start - 1, 0)), *range(stop + 1, len(windows))])
     return rest, windows.take(list(range(start, stop)))
 
 
 def _by_themselves(low: Figures, high: Figures) -> list[float]:
-    """Area under the curve by each figure alone, whichever way it tells."""
+    """Compute the area under the curve of each statistic alone, in either direction."""
     areas = [_area(low[name].to_numpy(), high[name].to_numpy()) for name in low]
     return [max(area, 1 - area) for area in areas]

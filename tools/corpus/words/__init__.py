@@ -1,1 +1,1 @@
-"""What is said and how: topics, grammar and prosody; may import people."""
+"""Text and speech of the corpus: topics, grammar and prosody; may import people."""

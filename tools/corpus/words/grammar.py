@@ -1,7 +1,7 @@
 """Sentences from a small grammar, disjoint between the splits; topics come from ``topics.py``.
 
 A symbol in braces is replaced by one of its expansions; within a sentence the same symbol does not
-bring the same words twice. Rules carry no end mark; their kind does.
+give the same words twice. Rules have no end mark; their kind does.
 """
 
 import zlib
@@ -273,13 +273,13 @@ _TOPIC_NAMES = tuple(TOPICS)
 
 
 def split_of(sentence: str) -> Split:
-    """The split a sentence belongs to for good: eight tenths train, one tenth each other."""
+    """Return the split of a sentence, by its hash: eight tenths train, one tenth each other."""
     bucket = zlib.crc32(sentence.encode()) % 10
     return "val" if bucket == 8 else "test" if bucket == 9 else "train"
 
 
 def talk(rng: np.random.Generator, split: Split) -> Iterator[str]:
-    """Sentences of the split without end: a few on one topic, then on another.
+    """Yield endless sentences of the split: a few on one topic, then on another.
 
     A question may be answered by the speaker, after a pause for the listener.
     """
@@ -301,7 +301,7 @@ def _draw_kind(rng: np.random.Generator) -> str:
 
 
 def _sentence(rng: np.random.Generator, split: Split, topic: Topic, kind: str) -> str:
-    """A sentence of one kind with a capital and an end mark, drawn until it is the split's."""
+    """Draw sentences of one kind, with capital and end mark, until one belongs to the split."""
     while True:
         text = _expand(kind, topic, rng, set())
         sentence = text[0].upper() + text[1:] + END_MARKS.get(kind, ".")
@@ -310,7 +310,7 @@ def _sentence(rng: np.random.Generator, split: Split, topic: Topic, kind: str) -
 
 
 def _expand(symbol: str, topic: Topic, rng: np.random.Generator, used: set[str]) -> str:
-    """Words for a symbol, without the expansions that the sentence has already."""
+    """Expand a symbol to words, without the expansions already used in the sentence."""
     every = topic.get(symbol) or GRAMMAR[symbol]
     choices = [text for text in every if text not in used] or every
     text = choices[rng.integers(len(choices))]

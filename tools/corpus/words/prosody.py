@@ -1,4 +1,4 @@
-"""Spoken text with words, phrases and accents; accents are made audible in pitch and loudness."""
+"""Speech with words, phrases and accents, which are made audible in pitch and loudness."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ STRONG_WORDS = frozenset(
     whole stop crazy incredible nobody everybody completely tiny wonderful exaggerating""".split()
 )
 POINTING_WORDS = frozenset("i you me we here there up down all this now".split())
-"""Words that bear an accent now and then, as if another one could stand there."""
+"""Words that are accented now and then, as if contrasted with another one."""
 POINTING_SHARE = 0.25
 LEAD_S = 0.5  # silence before the first word
 MIN_ACCENT_GAP_S = 0.33
@@ -38,7 +38,7 @@ MAX_PAUSE_S = 2.0  # of a speaker who goes on
 
 @dataclass(frozen=True)
 class SpokenWord:
-    """``accent`` is its prominence, 0 to about 1.3; ``beat_s`` the onset of its stressed vowel."""
+    """Word with its prominence ``accent`` (0 to about 1.3) and stressed vowel onset ``beat_s``."""
 
     text: str
     start_s: float
@@ -64,7 +64,7 @@ class Phrase:
 
 @dataclass(frozen=True)
 class Utterance:
-    """The speech of one clip; the phones' ``word`` counts the words of the whole clip."""
+    """Speech of one clip; the phones' ``word`` counts the words of the whole clip."""
 
     waveform: Float[np.ndarray, " N"]
     phones: tuple[Phone, ...]
@@ -85,7 +85,7 @@ def speak(
     text_rng: np.random.Generator,
     voice_rng: np.random.Generator,
 ) -> Utterance:
-    """Sentences of the split's own, spoken until ``target_s`` seconds are about full."""
+    """Speak sentences of the split until they last about ``target_s`` seconds."""
     lead_s = _draw_listening(voice_rng) if voice_rng.random() < LISTENS_FIRST else LEAD_S
     sentences: list[_Spoken] = []
     spoken_s = lead_s
@@ -101,7 +101,7 @@ def speak(
 
 @dataclass(frozen=True)
 class _Spoken:
-    """One sentence as flite speaks it, and the silence after it."""
+    """One sentence spoken by flite, and the silence after it."""
 
     text: str
     waveform: Float[np.ndarray, " N"]
@@ -110,7 +110,7 @@ class _Spoken:
 
 
 def _draw_pause(sentence: str, speaker: Speaker, rng: np.random.Generator) -> float:
-    """Seconds of silence after a sentence; now and then, and after a question, to listen."""
+    """Draw the silence (s) after a sentence, sometimes (after questions often) for listening."""
     share = LISTENS_AFTER_A_QUESTION if sentence.endswith("?") else LISTENS
     if rng.random() < share:
         return _draw_listening(rng)
@@ -118,7 +118,7 @@ def _draw_pause(sentence: str, speaker: Speaker, rng: np.random.Generator) -> fl
 
 
 def _draw_listening(rng: np.random.Generator) -> float:
-    """Seconds of listening, more often short than long."""
+    """Draw the duration (s) of listening, more often short than long."""
     shortest_s, longest_s = LISTENING_S
     return float(shortest_s + (longest_s - shortest_s) * rng.beta(1.1, 1.9))
 
@@ -139,7 +139,7 @@ def _trim(
 
 
 def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
-    """One waveform with all sentences; phrases are not found yet."""
+    """Join all sentences to one waveform, without phrases yet."""
     waves = [np.zeros(int(lead_s * SAMPLE_RATE))]
     phones: list[Phone] = []
     words: list[SpokenWord] = []
@@ -165,7 +165,7 @@ def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
 
 
 def _silences(phones: list[Phone], duration_s: float) -> tuple[Span, ...]:
-    """Where nothing is said for as long as one listens."""
+    """Return the silences that are long enough for listening."""
     sounded = [p for p in phones if p.name != PAUSE]
     starts = [0.0, *(p.end_s for p in sounded)]
     ends = [*(p.start_s for p in sounded), duration_s]
@@ -177,7 +177,7 @@ def _silences(phones: list[Phone], duration_s: float) -> tuple[Span, ...]:
 
 
 def _word(text: str, sentence: int, index: int, phones: list[Phone]) -> SpokenWord:
-    """The span and stressed vowel of a word; one that flite swallowed takes a neighbour's phone."""
+    """Return span and stressed vowel of a word; without phones it takes those of a neighbour."""
     sounded = [p for p in phones if p.name != PAUSE]
     own = [p for p in sounded if p.word == index]
     own = own or [min(sounded, key=lambda p: abs(p.word - index))]
@@ -193,7 +193,7 @@ def _with_accents(plain: Utterance, rng: np.random.Generator) -> Utterance:
 
 
 def _find_phrases(words: tuple[SpokenWord, ...]) -> tuple[Phrase, ...]:
-    """Break at pauses over .12 s and at the ends of sentences."""
+    """Split at pauses over .12 s and at the ends of sentences."""
     starts = [0]
     for k in range(1, len(words)):
         before, after = words[k - 1], words[k]
@@ -210,7 +210,7 @@ def _find_phrases(words: tuple[SpokenWord, ...]) -> tuple[Phrase, ...]:
 def _place_accents(
     words: tuple[SpokenWord, ...], phrases: tuple[Phrase, ...], rng: np.random.Generator
 ) -> tuple[SpokenWord, ...]:
-    """Prominence for a few words of every phrase, the last content word first."""
+    """Assign prominence to a few words of every phrase, the last content word first."""
     result = list(words)
     for phrase in phrases:
         members = [

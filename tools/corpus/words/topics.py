@@ -1,14 +1,14 @@
-"""What the sentences are about: words and phrases of everyday topics, each by its part in a rule.
+"""Topics of the sentences: words and phrases by their symbol in the grammar's rules.
 
 Phrases fit every rule of ``grammar.py``: people and things are singular, places can be driven to,
-qualities can be more or less, and no phrase holds a pronoun.
+qualities can be more or less, and no phrase contains a pronoun.
 """
 
 Topic = dict[str, tuple[str, ...]]
 
 
 def _topic(who: str, places: str, things: str, many: str, qualities: str, acts: str) -> Topic:
-    """Expansions by symbol, from lists parted by commas.
+    """Return the expansions by symbol, from lists separated by commas.
 
     Args:
         who: people.
