@@ -1,1 +1,1 @@
-"""What a body means to do and when, before it moves; may import motion and storage."""
+"""Gesture plans: what a body is to do and when; may import motion and storage."""

@@ -1,7 +1,7 @@
-"""Changes of a plan: each takes a plan and gives another, or says why not by a `PlanError`.
+"""Edits of a gesture plan: each returns another plan, or raises a `PlanError` with the reason.
 
-A hand's phases follow one another without a gap, from the start to the end: what one gains its
-neighbours lose, and no phase is squeezed below what a hand needs for it. A gesture is its
+The phases of a hand follow one another without a gap, from start to end: when one becomes longer
+its neighbours become shorter, but no phase falls below its shortest duration. A gesture is its
 preparation, its strokes, and the holds and beats after them.
 """
 
@@ -53,35 +53,35 @@ LEAST_S: dict[Phase, float] = {
     "rest": LEAST_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,
     "retraction": 0.5,
 }  # fmt: skip
-"""Shorter no phase is made; one that was shorter stays so."""
+"""Shortest duration of a phase after an edit (s); one that was shorter is not changed."""
 GOES_BACK_S = LEAST_S["retraction"] + LEAST_REST_S
-"""A hand goes back to rest only where it has so long for it."""
+"""Shortest time in which a hand retracts to rest (s)."""
 ARM_M = 0.72
-"""Wrists reach no farther from the chest."""
+"""Largest distance of a wrist from the chest (m)."""
 BODY_WIDTH_M, BODY_DEPTH_M, LEAST_UP_M, MOST_UP_M = 0.16, 0.14, -0.5, 0.12
-"""The part of the chest's frame that the body fills: so wide to either side, so far forward."""
+"""Region of the body in the chest's frame: to either side, forwards, and its range upwards (m)."""
 SAME_S = 0.01
-"""To which a gesture or a phase is found by its end."""
+"""Tolerance with which a gesture or phase is identified by its end (s)."""
 _TINY_S = 1e-6
 Hands = Literal["left", "right", "both"]
 
 
 @dataclass(frozen=True)
 class Gesture:
-    """Which gesture is meant: the one of a hand whose last stroke ends at some time."""
+    """Identity of a gesture: its hand and the end of its last stroke."""
 
     side: Side
     lands_s: float
 
 
 class NoTimeError(PlanError):
-    """A gesture has no time where it is to be, as the hand makes another there."""
+    """No time for a gesture, because the hand makes another one there."""
 
     def __init__(self, sentence: str, kind: str, gesture: Gesture | None) -> None:
         super().__init__(sentence)
         self.kind = kind
         self.gesture = gesture
-        """The other."""
+        """The other gesture; None if it cannot be identified."""
 
 
 def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
@@ -89,20 +89,20 @@ def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
 
 
 def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
-    """The gestures of a hand, in time."""
+    """Return the gestures of a hand in order of time."""
     return tuple(Gesture(side, s.lands.end_s) for s in strokes_of(plan) if s.side == side)
 
 
 def on_word(word: Interval) -> float:
-    """Where a stroke on a word ends."""
+    """Return the default time of the end of a stroke on a word."""
     return word.start_s + LANDS_AT * (word.end_s - word.start_s)
 
 
 def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None) -> Noted:
-    """The gesture at another time: its last stroke ends at ``lands_s``.
+    """Move a gesture in time, so that its last stroke ends at ``lands_s``.
 
     Args:
-        word: what it lands on now; None leaves what is told.
+        word: the new word of its strokes; None leaves the old one.
     """
     phases, block = _taken_out(plan, gesture)
     if word is not None:
@@ -113,7 +113,7 @@ def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None 
 
 
 def deleted(plan: GesturePlan, gesture: Gesture) -> Noted:
-    """The plan without a gesture: the hand stays as it was before it."""
+    """Delete a gesture; the hand stays as it was before it."""
     phases, _ = _taken_out(plan, gesture)
     return Noted(plan.with_hand(gesture.side, tuple(phases)))
 
@@ -121,10 +121,10 @@ def deleted(plan: GesturePlan, gesture: Gesture) -> Noted:
 def added(
     plan: GesturePlan, kind: str, lands_s: float, hands: Hands | None = None, word: str = ""
 ) -> Noted:
-    """The plan with a gesture of the palette whose stroke ends at ``lands_s``.
+    """Add a gesture of the palette with a stroke that ends at ``lands_s``.
 
     Args:
-        hands: None is both where both make it, or else the right.
+        hands: None is both for kinds that both hands make, or else the right.
     """
     if kind not in PLACES:
         raise PlanError(f"There is no gesture {kind[:40]!r}; choose one of {', '.join(PLACES)}.")
@@ -140,7 +140,7 @@ def added(
 
 
 def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Noted:
-    """The gesture made by other hands, and no more by those that made it."""
+    """Transfer a gesture to other hands, and delete it from its present ones."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
     partner = partner_of(plan, gesture)
@@ -150,7 +150,7 @@ def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Noted:
 
 
 def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Noted:
-    """The gesture with a hold of some length at its end; 0 is none."""
+    """Set the length of the hold at the end of a gesture; 0 removes it."""
     if not 0 <= hold_s < math.inf:
         raise PlanError(f"A hold lasts 0 s or longer; got {hold_s:g} s.")
     phases, block = _taken_out(plan, gesture)
@@ -169,7 +169,7 @@ def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Noted:
 
 
 def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Noted:
-    """The gesture ``size`` times as large, seen from where hands rest."""
+    """Scale a gesture's goals about the rest position by a factor."""
     if not 0.1 <= size <= 4:
         raise PlanError(f"A size is .1 to 4 times as large; got {size:g}.")
 
@@ -181,14 +181,14 @@ def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Noted:
 
 
 def raised(plan: GesturePlan, gesture: Gesture, by_m: float) -> Noted:
-    """The gesture so much higher, or lower."""
+    """Raise or lower a gesture by metres."""
     if not abs(by_m) <= 1:
         raise PlanError(f"A gesture is at most 1 m higher or lower; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
 def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Noted:
-    """The gesture's preparation and strokes ``speed`` times as fast; it lands when it did."""
+    """Change the speed of preparation and strokes by a factor; the strokes' end stays."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
     phases, block = _taken_out(plan, gesture)
@@ -207,10 +207,10 @@ def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Noted:
 
 
 def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Noted:
-    """The phase of a hand that ends at ``end_s`` ends at ``at_s``, or as near to that as can be.
+    """Move the end of a hand's phase from ``end_s`` to ``at_s``, or as near to that as possible.
 
-    A hold for whose way back there is no time any more lasts until the next gesture. Where a hand
-    leaves a gesture so much earlier that it can go back to rest before the next one, it does.
+    A hold without time left to retract lasts until the next gesture. If a gesture now ends early
+    enough for the hand to go to rest before the next one, it does.
     """
     phases = _phases(plan, side)
     k = _ending_at(phases, end_s)
@@ -245,8 +245,7 @@ def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Noted:
 
 
 def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
-    """When the phase ends that is the other hand's part in the phase of a hand that ends at
-    ``end_s``; None where the hands do not make a gesture together, or end it apart."""
+    """Return the end of the other hand's corresponding phase of a gesture, or None."""
     filled = replace(plan, left=tuple(_phases(plan, "left")), right=tuple(_phases(plan, "right")))
     k = _ending_at(filled.hand(side), end_s)
     own = None if k is None else _gesture_with(filled, side, filled.hand(side)[k])
@@ -265,7 +264,7 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
 def _before_way_back(
     phases: Sequence[HandPhase], k: int, at_s: float, duration_s: float
 ) -> tuple[list[HandPhase], str]:
-    """The phases with another end of the one before a way back, and what was mended."""
+    """Return the phases with a new end of the one before a retraction, and a note."""
     one, back = phases[k], phases[k + 1]
     rest = phases[k + 2] if k + 2 < len(phases) and phases[k + 2].phase == "rest" else None
     until_s = back.end_s if rest is None else rest.end_s
@@ -317,7 +316,7 @@ _LISTS: dict[type, str] = {
 
 
 def with_event(plan: GesturePlan, event: Span | Moment) -> Noted:
-    """The plan with a nod, look, brow, smile, blink or stand; a span cuts others of its list."""
+    """Add a nod, gaze, brow, smile, blink or stance; a span replaces what it overlaps."""
     name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
         raise PlanError(
@@ -343,7 +342,7 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
 
 
 def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
-    """The gesture among the plan's, to a hundredth of a second."""
+    """Return the plan's stroke of a gesture, within a hundredth of a second."""
     own = (stroke for stroke in strokes_of(plan) if stroke.side == gesture.side)
     off = {abs(stroke.lands.end_s - gesture.lands_s): stroke for stroke in own}
     return off[min(off)] if off and min(off) < SAME_S else None
@@ -357,14 +356,14 @@ def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | 
 
 
 def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
-    """The other hand's gesture that lands with this one."""
+    """Return the other hand's gesture with a stroke that ends at the same time."""
     other = SIDES[1 - SIDES.index(gesture.side)]
     near = [g for g in gestures(plan, other) if abs(g.lands_s - gesture.lands_s) < TOGETHER_S]
     return near[0] if near else None
 
 
 def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], list[HandPhase]]:
-    """The phases of the hand without a gesture, and the gesture's own."""
+    """Return the hand's phases without a gesture, and the gesture's phases."""
     phases = _phases(plan, gesture.side)
     stroke = _found(plan.with_hand(gesture.side, tuple(phases)), gesture)
     if stroke is None:
@@ -386,12 +385,12 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
 
 
 def _rest_goal(phases: Sequence[HandPhase]) -> Place:
-    """Where a hand rests, the first time it does."""
+    """Return the goal of the hand's first rest."""
     return next((p.goal for p in phases if p.phase in ("rest", "retraction")), REST_PLACE)
 
 
 def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
-    """Rests and holds that follow on one another as one."""
+    """Merge consecutive rests and holds."""
     found: list[HandPhase] = []
     for phase in phases:
         last = found[-1] if found else None
@@ -419,8 +418,7 @@ def _laid(
     block: Sequence[HandPhase],
     lands_s: float,
 ) -> Noted:
-    """The plan with a gesture laid over what a hand does: where it is still or goes back it gives
-    way, nowhere else."""
+    """Insert a gesture into a hand's phases, in place of rests, holds and retractions only."""
     notes: list[str] = []
     body = [one for one in block if one.phase != "preparation"]
     strikes_s = body[0].start_s
@@ -463,7 +461,7 @@ def _laid(
 def _preparation(
     phases: Sequence[HandPhase], block: Sequence[HandPhase], stroke: HandPhase
 ) -> HandPhase | None:
-    """How the hand gets ready; a stroke that had no preparation needs none where a hand is up."""
+    """Return the preparation; None if the stroke had none and the hand is already raised."""
     own = [one for one in block if one.phase == "preparation"]
     if own:
         return replace(own[-1], start_s=own[0].start_s)
@@ -475,7 +473,7 @@ def _preparation(
 
 
 def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
-    """The phases before some time; a hand that has no time to go back stays where it is."""
+    """Return the phases before a time; a retraction that is cut too short becomes a hold."""
     kept = [replace(p, end_s=min(p.end_s, end_s)) for p in phases if p.start_s < end_s - _TINY_S]
     if kept and kept[-1].phase == "retraction":
         last = kept[-1]
@@ -490,7 +488,7 @@ def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
 def _ending(
     phases: Sequence[HandPhase], body: Sequence[HandPhase], until_s: float
 ) -> list[HandPhase]:
-    """A gesture with what follows it until the next one: back to rest where there is time."""
+    """Return a gesture with what follows it: a retraction, or a hold if time is short."""
     found = [replace(p, end_s=min(p.end_s, until_s)) for p in body if p.start_s < until_s - _TINY_S]
     last = found[-1]
     left_s = until_s - last.end_s
@@ -519,7 +517,7 @@ def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Plac
 
 
 def within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
-    """Goals that an arm reaches, and that are not inside the body."""
+    """Move goals into the arm's reach and out of the body, with notes."""
     found, notes = [], []
     for one in block:
         out, up, forward = one.goal

@@ -1,8 +1,7 @@
-"""Plans in files, told apart by their ending, as the tiers that annotators write down, and as
-markers for animation software.
+"""Gesture plans in files (JSON, TextGrid, ELAN), as tiers, and as markers for animation software.
 
-Our own tiers tell all of a plan. Those of other habits are understood as far as their names and
-labels can be: a tier for each phase, short labels, no places; what was made of them is said.
+Our tiers hold all of a plan. Those of other projects are interpreted by their names and labels (a
+tier for each phase, short labels, no goals); notes say how.
 """
 
 from __future__ import annotations
@@ -57,19 +56,19 @@ from model.storage.harmless import csv_text
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS
 APEX_S = 0.08
-"""A stroke and the apex that tells its word are at most so far apart."""
+"""Largest time between a stroke's end and the apex that names its word (s)."""
 USUAL_NOD_DEG, USUAL_BROW, USUAL_SMILE = 4.0, 0.5, 0.4
-"""Of those marked without a number."""
+"""Defaults for nods (degrees), brows and smiles without a number."""
 MAX_ROWS = 100_000
 _FEW = 6
 
 
 def tiers_of(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
-    """All that the plan tells. Times and numbers are rounded to four decimals.
+    """Convert a plan to tiers, with times and numbers rounded to four decimals.
 
     Args:
-        for_praat: as its users have it, whose tiers have no parents: phases with their kinds in one
-            label, and what tells more of them as points at their ends.
+        for_praat: without parent tiers, which Praat lacks: phases and kinds share one label, and
+            words and goals are points at the phases' ends.
 
     Raises:
         PlanError: if events of one list overlap: no tier can hold them.
@@ -127,7 +126,7 @@ _PHASES: Mapping[str, Phase] = {
     "rest": "rest", "prep": "preparation", "stroke": "stroke", "hold": "hold", "psh": "hold",
     "beat": "beat", "baton": "beat", "ret": "retraction", "recover": "retraction",
 }  # fmt: skip
-"""By how words begin; so also of the head, face and legs, and of what tells more of hands."""
+"""Phases by the first letters of words; the next tables are for body tiers and more hand tiers."""
 _LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip
@@ -144,19 +143,19 @@ _T = TypeVar("_T", bound=str)
 
 
 def _meant(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
-    """What words mean that begin as some of these do, in their order."""
+    """Return the meanings of the words that start with one of the stems, in order."""
     return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
 
 
 _Rows = defaultdict[tuple[str, str], list[Interval]]
-"""By what they tell, and of which hand or foot; "" of all of the body."""
+"""Rows by content and by hand or foot; "" for the whole body."""
 
 
 def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
-    """The plan that tiers tell, by their names: ours, or others that speak of hands and phases.
+    """Convert tiers to a plan by their names: ours, or others that mention hands and phases.
 
     Raises:
-        PlanError: if no tier tells what a hand does, or what they tell is no plan.
+        PlanError: if no tier describes a hand, or the tiers form no valid plan.
     """
     rows: _Rows = defaultdict(list)
     of_phases: list[tuple[NamedTier, tuple[Side, ...], Phase | None]] = []
@@ -238,7 +237,7 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
 
 
 def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
-    """A hand's phases with their places; where none are told, with usual ones, which is noted."""
+    """Return a hand's phases with their goals; usual goals replace missing ones, with a note."""
     phases = sorted(rows[PHASE_TIER, side], key=lambda row: row.start_s)
     kinds_at, words_at = (
         {round(row.end_s, 4): row.text for row in rows[what, side]}
@@ -276,7 +275,7 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
 
 
 def _landed_on(apexes: Sequence[Interval], side: Side, end_s: float) -> str:
-    """The word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
+    """Return the word of the corpus's apex (kind, hand, word) nearest to the end of a stroke."""
     marks = ((row.end_s, row.text.split(" ")) for row in apexes)
     words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
     at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
@@ -284,14 +283,13 @@ def _landed_on(apexes: Sequence[Interval], side: Side, end_s: float) -> str:
 
 
 def _words(name: str) -> Set[str]:
-    """The words of a tier's name in their order, however they are joined: ``RH_Phase``,
-    ``rightHand-Stroke``."""
+    """Split a tier's name into lower-case words: ``RH_Phase``, ``rightHand-Stroke``."""
     parted = re.sub(r"([a-z])([A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", r"\1 \2", name[:200])
     return dict.fromkeys(re.findall(r"[a-z]+", parted.lower())).keys()
 
 
 def _has_phases(tier: NamedTier) -> bool:
-    """Most of its labels tell phases."""
+    """Check whether most labels of a tier name phases."""
     return 2 * sum(_phase_of(row.text)[0] is not None for row in tier.rows) > len(tier.rows)
 
 
@@ -303,7 +301,7 @@ def _sides(words: Set[str]) -> tuple[Side, ...]:
 
 
 def _phase_of(label: str) -> tuple[Phase | None, str]:
-    """Phase and kind that a label tells: ``stroke offer``, ``Prep``, ``post-stroke hold``."""
+    """Parse phase and kind from a label: ``stroke offer``, ``Prep``, ``post-stroke hold``."""
     name, _, kind = label.partition(" ")
     if name in PHASES:
         return PHASES[PHASES.index(name)], kind
@@ -315,7 +313,7 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
 
 
 def _numbers(row: Interval) -> list[float]:
-    """The numbers that a label begins with."""
+    """Parse the numbers at the start of a label."""
     numbers: list[float] = []
     for part in row.text.split():
         try:
@@ -379,7 +377,7 @@ MAX_BYTES = 16 * 2**20
 
 
 def read_plan_file(path: Path) -> Noted:
-    """A plan, and what a person should know of how it was taken.
+    """Read a plan with notes on how it was read.
 
     Raises:
         PlanError: if the file is missing, too large, or holds no plan; one sentence.
@@ -388,7 +386,7 @@ def read_plan_file(path: Path) -> Noted:
 
 
 def plan_in(data: bytes, file: str) -> Noted:
-    """The plan in a file of that name, see `read_plan_file`."""
+    """Parse a plan from the bytes of a file with that name, see `read_plan_file`."""
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
         return Noted(_of_json(data, file))
@@ -416,10 +414,10 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
 
 
 def annotated_plan(path: Path) -> GesturePlan:
-    """The plan in a TextGrid of the corpus, whose hands have phases and goals.
+    """Read the plan in a TextGrid of the corpus, with phases and goals of both hands.
 
     Raises:
-        PlanError: if it tells no gestures of both hands with their goals.
+        PlanError: if it lacks the gestures of a hand or their goals.
     """
     tiers, duration_s, _ = _grid_tiers(bytes_within(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
@@ -430,7 +428,7 @@ def annotated_plan(path: Path) -> GesturePlan:
 
 
 def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
-    """The tiers of a TextGrid without empty intervals, its length, and notes on how it was read."""
+    """Parse the tiers of a TextGrid without empty intervals, its duration, and notes."""
     text, notes = decode_text(data, file, PlanError)
     tiers, duration_s = textgrid_tiers(text, file, PlanError)
     if not tiers:
@@ -451,9 +449,10 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
 
 
 def check_ending(path: Path) -> None:
-    """
+    """Check that a file's suffix is one of a plan.
+
     Raises:
-        PlanError: if no plan is written under such a name.
+        PlanError: if it is not.
     """
     if path.suffix.lower() not in {ending.lower() for ending in ENDINGS}:
         raise PlanError(
@@ -463,13 +462,13 @@ def check_ending(path: Path) -> None:
 
 
 def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -> None:
-    """Write it in the form its ending names, whole or not at all.
+    """Write a plan in the format of the file's suffix, atomically.
 
     Args:
-        speech: what ELAN opens with the plan.
+        speech: sound file that ELAN opens with the plan.
 
     Raises:
-        PlanError: if the ending is none of ours, or the form cannot hold the plan.
+        PlanError: if the suffix is none of ours, or the format cannot hold the plan.
         WriteError: with the reason.
     """
     check_ending(path)
@@ -487,8 +486,8 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
 
 
 def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
-    """When each phase of each hand begins, but for rests, and nods, looks, brows and blinks, in
-    time: seconds and names."""
+    """Return sorted starts (s) and names of events: phases but rests, nods, gazes, brows,
+    blinks."""
     found = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
     for side in SIDES:
         for phase in plan.hand(side):
@@ -503,6 +502,6 @@ def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
 
 
 def markers_csv(plan: GesturePlan) -> str:
-    """The same as a table: ``frame`` (the nearest, from 0), ``time_s``, ``name``."""
+    """Format markers as CSV with ``frame`` (the nearest, from 0), ``time_s`` and ``name``."""
     rows = [(round(at_s * FPS), f"{at_s:.4f}", name) for at_s, name in markers_of(plan)]
     return csv_text([("frame", "time_s", "name"), *rows], "\n")

@@ -1,8 +1,8 @@
-"""The plan that a motion seems to follow: found in the motion alone, as annotators do.
+"""Detection of a gesture plan in motion alone, as annotators do it.
 
-What a hand does is told frame by frame by a small convolutional network from where the wrist is,
-how fast it goes and what the other does (`model.evaluation.finding` trained it on the corpus), and
-made into phases by the most likely way through them. Heads, faces and legs are told by rules.
+A convolutional network (trained on the corpus by `model.evaluation.finding`) classifies hand phases
+from the wrist's position and velocity and the other hand's speed; the Viterbi algorithm decodes
+them. Events of head, face and legs are detected by rules.
 """
 
 from __future__ import annotations
@@ -44,23 +44,25 @@ WEIGHTS = Path(__file__).resolve().parents[1] / "assets" / "hand_phases.npz"
 DILATIONS = (2, 4, 6)
 KERNEL, HIDDEN = 5, 40
 NOD_DEG = 2.0
-"""A nod is at least so deep, against half a second around it."""
+"""Smallest depth of a nod relative to half a second around it (degrees)."""
 BROW, FROWN, BLINK, SMILE = 0.14, 0.07, 0.45, 0.08
 STAND_SHARE = 0.03
-"""Of the distance between the feet, by which the pelvis is off the middle on one leg."""
+"""Offset of the pelvis on one leg from the middle, as a fraction of the feet's distance."""
 STEP_M_S = 0.15
 STILL_M_S = 0.1
-"""A wrist that is always slower makes none of `MOVES`, whatever it looks like."""
+"""Wrist speed (m/s) below which none of `MOVES` is detected."""
 MOVES = ("preparation", "stroke", "retraction")
 SHIFT_DEG_S = 40.0
-"""A gaze that turns faster shifts."""
+"""Gaze speed (degrees/s) above which the gaze shifts."""
 LEAST_LOOK_S, LEAST_STAND_S, LEAST_SMILE_S, LEAST_BEAT_S = 0.15, 0.4, 0.4, 0.12
 _MOST_M = 0.99
 
 
 def found_plan(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
-    """Phases of both hands, nods, looks, brows, smiles, blinks, stands and steps of a motion. What
-    is not in it (a face, eyes that move) is not found; gestures have no kinds and no words."""
+    """Detect hand phases and events of head, face and legs; gestures have no kinds or words.
+
+    What the motion does not have (face, moving eyes) is not detected.
+    """
     tracks = track_points(motion, skeleton)
     places = wrist_places(tracks)
     hands = {
@@ -85,7 +87,7 @@ def found_plan(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
 def hand_phases(
     wrist: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]
 ) -> Iterator[HandPhase]:
-    """The phases of one hand, from one end to the other."""
+    """Detect the phases of one hand over the whole motion."""
     likely, stay, change = _likelihoods(hand_features(wrist, other))
     states = _most_likely(likely, stay, change)
     smooth = gaussian_filter1d(wrist, 1.0, axis=0)
@@ -107,7 +109,7 @@ def hand_phases(
 def hand_features(
     wrist: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]
 ) -> Float[np.ndarray, "T 10"]:
-    """What tells phases: place against the hand's own usual one, velocity, speeds."""
+    """Compute classifier features: position relative to the hand's usual one, velocity, speeds."""
     own, beside = (gaussian_filter1d(path, 1.0, axis=0) for path in (wrist, other))
     if len(own) < 2:
         return np.zeros((len(own), 10), np.float32)
@@ -121,8 +123,7 @@ def hand_features(
 
 
 class PhaseNetwork(nn.Module):
-    """Scores of each phase at each frame, from `hand_features` less their means, over their
-    deviations."""
+    """Network that scores each phase in each frame, from standardised `hand_features`."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -142,7 +143,7 @@ class PhaseNetwork(nn.Module):
 
 @cache
 def _weights() -> tuple[PhaseNetwork, dict[str, np.ndarray]]:
-    """The network, and how long phases last and which follows which."""
+    """Load the network with the mean durations of phases and their transition probabilities."""
     with np.load(WEIGHTS, allow_pickle=False) as data:
         told = {name: data[name].astype(np.float32) for name in data.files}
     network = PhaseNetwork(len(told["mean"]))
@@ -159,7 +160,7 @@ def _likelihoods(
 ) -> tuple[
     Float[np.ndarray, "T phases"], Float[np.ndarray, " phases"], Float[np.ndarray, "phases phases"]
 ]:
-    """Log shares of each phase at each frame, of staying in it, and of going over to another."""
+    """Return log probabilities of phases per frame, of staying in each, and of transitions."""
     network, told = _weights()
     scores = network(torch.from_numpy((features - told["mean"]) / told["std"])[None])[0]
     leave = 1 / told["frames"]
@@ -172,7 +173,7 @@ def _most_likely(
     stay: Float[np.ndarray, " phases"],
     change: Float[np.ndarray, "phases phases"],
 ) -> Int[np.ndarray, " T"]:
-    """Viterbi's way through the phases."""
+    """Find the most likely sequence of phases by the Viterbi algorithm."""
     step = change.copy()
     np.fill_diagonal(step, stay)
     score, came = likely[0], np.zeros(likely.shape, int)
@@ -187,13 +188,13 @@ def _most_likely(
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:
-    """First frame and end of each stretch of equal values."""
+    """Return the first frame and the end of each stretch of equal values."""
     edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
     return list(pairwise(edges))
 
 
 def _beats(speed: Float[np.ndarray, " T"], first: int, stop: int) -> list[int]:
-    """Where beats that follow on one another begin and end: where the hand turns."""
+    """Return the boundaries of consecutive beats, which are where the hand reverses."""
     least = round(LEAST_BEAT_S * FPS)
     turns, _ = find_peaks(-speed[first:stop], distance=least)
     inside = [first + int(k) for k in turns if least <= k <= stop - first - least]
@@ -213,7 +214,7 @@ def _seconds(frames: np.ndarray) -> list[float]:
 
 
 def _nods(tracks: Tracks) -> Iterator[Nod]:
-    """Where the head goes down, against half a second around it."""
+    """Detect nods: the head moves down relative to half a second around it."""
     ahead = tracks.global_rot[:, JOINT_INDEX["head"], 1, 2].astype(np.float64)
     down = -np.degrees(np.arcsin(np.clip(ahead, -1, 1)))
     moved = gaussian_filter1d(down, 1.0) - gaussian_filter1d(down, 6.0)
@@ -223,7 +224,7 @@ def _nods(tracks: Tracks) -> Iterator[Nod]:
 
 
 def _looks(tracks: Tracks) -> Iterator[Gaze]:
-    """Stretches in which the eyes stay where they are, against how the chest usually faces."""
+    """Detect stretches with a steady gaze, relative to the mean direction of the chest."""
     eyes = tracks.global_rot[:, JOINT_INDEX["left_eye"], :, 2].astype(np.float64)
     chest = tracks.global_rot[:, JOINT_INDEX["spine3"], :, 2].astype(np.float64).mean(axis=0)
     yaw = np.unwrap(np.arctan2(eyes[:, 0], eyes[:, 2])) - np.arctan2(chest[0], chest[2])
@@ -276,7 +277,7 @@ def _face(
 
 
 def _stands(tracks: Tracks) -> Iterator[Stand]:
-    """Over which ankle the pelvis is."""
+    """Detect the leg by the ankle that the pelvis is above."""
     left, right = (tracks.joints[:, JOINT_INDEX[f"{side}_ankle"]][:, [0, 2]] for side in SIDES)
     apart = left - right
     off = tracks.joints[:, 0][:, [0, 2]] - 0.5 * (left + right)
@@ -287,7 +288,7 @@ def _stands(tracks: Tracks) -> Iterator[Stand]:
     at = 0
     for first, stop in _runs(leg):
         if (stop - first) / FPS < LEAST_STAND_S and stop < len(leg):
-            continue  # a moment on the way to another leg
+            continue  # too short: a shift to the other leg
         yield Stand(at / FPS, stop / FPS, legs[int(leg[first])])
         at = stop
 

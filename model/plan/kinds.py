@@ -1,9 +1,9 @@
-"""Kinds of gestures: where hands usually make them, and which one a stroke is.
+"""Kinds of gestures: their usual hand positions, and the choice of a kind for a stroke.
 
-A person chooses of the palette (`PLACES`). Of a plan that is drawn, a network decides when hands
-move and where to; the kind is drawn after it from what annotated plans show (`KindTable`): how
-often each speaker makes it, where its strokes end, whether both hands make it, and which words call
-for it. A kind decides the shape and turn of the hand.
+A user chooses from the palette (`PLACES`). For a generated plan, a network decides when and where
+hands move; the kind is then drawn from statistics of annotated plans (`KindTable`): how often each
+speaker makes it, where its strokes end, whether both hands make it, and which words trigger it. A
+kind determines the shape and orientation of the hand.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 Place = tuple[float, float, float]
 
 REST_PLACE: Place = (0.25, -0.26, 0.25)
-"""Where hands usually rest: before the body."""
+"""Usual rest position of a wrist: before the body."""
 PREPARED: Place = (-0.066, 0.005, -0.049)
-"""Where a hand is made ready, from where its stroke ends: nearer to the body."""
+"""Offset of the preparation's goal from the stroke's: nearer to the body."""
 PLACES: Mapping[str, Place] = MappingProxyType({
     "all": (0.33, -0.08, 0.28), "arc": (0.33, -0.13, 0.30), "back": (0.30, 0.12, 0.20),
     "beat": (0.23, -0.20, 0.35), "big": (0.32, 0.00, 0.28), "brush": (0.26, -0.15, 0.32),
@@ -49,7 +49,7 @@ PLACES: Mapping[str, Place] = MappingProxyType({
     "up": (0.26, 0.17, 0.28), "wave_off": (0.28, -0.06, 0.32), "weigh": (0.24, -0.14, 0.32),
     "wow": (0.24, 0.31, 0.25), "you": (0.17, 0.01, 0.41), "you_open": (0.19, -0.08, 0.41),
 })  # fmt: skip
-"""By kind, where its strokes end (medians in the corpus's annotation): out, up, forward."""
+"""Usual stroke end of each kind (medians in the corpus's annotation): out, up, forward."""
 BY_BOTH = frozenset({
     "all", "big", "carry", "cup_both", "drive", "frame", "item", "long", "no", "open_up", "present",
     "quote", "roll", "round", "shrug", "small_both", "together", "weigh", "wow",
@@ -58,20 +58,20 @@ BY_BOTH = frozenset({
 
 
 def usual_place(kind: str) -> Place:
-    """Where strokes of a kind end, or of one that is not known."""
+    """Return the usual stroke end of a kind; a default for an unknown kind."""
     return PLACES.get(kind, PLACES["offer"])
 
 
 def ready_for(goal: Place) -> Place:
-    """Where a hand is made ready for a stroke that ends at ``goal``."""
+    """Return the goal of the preparation for a stroke that ends at ``goal``."""
     return _moved(goal, PREPARED)
 
 
 def usual_goal(phase: str, kind: str, before: Place) -> Place:
-    """Where a phase leads whose place nobody has told.
+    """Return the default goal of a phase.
 
     Args:
-        before: where the hand is when it begins.
+        before: the goal of the phase before it.
     """
     if phase in ("rest", "retraction"):
         return REST_PLACE
@@ -90,55 +90,56 @@ def _moved(place: Place, by: Place) -> Place:
 
 
 FOLLOWING = "follow"
-"""Small beats of the hand that takes no part."""
+"""Kind of small beats of the hand that does not make the gesture."""
 TOGETHER_S = 0.15
-"""Strokes of both hands that end so close together are one gesture."""
+"""Largest time between strokes of both hands that count as one gesture (s)."""
 BEFORE_WORD_S, AFTER_WORD_S = 0.25, 0.15
-"""A stroke that ends so long before a word begins, or after it ends, still lands on it."""
+"""Tolerance for the end of a stroke before a word's start, and after its end (s)."""
 LEAST_CALLS, LEAST_LIFT = 5, 3.0
-"""A word calls for a kind that landed on it so often, and so much more than on any word."""
+"""Smallest count of a kind on a word, and ratio to its overall share, for the word to trigger
+it."""
 FAITH = 0.65
-"""How far a goal moves to where strokes of the kind that a word called for usually end."""
+"""Fraction by which a goal moves to the usual stroke end of a kind that a word triggered."""
 PREPARATION_S, STROKE_S, HOLD_S, RETRACTION_S = 0.49, 0.31, 0.3, 0.8
-"""Usual lengths in the corpus's annotation (medians; a hold of those that end in a retraction)."""
+"""Medians in the corpus's annotation (s); the hold's is of those before a retraction."""
 LANDS_AT = 0.3
-"""Of a word's length, where a stroke on it usually ends."""
+"""Default end of a stroke on a word, as a fraction of the word's duration."""
 LEAST_REST_S = 0.2
-"""What is left of a rest or a hold before or after a gesture, so that it can be seen."""
+"""Shortest visible remainder of a rest or hold before or after a gesture (s)."""
 _MIN_SPREAD_M = 0.03
 _AS_USUAL = 20
-"""So many strokes of everybody's are added to those of each speaker."""
+"""Number of strokes of all speakers that are added to those of each."""
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """Where a gesture of one hand lands: the last of its strokes."""
+    """A gesture of one hand, up to and after its last stroke."""
 
     side: Side
     first: int
-    """Its first phase among the hand's."""
+    """Index of its first phase among the hand's."""
     last: int
-    """The last phase that belongs to it."""
+    """Index of its last phase."""
     lands: HandPhase
     both: bool = False
-    """The other hand lands with it."""
+    """True if the other hand's stroke ends at the same time."""
 
 
 @dataclass(frozen=True)
 class KindTable:
-    """What annotated plans show of kinds; K of them."""
+    """Statistics of K kinds in annotated plans."""
 
     names: tuple[str, ...]
     by_speaker: Float[np.ndarray, "speakers K"]
-    """Shares, smoothed."""
+    """Smoothed share of each kind by speaker (speakers, K)."""
     goal: Float[np.ndarray, "K 3"]
     spread: Float[np.ndarray, "K 3"]
     both: Float[np.ndarray, " K"]
-    """Share that both hands make together."""
+    """Share of gestures of each kind (K,) that both hands make."""
     calls: Mapping[str, Mapping[str, float]]
-    """By word, the share of strokes on it that are of a kind it calls for."""
+    """Share of each triggered kind among the strokes on a word, by word."""
     struck: Mapping[str, float] = field(default_factory=dict)
-    """By such a word, how often a stroke lands on it when it is said."""
+    """Share of a triggering word's occurrences with a stroke, by word."""
 
     @staticmethod
     def fit(
@@ -146,17 +147,17 @@ class KindTable:
         num_speakers: int,
         said: Mapping[str, int] = MappingProxyType({}),
     ) -> KindTable:
-        """From annotated plans, each with its speaker's number.
+        """Fit the statistics to annotated plans, each with its speaker's number.
 
         Args:
-            said: how often each word is said in all of them.
+            said: number of occurrences of each word in all plans.
         """
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
         goals: defaultdict[str, list[Place]] = defaultdict(list)
         both: Counter[str] = Counter()
         on_word: defaultdict[str, Counter[str]] = defaultdict(Counter)
         landed: Counter[str] = Counter()
-        """Twice the gestures on each word: both hands' together count once."""
+        """Twice the number of gestures on each word: those of both hands count once."""
         kinds: set[str] = {FOLLOWING}
         for plan, speaker in plans:
             kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
@@ -190,11 +191,11 @@ class KindTable:
         )
 
     def place(self, kind: str) -> int:
-        """The number of a kind from 1 on; 0 is none, or one that is not known."""
+        """Return the number of a kind, from 1; 0 for none or an unknown one."""
         return self.names.index(kind) + 1 if kind in self.names else 0
 
     def tensors(self) -> dict[str, Tensor]:
-        """What weights carry of it."""
+        """Return the tensors to save with trained weights."""
         import torch
 
         words = sorted(self.calls)
@@ -214,7 +215,7 @@ class KindTable:
 
     @staticmethod
     def of_tensors(tensors: Mapping[str, Tensor]) -> KindTable:
-        """The inverse of `tensors`.
+        """Make the table from saved tensors; the inverse of `tensors`.
 
         Raises:
             KeyError: if one is missing.
@@ -242,8 +243,11 @@ class KindTable:
         words: Sequence[Interval],
         rng: np.random.Generator,
     ) -> GesturePlan:
-        """The plan with a kind for every gesture, and the words that its strokes land on; a word
-        that calls for a kind gets it as often as people obey it, and the goal moves there."""
+        """Draw a kind for every gesture, and set the word of its stroke.
+
+        A word triggers its kinds as often as in annotated plans; the goal then moves towards the
+        kind's usual one.
+        """
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
         for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
@@ -276,11 +280,12 @@ class KindTable:
     def with_called_strokes(
         self, plan: GesturePlan, words: Sequence[Interval], rng: np.random.Generator
     ) -> GesturePlan:
-        """The plan with strokes on words that call for them. A planner that hears only the sound
-        strikes on what is stressed; some words are gestured on most of the times they are said
-        ("nobody", "again", "big"), and where such a word falls on a hand that is still, it gets its
-        gesture as often as annotated speakers make one there. Chance is drawn for every word, used
-        or not, so that plans of one text share it."""
+        """Add strokes on words that often have one, where hands are still.
+
+        A planner with the sound alone has strokes on stressed words; some words have a gesture most
+        of the time ("nobody", "again", "big") and get one as often as annotated speakers make it.
+        Random numbers are drawn for every word, used or not, so that plans of one text share them.
+        """
         hands = {side: list(without_gaps(plan.hand(side), plan.duration_s)) for side in SIDES}
         has_changed = False
         for word in words:
@@ -307,11 +312,11 @@ class KindTable:
 
     @staticmethod
     def partner(landed: Mapping[float, str], lands_s: float) -> str:
-        """Of gestures by when they land, the kind of one that lands with this; empty if none."""
+        """Return the kind of the gesture that ends together with this one, or ""."""
         return next((kind for at, kind in landed.items() if abs(at - lands_s) < TOGETHER_S), "")
 
     def likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
-        """A kind by where a gesture ends and whose it is."""
+        """Draw a kind by a gesture's goal and its speaker."""
         off = (np.asarray(stroke.lands.goal) - self.goal) / self.spread
         score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
         score -= 0.5 * (off**2).sum(1)
@@ -333,13 +338,13 @@ class KindTable:
 
 
 def drawn_by(shares: Float[np.ndarray, " K"], chance: float) -> int:
-    """Which of some, by their shares (of any sum) and a chance from 0 to 1."""
+    """Return the index that a random number from 0 to 1 selects by unnormalised shares."""
     edges = np.cumsum(shares.astype(np.float64))
     return int(min(np.searchsorted(edges, chance * edges[-1], side="right"), len(edges) - 1))
 
 
 def strokes_of(plan: GesturePlan) -> list[Stroke]:
-    """The gestures of both hands: preparation and strokes, with the holds and beats after them."""
+    """Return the gestures of both hands: preparation, strokes, and the holds and beats after."""
     found: list[Stroke] = []
     for side in SIDES:
         phases = plan.hand(side)
@@ -403,7 +408,7 @@ def _is_struck(plan: GesturePlan, word: Interval) -> bool:
 
 
 def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
-    """The rest or hold that has room for preparation and stroke, and a moment after them."""
+    """Return the rest or hold with room for preparation, stroke and a short hold around a time."""
     begins_s = lands_s - STROKE_S - PREPARATION_S - LEAST_REST_S
     for k, phase in enumerate(phases):
         if phase.start_s <= begins_s and lands_s + HOLD_S <= phase.end_s:
@@ -412,7 +417,7 @@ def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
 
 
 def _struck(old: HandPhase, lands_s: float, goal: Place, kind: str, word: str) -> list[HandPhase]:
-    """A stroke in a phase that is still, and what is left of that."""
+    """Insert a stroke into a rest or hold, and return the new phases with the remainder."""
     strikes_s, readies_s = lands_s - STROKE_S, lands_s - STROKE_S - PREPARATION_S
     out, up, forward = (at + off for at, off in zip(goal, PREPARED, strict=True))
     new = [

@@ -1,8 +1,8 @@
-"""A plan of one performance: a typed object that can be written, read, changed and given.
+"""Gesture plan of a motion: a typed object that can be written, read, edited and used as input.
 
-Times are seconds from the start of the speech. A hand's phases are Kendon's (1980), as annotators
-write them down; its goals are where the wrist is to be at a phase's end, in metres from the chest
-joint in the chest's frame: out to the hand's own side, up, forward.
+Times are seconds from the start of the speech. A hand's phases are Kendon's (1980), as in
+annotation tiers; goals are the wrist's position at a phase's end, in metres from the chest joint in
+the chest's frame: out to the hand's side, up, forward.
 """
 
 from __future__ import annotations
@@ -24,27 +24,28 @@ PHASES: tuple[Phase, ...] = get_args(Phase)
 Leg = Literal["left", "right", "both"]
 FORMAT = 1
 MAX_EVENTS = 200_000
-"""Of one kind; hours of speech have fewer."""
+"""Largest number of events of one kind; hours of speech have fewer."""
 STILL: tuple[str, ...] = ("rest", "hold")
 MAX_SECONDS = 24 * 3600.0
 MAX_NUMBER = 1e6
-"""Of times and of all other numbers; beyond, what is computed of them would be no number."""
+"""Largest absolute value of all numbers but times, to avoid overflow."""
 HANGING = (0.2, -0.42, 0.12)
-"""Where a hand is that no plan tells of."""
+"""Position of a hand without a plan (m)."""
 _GAP_S = 0.01
 REACH_M = 1.0
-"""No wrist is farther than this from the chest."""
+"""Largest distance of a wrist from the chest (m)."""
 
 
 ShortText = Annotated[str, Field(max_length=80)]
 
 
 class PlanError(ValueError):
-    """A plan that cannot be used; the message is one sentence for a person."""
+    """A plan that cannot be used; the message is one sentence for the user."""
 
 
 class _FromJson:
-    """Read from JSON as it stands: no other fields, no texts for numbers."""
+    """Base of classes that are validated strictly from JSON: no other fields, no texts for
+    numbers."""
 
     __pydantic_config__: ClassVar[Any] = {
         "strict": True, "extra": "forbid", "allow_inf_nan": False,
@@ -53,7 +54,7 @@ class _FromJson:
 
 @dataclass(frozen=True)
 class Span(_FromJson):
-    """What lasts."""
+    """An event with a duration."""
 
     start_s: float
     end_s: float
@@ -61,7 +62,7 @@ class Span(_FromJson):
 
 @dataclass(frozen=True)
 class Moment(_FromJson):
-    """What happens at once."""
+    """An event at a point in time."""
 
     time_s: float
 
@@ -76,72 +77,72 @@ class Moment(_FromJson):
 
 @dataclass(frozen=True)
 class HandPhase(Span):
-    """What one hand does from one time to another."""
+    """One phase of a hand's movement."""
 
     phase: Phase
     goal: tuple[float, float, float]
-    """Out, up, forward: where the wrist is at the end, in metres; a hold may give way a little."""
+    """Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little."""
     kind: ShortText = ""
-    """Name of the gesture that it is part of; empty where the hand rests."""
+    """Name of the gesture type; empty at rest."""
     word: ShortText = ""
-    """The word that a stroke lands on."""
+    """Word on which a stroke ends."""
 
 
 @dataclass(frozen=True)
 class Nod(Moment):
-    """The head goes down, to its lowest point, and up again."""
+    """A nod of the head: down to its lowest point, and up again."""
 
     depth_deg: float
 
 
 @dataclass(frozen=True)
 class Gaze(Span):
-    """Where the eyes and the head are directed."""
+    """Direction of the eyes and the head."""
 
     yaw_deg: float
-    """To the body's left positive; 0 is the listener."""
+    """Angle to the body's left; 0 is the listener."""
     pitch_deg: float
-    """Down positive."""
+    """Angle downwards."""
 
 
 @dataclass(frozen=True)
 class Brow(Moment):
-    """The brows rise and fall, or frown."""
+    """A movement of the brows, up or to a frown."""
 
     height: float
-    """0 to 1, below 0 a frown."""
+    """Height, 0 to 1; a frown is below 0."""
 
 
 @dataclass(frozen=True)
 class Smile(Span):
-    """A smile of one size."""
+    """A smile of constant size."""
 
     size: float
-    """0 to 1."""
+    """Size, 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Blink(Moment):
-    """The lids shut for a moment."""
+    """A blink of both eyes."""
 
 
 @dataclass(frozen=True)
 class Stand(Span):
-    """On which leg the body stands."""
+    """Stance: the leg that carries the body's weight."""
 
     leg: Leg
 
 
 @dataclass(frozen=True)
 class Planted(Span):
-    """A foot that stays where it is."""
+    """A foot that does not move."""
 
     foot: Side
 
 
 @dataclass(frozen=True)
 class GesturePlan(_FromJson):
-    """All that is planned for one performance, each list in time."""
+    """All planned events of a motion, each list in order of time."""
 
     duration_s: float
     left: tuple[HandPhase, ...] = ()
@@ -155,9 +156,10 @@ class GesturePlan(_FromJson):
     planted: tuple[Planted, ...] = ()
 
     def __post_init__(self) -> None:
-        """
+        """Check the plan.
+
         Raises:
-            PlanError: if something ends before it begins, overlaps, or lies beyond the arm's reach.
+            PlanError: if an event ends before it begins, overlaps, or is beyond the arm's reach.
         """
         if not 0 < self.duration_s <= MAX_SECONDS:
             raise PlanError(
@@ -175,15 +177,15 @@ class GesturePlan(_FromJson):
             _check_in_turn(side, self.hand(side))
 
     def hand(self, side: Side) -> tuple[HandPhase, ...]:
-        """The phases of one hand."""
+        """Return the phases of one hand."""
         return self.left if side == "left" else self.right
 
     def with_hand(self, side: Side, phases: tuple[HandPhase, ...]) -> GesturePlan:
-        """The plan with other phases of one hand."""
+        """Return the plan with other phases of one hand."""
         return replace(self, left=phases) if side == "left" else replace(self, right=phases)
 
     def at_speed(self, speed: float) -> GesturePlan:
-        """The same plan performed ``speed`` times as fast."""
+        """Return the plan ``speed`` times as fast."""
 
         def faster(event: Any) -> Any:
             times = {
@@ -197,7 +199,7 @@ class GesturePlan(_FromJson):
         return replace(self, duration_s=self.duration_s / speed, **lists)
 
     def until(self, end_s: float) -> GesturePlan:
-        """The plan without what begins at ``end_s`` or later; what lasts longer is cut there."""
+        """Return the plan up to ``end_s``; events that last longer are cut there."""
 
         def cut(events: Sequence[Any]) -> tuple[Any, ...]:
             return tuple(
@@ -212,7 +214,7 @@ class GesturePlan(_FromJson):
         return replace(self, duration_s=end_s, **lists)
 
     def as_json(self) -> str:
-        """What a `.json` file holds of it."""
+        """Format the plan as the content of a `.json` file."""
         told = json.dumps({"format": FORMAT, **dataclasses.asdict(self)})
         rounded = json.loads(told, parse_float=lambda number: round(float(number), 4))
         return json.dumps(rounded, indent=1) + "\n"
@@ -225,17 +227,17 @@ class GesturePlan(_FromJson):
 
 @dataclass(frozen=True)
 class PlannedAhead:
-    """A plan around some frames of speech that goes on."""
+    """A plan around some frames of live speech."""
 
     condition: GesturePlan
-    """Its second 0 is the frame ``origin``; what began earlier has negative times."""
+    """Plan with second 0 at the frame ``origin``; earlier events have negative times."""
     origin: int
     planted: tuple[Planted, ...]
-    """When feet stand, from the first frame of all on."""
+    """Foot contacts from the first frame of all on."""
 
 
 def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
-    """The phases of a hand with holds between them, or rests after retractions, up to the end."""
+    """Return a hand's phases with gaps filled by holds, or by rests after retractions."""
     filled: list[HandPhase] = []
     at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING, ""
     still: Phase = "rest"
@@ -253,14 +255,13 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
 
 @dataclass(frozen=True)
 class Noted:
-    """A plan that was read or changed, and what a person should know of how, such as what was
-    mended so that it can be performed."""
+    """A plan that was read or changed, with notes for the user, such as corrections."""
 
     plan: GesturePlan
     notes: tuple[str, ...] = ()
 
     def then(self, change: Callable[[GesturePlan], Noted]) -> Noted:
-        """Changed once more, with the notes of both; each sentence once."""
+        """Apply a further change and combine the notes, each sentence once."""
         done = change(self.plan)
         return Noted(done.plan, tuple(dict.fromkeys((*self.notes, *done.notes))))
 

@@ -1,12 +1,11 @@
-"""The style of a whole performance: measured, changed, wished for in a file, and led by sliders
-while it goes on.
+"""Style of a whole plan: measurement, change, style files, and sliders of live generation.
 
-A style file is TOML. Its numbers are those of `Style`; in the table ``times`` they say how many
-times what each plan asks for itself. ``excite`` goes from -1 (calm) to 1 (excited). With
-``wrong_words`` strokes land where nothing called for them.
+A style file is TOML. Its numbers are those of `Style`; in the table ``times`` they are factors of
+each plan's own values. ``excite`` goes from -1 (calm) to 1 (excited). With ``wrong_words`` strokes
+move to words that did not trigger them.
 
-Nobody knows yet what a plan of live speech will be like, so sliders (`Manner`) say how many times
-as much as the speech asks for.
+The plan of live speech is not known in advance, so sliders (`Manner`) are factors of what the
+speech would give.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from model.plan.tier_files import Interval
 from model.storage.files import bytes_within
 
 _CLOSE = 0.02
-"""A wish this close to what is there, as a share of it, is met already."""
+"""Relative difference below which a style's value counts as reached."""
 LIMITS = {
     "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
     "stroke_s": (0.2, 1.0), "both": (0.0, 1.0), "smile": (0.0, 1.0),
@@ -52,24 +51,24 @@ def _within(told: Mapping[str, float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Style:
-    """What a plan is like on the whole; of one drawn from speech, what the speech asks for."""
+    """Overall style of a plan."""
 
     gestures_per_min: float
-    """Those of both hands together count once."""
+    """Number of gestures per minute; those of both hands together count once."""
     size_m: float
-    """Mean distance of the ends of strokes from where hands rest."""
+    """Mean distance of stroke ends from the rest position (m)."""
     height_m: float
-    """Mean height of the ends of strokes over the chest joint."""
+    """Mean height of stroke ends above the chest joint (m)."""
     stroke_s: float
-    """Mean length of strokes."""
+    """Mean duration of strokes (s)."""
     both: float
     """Share of gestures that both hands make."""
     smile: float
-    """Mean size of smiles over all the time, none being 0."""
+    """Mean size of smiles over the whole time, 0 without one."""
 
 
 def style_of(plan: GesturePlan) -> Style:
-    """What the plan is like now: where a slider stands before anybody moves it."""
+    """Measure the style of a plan, which is also the initial value of its sliders."""
     strokes = strokes_of(plan)
     goals = [stroke.lands.goal for stroke in strokes]
     twice = sum(stroke.both for stroke in strokes) / 2
@@ -90,7 +89,7 @@ def style_of(plan: GesturePlan) -> Style:
 
 
 def excited(style: Style, by: float) -> Style:
-    """The style calmer (``by`` -1) or more excited (1); 0 leaves it."""
+    """Make a style calmer (``by`` -1) or more excited (1)."""
     return replace(style, **_within({
         "gestures_per_min": style.gestures_per_min * 1.6**by,
         "size_m": style.size_m * 1.3**by,
@@ -101,11 +100,10 @@ def excited(style: Style, by: float) -> Style:
 
 
 def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) -> Noted:
-    """The plan with another style, as far as there are gestures, words and time for it.
+    """Change the style of a plan, as far as there are gestures, words and time for it.
 
     Args:
-        words: where more gestures go: beats on those that have none. Without words there are no
-            more gestures than before.
+        words: words that get beats if gestures are to be added; without words none are.
     """
     notes: list[str] = []
     now = style_of(plan)
@@ -136,7 +134,7 @@ def _differs(wish: float, now: float) -> bool:
 
 
 def together(plan: GesturePlan) -> list[list[Gesture]]:
-    """All gestures in time; those of both hands as one."""
+    """Return all gestures in order of time, grouped if both hands make one together."""
     found: list[list[Gesture]] = []
     every = sorted((g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.lands_s)
     for gesture in every:
@@ -150,7 +148,7 @@ def together(plan: GesturePlan) -> list[list[Gesture]]:
 
 
 def _spread(count: int, most: int) -> list[int]:
-    """Which of some, evenly over all of them."""
+    """Return indices spread evenly over a range."""
     return [int((k + 0.5) * most / count) for k in range(min(count, most))]
 
 
@@ -192,7 +190,7 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
 
 
 def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], Noted]) -> GesturePlan:
-    """Every gesture changed that can be."""
+    """Apply a change to every gesture for which it is possible."""
     for gesture in (each for group in together(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
@@ -210,7 +208,7 @@ def _smiles(plan: GesturePlan, wish: float, now: float) -> tuple[Smile, ...]:
 
 MAX_BYTES = 10_000
 AWAY_S = 0.25
-"""A stroke on a wrong word lands so far from where any stroke was called for."""
+"""Shortest time between a stroke on a wrong word and any original stroke end (s)."""
 FARTHEST_S = 2.0
 STEP_S = 0.05
 MOST_TIMES = 10.0
@@ -220,17 +218,17 @@ _TIMES = tuple(name for name in _NUMBERS if name != "height_m")
 
 @dataclass(frozen=True)
 class StyleWish:
-    """What is wished of a plan on the whole; nothing changes none."""
+    """Wanted change of a plan's style; the default changes nothing."""
 
     to: Mapping[str, float] = field(default_factory=dict)
-    """Numbers of `Style` by name."""
+    """Target values of `Style` by name."""
     times: Mapping[str, float] = field(default_factory=dict)
-    """How many times what the plan has; heights have none, as the chest is their zero."""
+    """Factors of the plan's values by name; heights have none, as their zero is the chest."""
     excite: float = 0.0
     wrong_words: bool = False
 
     def done(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
-        """The plan as wished, as far as there are gestures, words and time for it."""
+        """Apply the change to a plan, as far as there are gestures, words and time for it."""
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
         wish = replace(now, **times)
@@ -239,8 +237,10 @@ class StyleWish:
 
 
 def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
-    """Every gesture as it is, but at least `AWAY_S` from where any was called for: on another word
-    if words are known, else at another time. One that has no room stays, and that is said."""
+    """Move every gesture at least `AWAY_S` away from all original ones.
+
+    It moves to another word if words are known; if there is no room it stays, with a note.
+    """
     groups = together(plan)
     called = np.array([group[0].lands_s for group in groups])
     places = [on_word(word) for word in words]
@@ -271,7 +271,7 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
 
 
 def read_wish(path: Path) -> StyleWish:
-    """A style file; a `PlanError` if it is missing, too large, or says anything else."""
+    """Read a style file; raises `PlanError` if it is missing, too large, or invalid."""
     try:
         told = tomllib.loads(bytes_within(path, MAX_BYTES, PlanError).decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
@@ -283,7 +283,7 @@ def read_wish(path: Path) -> StyleWish:
 
 
 def wish_of(told: Mapping[str, Any]) -> StyleWish:
-    """What a style file's tables say."""
+    """Parse the tables of a style file."""
     known = (*_NUMBERS, "times", "excite", "wrong_words")
     unknown = sorted(set(told) - set(known))
     if unknown:
@@ -320,27 +320,28 @@ MANNER_LIMITS = {
 
 @dataclass(frozen=True)
 class Manner:
-    """All 1, and 0 m, is what the speech asks for."""
+    """Sliders of live generation, as factors of what the speech gives; 1 (and 0 m) for no
+    change."""
 
     often: float = 1.0
-    """How many times as likely a gesture begins."""
+    """Factor of the probability that a gesture begins."""
     large: float = 1.0
     high_m: float = 0.0
     fast: float = 1.0
-    """Of preparations, strokes and ways back."""
+    """Factor of the speed of preparations, strokes and retractions."""
     both: float = 1.0
-    """How many times as likely one hand joins the other."""
+    """Factor of the probability that one hand joins the other."""
     smile: float = 1.0
 
     @staticmethod
     def of(told: Any) -> Manner:
-        """From what a program tells: an object of numbers."""
+        """Parse a JSON object of numbers."""
         if not isinstance(told, dict) or not set(told) <= set(MANNER_LIMITS):
             raise PlanError(f"A manner is an object of some of {', '.join(sorted(MANNER_LIMITS))}.")
         return Manner(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
 
     def done(self, phase: HandPhase) -> HandPhase:
-        """A phase of a gesture as large and as high as it shall be."""
+        """Scale and raise the goal of a gesture's phase."""
         if phase.phase in ("rest", "retraction") or (self.large, self.high_m) == (1.0, 0.0):
             return phase
         out, up, forward = (

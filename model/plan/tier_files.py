@@ -1,11 +1,9 @@
-"""Tiers of rows, as annotators write them down: Praat's TextGrids and ELAN's files (.eaf), read and
-written.
+"""Reading and writing of annotation tiers: Praat's TextGrids and ELAN's files (.eaf).
 
-Not by praatio, which drops the sign of a time, doubles the quotes of a point's label, and cannot
-read times with an exponent, or labels of several lines or with ``item [`` in them; nor by
-pympi-ling, which loses what is told of annotations that are included in others, never ends where
-references go in a circle, has no times for slots that an annotator left open, and needs as much
-guard before it as is here. ELAN's times are whole milliseconds; a moment is a span around it.
+praatio drops the sign of a time, doubles the quotes of a point's label, and cannot read times with
+an exponent, or labels of several lines or with ``item [`` in them; pympi-ling loses attributes of
+included annotations, loops forever on circular references, has no times for slots left open, and
+needs as many checks before it as are here. ELAN's times are whole milliseconds, points are spans.
 """
 
 from __future__ import annotations
@@ -29,13 +27,13 @@ from model.plan.plan import PHASES, PlanError
 
 _CLASSES = ("IntervalTier", "TextTier")
 _VALUE = re.compile(r'"([^"]*(?:""[^"]*)*)"|(?<![^\s=])([-+.\d][^\s"]*)')
-"""All that Praat reads in its text formats, long or short: texts, and numbers that stand free."""
+"""Texts and free-standing numbers, which are all that Praat reads in its text formats."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """What a tier says of some time, such as a word of the speech, in seconds from its start; of a
-    moment where both times are the same."""
+    """A labelled interval of a tier, such as a word, in seconds; a point if both times are
+    equal."""
 
     start_s: float
     end_s: float
@@ -50,21 +48,21 @@ class Interval:
 
 @dataclass(frozen=True)
 class NamedTier:
-    """Rows under one name, in time."""
+    """A named tier of rows in order of time."""
 
     name: str
     rows: tuple[Interval, ...]
     has_points: bool = False
-    """Its rows are moments."""
+    """True if its rows are points."""
     parent: str = ""
-    """The tier whose rows these tell more of, one for one of some of them."""
+    """Name of the parent tier, to some rows of which these rows refer one to one."""
 
 
 def decode_text(data: bytes, name: str, error: type[ValueError]) -> tuple[str, tuple[str, ...]]:
     """Decode UTF-8, UTF-16 with a byte order mark, or Latin-1 (Windows-1252), as Praat writes them.
 
     Returns:
-        The text, and a note where it was taken for Latin-1, which nothing in the file can prove.
+        The text, and a note if it was read as Latin-1, which no file can prove to be right.
     """
     is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     with suppress(UnicodeDecodeError):
@@ -81,14 +79,16 @@ def decode_text(data: bytes, name: str, error: type[ValueError]) -> tuple[str, t
 
 
 def is_textgrid(text: str) -> bool:
-    """Whether it begins as a TextGrid does."""
+    """Check whether a text starts as a TextGrid does."""
     return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
 
 
 def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
-    """The tiers of a TextGrid with all of their rows, and how long it is; what is no number there
-    is nan, as is a length that is not told. Of another text, or of one that has fewer tiers or rows
-    than it says, an ``error`` is made."""
+    """Parse the tiers of a TextGrid with all rows, and its duration (s); missing numbers are nan.
+
+    Raises:
+        error: for another text, or one with fewer tiers or rows than it states.
+    """
     if not is_textgrid(text):
         raise error(f"{name} is no TextGrid; save one as text in Praat.")
     tiers: list[NamedTier] = []
@@ -141,8 +141,7 @@ def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[
 
 
 def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None) -> str:
-    """Tiers in Praat's long text format. Gaps between intervals are filled with empty ones up to
-    ``end_s``, usually the duration; times have four decimals."""
+    """Format tiers in Praat's long text format, with empty intervals in gaps up to ``end_s``."""
     end_s = end_s or duration_s
     lines = [
         'File type = "ooTextFile"', 'Object class = "TextGrid"', "", "xmin = 0",
@@ -169,7 +168,7 @@ def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | No
 
 
 def _covering(rows: Sequence[Interval], end_s: float) -> list[Interval]:
-    """The rows, with empty ones in the gaps; of no length are left out."""
+    """Return the rows with empty ones in the gaps, and without those of zero length."""
     filled: list[Interval] = []
     at_s = 0.0
     for row in rows:
@@ -196,9 +195,9 @@ def _number(text: str) -> float:
 
 
 AROUND_MS = 50
-"""A moment's span begins so long before it, and ends so long after, where there is room."""
+"""Time before and after a point that its span covers in ELAN, if there is room."""
 MAX_ELEMENTS = 250_000
-"""An hour annotated with all its phones has 200,000."""
+"""Largest number of elements; an hour annotated with all its phones has 200,000."""
 MAX_TAG_BYTES = 50_000
 """Longest tag with its attributes and the text after it."""
 MAX_DEPTH = 16
@@ -206,7 +205,7 @@ MAX_HOURS = 24
 _DURATION = "duration_s"
 _ORIGIN = re.compile(r"-?[0-9]{1,9}")
 _PHRASES = "gesture"
-"""Tiers whose names begin so have phases to choose from."""
+"""Prefix of the names of tiers that have a vocabulary of phases."""
 _DOCUMENT = """\
 <ANNOTATION_DOCUMENT AUTHOR="" DATE="" FORMAT="3.0" VERSION="3.0"
     xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
@@ -230,11 +229,10 @@ _DOCUMENT = """\
 
 
 def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
-    """The tiers of an ELAN file in the time of its media, how long it says that it is, or else its
-    last time, and notes on what was changed.
+    """Parse an ELAN file's tiers in media time, its duration or last time (s), and notes.
 
     Raises:
-        PlanError: if it is none, or one that could do harm; ``name`` is the file's in the sentence.
+        PlanError: if it is no ELAN file, or a dangerous one; ``name`` is the file's in the message.
     """
     root = _parsed(data, name)
     if root.tag != "ANNOTATION_DOCUMENT":
@@ -259,13 +257,13 @@ def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
 
 
 def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> str:
-    """Tiers as an ELAN file; times are rounded to milliseconds.
+    """Format tiers as an ELAN file; times are rounded to milliseconds.
 
     Args:
-        sound: where the speech lies, from the file's own folder.
+        sound: path of the speech, relative to the file's folder.
 
     Raises:
-        PlanError: if a label holds what XML cannot.
+        PlanError: if a label holds characters that XML cannot.
     """
     slots: list[int] = []
     names: dict[tuple[str, float], str] = {}
@@ -329,7 +327,7 @@ def _span(row: Interval) -> tuple[int, int]:
 
 
 def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
-    """A span around each moment, none over another. Moments lie 2 ms apart at least."""
+    """Return a span around each point without overlaps; points are at least 2 ms apart."""
     at: list[int] = []
     for row in rows:
         at.append(max(round(1000 * row.start_s), at[-1] + 2 if at else 1))
@@ -342,7 +340,7 @@ def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
 
 
 def _parsed(data: bytes, name: str) -> ET.Element:
-    """The elements of a file, read without entities, definitions or anything outside of it."""
+    """Parse the elements of a file, without entities, definitions or anything outside of it."""
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
         raise PlanError(f"{name} defines a document type, which no ELAN file does.")
     if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
@@ -366,8 +364,7 @@ def _parsed(data: bytes, name: str) -> ET.Element:
 
 
 def _media_origin_s(root: ET.Element, file: str) -> float:
-    """Return the time of the media (s) at which ELAN's time line begins: of the first sound file,
-    else of the first file."""
+    """Return where ELAN's timeline starts in the first sound file, or else the first file (s)."""
     media = root.findall("HEADER/MEDIA_DESCRIPTOR")
     sounds = [each for each in media if each.get("MIME_TYPE", "").startswith("audio/")]
     value = next((each.get("TIME_ORIGIN") for each in sounds or media), None) or "0"
@@ -377,7 +374,7 @@ def _media_origin_s(root: ET.Element, file: str) -> float:
 
 
 def _slots(root: ET.Element, file: str) -> dict[str, float]:
-    """Seconds of each time slot; those without a time lie evenly between their neighbours."""
+    """Return the time of each slot (s); those without one lie evenly between their neighbours."""
     names, known, times = [], [], []
     for k, slot in enumerate(root.iterfind("TIME_ORDER/TIME_SLOT")):
         names.append(slot.get("TIME_SLOT_ID", ""))

@@ -1,11 +1,11 @@
-"""A plan as numbers of each frame: as tracks that a network follows, and as chains that are drawn.
+"""Gesture plans per frame: as tracks for a network, and as event chains that are sampled.
 
-Of each hand ten tracks: where its goals lead it (out, up, forward), a pulse where a phase ends, and
-which phase it is in; of the rest of the body nine.
+A hand has ten tracks: the path of its goals (out, up, forward), a pulse at the end of a phase, and
+the phase; the rest of the body has nine.
 
-Each tier is a chain of states, each of which begins at some frame with a mark (where a hand is to
-be, how deep a nod). A phase of a hand is a state; a nod, a blink, a look begin and are followed by
-the next. So a plan is drawn frame by frame: stay, or begin what.
+Each tier is a chain of states; each begins at a frame with a mark (goal of a hand, depth of a nod).
+A phase of a hand is a state; a nod, a blink or a gaze begins and lasts until the next. So a plan is
+sampled frame by frame: stay in the state, or begin one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,33 +38,33 @@ HAND_NUMBERS = 4 + len(PHASES)
 BODY_TRACKS = ("nod", "yaw", "pitch", "brow", "smile", "blink", "stand", "left foot", "right foot")
 NUM_TRACKS = 2 * HAND_NUMBERS + len(BODY_TRACKS)
 FACE_TRACKS = slice(2 * HAND_NUMBERS, 2 * HAND_NUMBERS + BODY_TRACKS.index("blink") + 1)
-"""Those that a face shows: how the head goes, and brows, smiles and blinks."""
+"""Tracks of the head and face: nods, gaze, brows, smiles and blinks."""
 NUM_FACE_TRACKS = FACE_TRACKS.stop - FACE_TRACKS.start
 _GOAL, _END, _PHASE = slice(0, 3), 3, slice(4, 4 + len(PHASES))
 
 PULSE_FRAMES = 1.5
-"""Deviation of a pulse at a phase's end, and of the edges of phases."""
+"""Standard deviation of the pulse at a phase's end, and of the smoothing of phases (frames)."""
 NOD_S, BROW_S, BLINK_S = 0.1, 0.15, 0.05
-"""Deviations of the pulses of a nod, a brow's rise and a blink."""
+"""Standard deviations of the pulses of a nod, a brow's rise and a blink (s)."""
 NOD_DEG, LOOK_DEG = 5.0, 10.0
-"""What counts 1."""
+"""Angles that a track value of 1 stands for (degrees)."""
 GLANCE_S = 0.09
-"""How long a gaze takes to shift."""
+"""Duration of a gaze shift (s)."""
 
 
 def hand_tracks(side: Side) -> slice:
-    """The numbers of one hand."""
+    """Return the columns of one hand."""
     first = SIDES.index(side) * HAND_NUMBERS
     return slice(first, first + HAND_NUMBERS)
 
 
 def body_track(name: str) -> int:
-    """Place of one of `BODY_TRACKS`."""
+    """Return the column of one of `BODY_TRACKS`."""
     return 2 * HAND_NUMBERS + BODY_TRACKS.index(name)
 
 
 def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks"]:
-    """The plan's numbers; frame k stands for the time (k + .5) / 30 s."""
+    """Convert a plan to tracks; frame k stands for the time (k + .5) / 30 s."""
     time_s = (np.arange(num_frames) + 0.5) / FPS
     tracks = np.zeros((num_frames, NUM_TRACKS), np.float32)
     for side in SIDES:
@@ -96,8 +96,7 @@ def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks
 
 
 def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
-    """How much both hands rest in some frames, 0 to 1; edges are as soft as those of phases. Before
-    and after the plan hands stay as they are at its ends."""
+    """Return how much both hands rest in some frames (0 to 1), smoothed; ends are repeated."""
     margin = round(4 * PULSE_FRAMES)
     wide = range(frames.start - margin, frames.stop + margin)
     time_s = ((np.array(wide) + 0.5) / FPS).clip(0.5 / FPS, plan.duration_s - 0.5 / FPS)
@@ -115,8 +114,7 @@ def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
 def goal_path(
     phases: Sequence[HandPhase], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T 3"]:
-    """Where a hand's goals lead it, by minimum jerk within each phase: a path that only the phase
-    of a time and the one before it decide. There must be a phase, and no gap between two."""
+    """Interpolate goals by minimum jerk within phases (at least one, without gaps)."""
     goals = np.array([phase.goal for phase in phases])
     path = np.tile(goals[0], (len(time_s), 1))
     for before, goal, phase in zip(goals[:-1], goals[1:], phases[1:], strict=True):
@@ -152,25 +150,25 @@ def _min_jerk(share: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
 def _while(
     event: HandPhase | Smile | Stand | Planted, time_s: Float[np.ndarray, " T"]
 ) -> Bool[np.ndarray, " T"]:
-    """Frames whose middle lies in it."""
+    """Return a mask (T,) of frames with their centre in an event."""
     return (time_s >= event.start_s) & (time_s < event.end_s)
 
 
 @dataclass(frozen=True)
 class Tier:
-    """A chain of states."""
+    """An event chain's states and marks."""
 
     name: str
     states: tuple[str, ...]
     units: tuple[float, ...] = ()
-    """What counts 1 of each number of a mark."""
+    """Scale of each value of a mark."""
     beside: str = ""
-    """The tier that this one sees. Tiers are drawn in order: of one that comes later it sees what
-    was before the frame, of one that comes earlier what is now."""
+    """Name of the coupled tier. Tiers are sampled in order: a later one is known up to the frame
+    before, an earlier one up to this frame."""
 
     @property
     def seen(self) -> int:
-        """Numbers that tell where the chain is."""
+        """Number of values that describe the chain's state."""
         return len(self.states) + 2 + len(self.units)
 
 
@@ -189,35 +187,35 @@ TIERS: tuple[Tier, ...] = (
 )
 BY_NAME = {tier.name: tier for tier in TIERS}
 LONGEST_S = 8.0
-"""A state that lasts longer looks as if it lasted so long."""
+"""Longest duration in the description of a state (s); longer ones are clipped."""
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A state that begins."""
+    """A state that begins at a frame."""
 
     frame: int
     state: int
     mark: tuple[float, ...] = ()
-    """In the tier's units."""
+    """Mark in the tier's scale."""
 
 
 @dataclass(frozen=True)
 class ChainFrames:
-    """A tier's chain at some frames."""
+    """Event chain of a tier at some frames."""
 
     seen: Float[np.ndarray, "T seen"]
-    """Where the chain is before the frame: state (one of them is 1), time in it twice, mark."""
+    """Chain's state (T, seen) before the frame: one-hot state, its duration twice, mark."""
     seen_now: Float[np.ndarray, "T seen"]
-    """The same with what begins at the frame."""
+    """Chain's state (T, seen) after the event of the frame."""
     event: Int[np.ndarray, " T"]
-    """0: it stays; else 1 + the state that begins."""
+    """Event (T,): 0 to stay, or 1 + the state that begins."""
     mark: Float[np.ndarray, "T units"]
-    """Of what begins."""
+    """Mark (T, units) of the state that begins."""
 
 
 def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
-    """All that begins, by tier; what a tier begins with is at frame 0."""
+    """Convert a plan to event chains by tier; frame 0 has the initial state of each."""
     end_s = plan.duration_s
     chains: dict[str, list[Begun]] = {}
 
@@ -260,11 +258,10 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
 
 
 def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
-    """The plan that such chains tell; the inverse of `chains_of` but for the words and kinds of
-    gestures. What a tier begins with at frame 0 is where it is, no event."""
+    """Convert event chains to a plan without words and kinds; frame 0 has no events."""
 
     def spans(name: str) -> Iterator[tuple[Begun, float, float, tuple[float, ...]]]:
-        """What begins, its seconds, and its mark."""
+        """Yield each state with its start and end (s) and its mark."""
         chain, units = chains[name], BY_NAME[name].units
         for one, two in zip(chain, [*chain[1:], None], strict=True):
             stop = two.frame if two else num_frames
@@ -303,7 +300,7 @@ def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
 
 
 def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"]) -> ChainFrames:
-    """A chain at some frames; it begins at frame 0."""
+    """Describe a chain at some frames; the chain begins at frame 0."""
     first = np.array([begun.frame for begun in chain])
     states = np.array([begun.state for begun in chain])
     marks = np.array([begun.mark for begun in chain], float).reshape(len(chain), -1)
@@ -333,7 +330,7 @@ def _seen(
 def seen_together(
     found: Mapping[str, ChainFrames],
 ) -> dict[str, Float[np.ndarray, "T _"]]:
-    """What each tier's drawing depends on: its own chain, and the one beside it."""
+    """Return the input of each tier's sampling: its own chain, and the coupled tier's."""
     drawn: set[str] = set()
     seen = {}
     for tier in TIERS:
@@ -348,8 +345,7 @@ def seen_together(
 
 
 def seen_of(tier: Tier, begun: Begun, frame: int) -> Float[np.ndarray, " seen"]:
-    """Where a chain is at a frame, after what began last: `_seen` of one frame, which is asked for
-    at every frame of every tier."""
+    """Describe a chain at one frame, as `_seen` does for many; sampling calls it every frame."""
     seconds = min((frame - begun.frame) / FPS, LONGEST_S)
     count = len(tier.states)
     seen = np.zeros(tier.seen, np.float32)
