@@ -1,1 +1,1 @@
-"""Systems measured on many clips, with intervals; may import systems and all that is below."""
+"""Evaluation of systems on many clips, with intervals; may import systems and all below."""

@@ -1,10 +1,10 @@
-"""The protocol ``adherence``: does a system do what its plan says?
+"""Protocol ``adherence``: agreement of generated motion with the plan.
 
-Plans are drawn for clips of the test split, performed, edited at random and performed again where
-they differ. What is asked: do strokes end when the plan says, does the hand that was asked move and
-the other stay, are larger gestures larger and higher ones higher, do resting hands rest, and is the
-edited motion as smooth as the unedited? Recordings beside their own annotation show what the
-questions' own answers are worth.
+Plans are drawn for clips of the test split, generated, edited at random and generated again where
+they differ. It measures whether strokes end when the plan has them, the requested hand moves and
+the other stays, larger gestures are larger and higher ones higher, resting hands rest, and the
+edited motion is as smooth as the unedited. Recordings with their own annotation show the accuracy
+of these metrics.
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ from model.systems.registry import load_system, usual_planner
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
 SPEECH_S = 12.0
-"""Of each clip."""
+"""Length of the speech of each clip (s)."""
 IN_TIME_S = 0.1
 MOST_LAG_S = 0.4
 LEAST_LIKENESS = 0.5
-"""A wrist whose path correlates less with the plan's makes no such stroke."""
+"""Smallest correlation of the wrist's path with the plan's at which a stroke counts as made."""
 LEAST_WAY = 0.5
-"""The hand that is asked goes at least so much of the planned way."""
+"""Smallest share of the planned path length that the requested hand must move."""
 STILL_M_S = 0.12
-"""A wrist that rests, or is to stay while the other moves, is slower than this on average."""
+"""Largest mean speed (m/s) of a wrist that rests, or is to stay while the other moves."""
 EDITS = ("move", "hold", "delete", "add", "hand", "size", "height")
 SIZES = (0.6, 1.0, 1.5)
 HEIGHTS_M = (-0.12, 0.0, 0.12)
@@ -69,11 +69,11 @@ Places = Mapping[Side, Float[np.ndarray, "T 3"]]
 
 
 def stroke_lags(places: Places, plan: GesturePlan, frames: range = range(10**9)) -> list[float]:
-    """By how many seconds each stroke ends later than planned; NaN where no stroke is made.
+    """Compute the delays (s) of stroke ends against the plan; NaN if no stroke is made.
 
-    The wrist's path from the stroke's preparation to half a second after it is laid over the
-    planned one with every shift; the shift at which they are most alike is how late it is. Strokes
-    that end outside of ``frames`` are left out.
+    The wrist's path from the stroke's preparation to half a second after it is compared with the
+    planned one at every shift; the shift with the highest correlation is the delay. Strokes that
+    end outside of ``frames`` are left out.
     """
     num_frames = len(places["left"])
     planned = tracks_of(plan, num_frames).astype(np.float64)
@@ -107,7 +107,8 @@ def _lag(
 
 
 def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
-    """Mean speed of each resting wrist in m/s, of rests of .8 s and longer without their edges."""
+    """Compute the mean speed (m/s) of each resting wrist, of rests of .8 s and longer without
+    edges."""
     found = []
     for side in SIDES:
         speed = _speed(places[side])
@@ -120,7 +121,7 @@ def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
 
 
 def moves_alone(places: Places, plan: GesturePlan, gesture: Gesture) -> bool | None:
-    """Whether the hand makes the gesture and the other stays; None where the other is to move."""
+    """Check whether only the requested hand moves; None if the other is planned to move as well."""
     phases = _phases_of(plan, gesture)
     first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS)
     other = SIDES[1 - SIDES.index(gesture.side)]
@@ -135,7 +136,7 @@ def moves_alone(places: Places, plan: GesturePlan, gesture: Gesture) -> bool | N
 
 
 def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
-    """Preparation and stroke of a gesture."""
+    """Return preparation and stroke of a gesture."""
     phases = plan.hand(gesture.side)
     at = [abs(p.end_s - gesture.lands_s) if p.phase == "stroke" else math.inf for p in phases]
     last = int(np.argmin(at))
@@ -153,10 +154,10 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
 
 
 def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Noted, Gesture | None]:
-    """One that the plan takes: the plan, and the gesture it is about if there still is.
+    """Make a random valid edit; returns the plan, and the edited gesture unless it is deleted.
 
     Raises:
-        PlanError: if none of a hundred is taken.
+        PlanError: if none of a hundred edits is valid.
     """
     for _ in range(100):
         there = [g for side in SIDES for g in gestures(plan, side)]
@@ -195,11 +196,11 @@ def _changed(
 
 
 Answers = defaultdict[str, list[float]]
-"""By question."""
+"""Results by metric, one number per observation."""
 
 
 def told(answers: Answers) -> dict[str, dict[str, float]]:
-    """Mean and number of the answers by question."""
+    """Return mean and number of the results by metric."""
     return {
         name: {"mean": float(np.nanmean(values)), "count": len(values)}
         for name, values in sorted(answers.items())
@@ -212,7 +213,7 @@ def _in_time(lags: Sequence[float]) -> list[float]:
 
 
 def _rough(tracks: Tracks, frames: range) -> tuple[float, float]:
-    """Jerk of all joints in m/s^3 and sliding of feet in m/s, of some frames."""
+    """Compute the jerk of all joints (m/s^3) and the sliding of feet (m/s) in some frames."""
     joints = tracks.joints[frames.start : frames.stop]
     jerk = np.linalg.norm(np.diff(joints, n=3, axis=0), axis=-1).mean() * FPS**3
     return float(jerk), foot_slide(joints[:, FEET])
@@ -226,7 +227,7 @@ def ask_clip(
     rng: np.random.Generator,
     answers: Answers,
 ) -> list[Motion]:
-    """All questions of one clip; returns the unedited motion, then each edited one."""
+    """Evaluate one clip, and return the unedited motion, then each edited one."""
     skeleton = open_body_skeleton()
     options = GenerateOptions(speaker, seed=int(rng.integers(1000)))
     (plan,) = draw_conditions(system, speech, options)
@@ -274,8 +275,11 @@ def ask_clip(
 
 
 def distances(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
-    """FGD to recorded motion, of unedited motion, of as many clips of it edited (mean over edits),
-    and the one over the other, by the codes of each clip in this order; nothing of one clip."""
+    """Compute the FGD to recorded motion of unedited and edited motion, and their ratio.
+
+    Edited motion has the same number of clips (mean over edits). ``clips`` holds the codes of each
+    clip: recorded, unedited, edited ones. Empty for a single clip.
+    """
     if len(clips) < 2:
         return {}
     recorded, plain, *edited = (np.concatenate(one) for one in zip(*clips, strict=True))
@@ -292,7 +296,7 @@ def _varied(
     change: Callable[[GesturePlan, Gesture, float], Noted],
     again: Callable[[GesturePlan], KeptPerformance],
 ) -> list[Places]:
-    """Where wrists are for each wish, in turn; nothing where the plan does not take one."""
+    """Return wrist positions for each value in turn; empty if the plan rejects one."""
     found = []
     for value in values:
         try:
@@ -305,12 +309,13 @@ def _varied(
 
 
 def _in_order(measured: Sequence[float]) -> list[float]:
-    """Of each pair of neighbours, whether the larger wish is larger."""
+    """Return for each pair of neighbours 1 if the second is larger, else 0."""
     return [float(b > a) for a, b in pairwise(measured)]
 
 
 def gesture_size(places: Places, gesture: Gesture) -> float:
-    """As plans have it: how far from where hands rest the stroke ends."""
+    """Compute a gesture's size as plans define it: distance of the stroke's end from the rest
+    position."""
     return math.dist(_lands_at(places, gesture), REST_PLACE)
 
 
@@ -320,7 +325,7 @@ def _lands_at(places: Places, gesture: Gesture) -> Float[np.ndarray, " 3"]:
 
 
 def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
-    """What the questions say of recorded motion beside its own annotation."""
+    """Evaluate recorded motion against its annotation."""
     places = wrist_places(track_points(motion, open_body_skeleton()))
     answers["recorded: strokes in time"] += _in_time(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
@@ -333,11 +338,11 @@ def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
 def adherence(
     folder: Path, weights: Path, clips: int, edits: int, seed: int
 ) -> Iterator[dict[str, dict[str, float]]]:
-    """The protocol: after each clip, the answers of all so far, by question.
+    """Run the protocol; yields the results of all clips so far by metric after each clip.
 
     Args:
         folder: a corpus with annotated plans.
-        edits: of each clip.
+        edits: number of edits of each clip.
     """
     answers, rng = Answers(list), np.random.default_rng(seed)
     system = load_system(usual_planner(), weights)
@@ -357,6 +362,6 @@ def adherence(
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:
-    """What the plan says of hands up to some time."""
+    """Return the hands of a plan up to some time."""
     hands = {side: tuple(p for p in plan.hand(side) if p.end_s <= end_s) for side in SIDES}
     return GesturePlan(end_s, left=hands["left"], right=hands["right"])

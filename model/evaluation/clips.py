@@ -1,5 +1,6 @@
-"""The protocol ``motion``: each clip measured, every system's motion beside the recorded one, kept
-on disk; and intervals over all of them, the evaluation's table."""
+"""Protocol ``motion``: metrics of each clip for every system and the recorded motion, stored on
+disk,
+and their intervals over all clips."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -64,8 +65,11 @@ MOTION_MEASURES = (
 def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> dict[str, float]:
-    """Smoothness (raw), wander, diversity within the clip, and the error of the face, as far as a
-    clip is long enough."""
+    """Compute smoothness (unfiltered), wander, diversity within the clip, and the error of the
+    face.
+
+    Metrics for which the clip is too short are left out.
+    """
     found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
@@ -79,8 +83,10 @@ def clip_measures(
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
-    """What speech and what noise decide, by part of the body (`model.measures.hearing`), where a
-    speech and another (``elsewhere``) were moved by the same noise seeds."""
+    """Compute the effect of speech and of noise by part of the body (`model.measures.hearing`).
+
+    Empty unless ``motions`` and ``elsewhere`` (another speech) have two noise seeds in common.
+    """
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())
@@ -94,14 +100,17 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
 
 
 def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
-    """Joints in metres with the pelvis in place and its orientation kept, as in EMAGE's metrics."""
+    """Compute pelvis-aligned joint positions (m) with the pelvis' orientation, as in EMAGE's
+    metrics."""
     joints = track_points(motion, open_body_skeleton()).joints
     return joints - joints[:, :1]
 
 
 def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[np.ndarray, "n n"]:
-    """Diversity between clips: L1 distance of every two, frame by frame over the shorter of them,
-    summed over coordinates and averaged over frames, metres."""
+    """Compute the diversity between clips: L1 distance of every two, averaged over frames (m).
+
+    Frames are compared up to the end of the shorter clip; distances are summed over coordinates.
+    """
     distances = np.zeros((len(positions), len(positions)))
     for i, a in enumerate(positions):
         for j, b in enumerate(positions[:i]):
@@ -111,7 +120,7 @@ def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[n
 
 
 def face_error(motion: Motion, recorded: Motion) -> float:
-    """Mean squared error of the expression coefficients, over the frames that both have."""
+    """Compute the mean squared error of the expression coefficients over the shared frames."""
     frames = min(motion.num_frames, recorded.num_frames)
     difference = motion.expressions[:frames] - recorded.expressions[:frames]
     used = np.abs(recorded.expressions).max(0) > 0  # the basis may fill fewer columns
@@ -128,27 +137,29 @@ RATIOS = (
     "pelvis_wander_m",
     "seam_jerk_ratio",
 )
-"""Measures that are also given over those of the recorded clips."""
+"""Metrics that are also shown as ratios to those of the recorded clips."""
 ROWS_FORMAT = 3
-"""Raised whenever `save_rows` writes something else."""
+"""Format version of `save_rows`; it changes with the content."""
 PAIRWISE_FRAMES = 300
-"""Of each clip: the first 10 s."""
+"""Frames of each clip in pairwise distances: the first 10 s."""
 
 
 @dataclass(frozen=True)
 class ClipRow:
-    """One row's numbers on one clip, averaged over noise seeds."""
+    """Metrics of one row on one clip, averaged over noise seeds."""
 
     measures: dict[str, float]
     arrays: dict[str, np.ndarray]
-    """``positions``: of each noise seed, rooted joints of the beginning, for the pairwise
-    distances; ``windows`` of the first (`differences.windows_of`); and by distance the codes of
-    every judge that sees no more than the motions have."""
+    """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
+    pairwise
+    distances; ``windows`` of the first seed (`differences.windows_of`); and by distance the codes
+    of each
+    encoder that needs no more than the motions have."""
 
 
 @dataclass(frozen=True)
 class ClipContext:
-    """What every row of one clip is measured against."""
+    """Recorded motion and speech of one clip, with which every row is compared."""
 
     recorded: Motion
     sound: np.ndarray
@@ -158,7 +169,8 @@ class ClipContext:
 
     @cached_property
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the judge of matched speech hears: the clip's own speech and the foreign one."""
+        """Input of the matching classifier: features of the clip's own speech and of the foreign
+        one."""
         own, foreign = (
             MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
             for sound in (self.sound, self.foreign)
@@ -167,17 +179,21 @@ class ClipContext:
 
     @cached_property
     def onsets(self) -> np.ndarray:
-        """Of the clip's speech, seconds."""
+        """Onsets of the clip's speech (s)."""
         return beats.speech_onsets(self.sound)
 
     @cached_property
     def loudness(self) -> np.ndarray:
-        """Of the clip's speech, dB for each frame."""
+        """Loudness of the clip's speech (dB for each frame)."""
         return frame_loudness(self.sound, self.recorded.num_frames)
 
     def wrists_with_loudness(self, positions: Sequence[np.ndarray]) -> dict[str, float]:
-        """How far their speed goes with the clip's own speech, and how much less with the same at
-        another time and with the foreign one: the choice of a lag raises it above 0 for any two."""
+        """Compute correlations of the wrists' speed with the speech's loudness, and their chance
+        levels.
+
+        Chance is the same speech at another time, and the foreign one: choosing a lag raises the
+        correlation above 0 for any two signals.
+        """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
             "foreign": frame_loudness(self.foreign, self.recorded.num_frames),
@@ -197,11 +213,11 @@ class ClipContext:
         elsewhere: Sequence[Motion] = (),
         more: Mapping[str, float] = MappingProxyType({}),
     ) -> ClipRow:
-        """One row's numbers.
+        """Compute the metrics of one row.
 
         Args:
-            elsewhere: what the system made of the foreign speech with the same noise.
-            more: measures that were found on other motions.
+            elsewhere: the system's motions for the foreign speech with the same noise.
+            more: metrics of other motions, to be added.
         """
         positions = [rooted_positions(motion) for motion in motions]
         numbers = [
@@ -226,7 +242,7 @@ class ClipContext:
 
 
 def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
-    """Write a clip's rows, whole or not at all."""
+    """Write a clip's rows atomically."""
     arrays = {
         f"{name}|{part}|{key}": value
         for name, row in rows.items()
@@ -238,7 +254,7 @@ def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
 
 
 def load_rows(path: Path) -> dict[str, ClipRow]:
-    """What `save_rows` wrote."""
+    """Read the rows that `save_rows` wrote."""
     rows: dict[str, ClipRow] = {}
     with np.load(path, allow_pickle=False) as archive:
         for place, value in archive.items():
@@ -250,24 +266,24 @@ def load_rows(path: Path) -> dict[str, ClipRow]:
 
 @dataclass(frozen=True)
 class Cast:
-    """Who is measured, and who judges."""
+    """Systems, and the networks with which they are evaluated."""
 
     systems: tuple[System, ...]
     judges: Mapping[str, FrozenEncoder] = field(default_factory=dict)
     """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
     matching: MatchingJudge | None = None
-    """Who tells matched from mismatched speech; None leaves that out."""
+    """Classifier of matched and mismatched speech; None leaves the metric out."""
 
 
 def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
-    """The frames that both motion and speech have."""
+    """Read the frames that motion and speech have in common."""
     motion, speech = read_files(folder, name)
     return first_frames(motion, min(motion.num_frames, speech.num_frames)), speech
 
 
 @dataclass(frozen=True)
 class OneClip:
-    """What is the same for all clips of an evaluation."""
+    """Inputs of an evaluation that are the same for all clips."""
 
     folder: Path
     cast: Callable[[], Cast]
@@ -276,16 +292,17 @@ class OneClip:
     few: FewClips
     speaker_judge: SpeakerJudge | None
     mean_speed: np.ndarray
-    """Of the joints whose beats count, over all clips."""
+    """Mean speeds (m/s) of the joints with beats, over all clips."""
 
     def measure(self, name: str, other: str, out: Path) -> None:
-        """Write the rows of clip ``name``; the speech of ``other`` is the wrong one."""
+        """Measure clip ``name`` and write its rows; ``other`` is the clip with the mismatched
+        speech."""
         cast = self.cast()
         (motion, speech), (_, foreign) = (
             read_recording(self.folder, clip) for clip in (name, other)
         )
         context = ClipContext(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
-        # Silences of its own speech; nothing where none is long enough.
+        # Silences of the clip's own speech; empty if none is long enough.
         in_silence = speed_in_silence(motion, voiced(context.heard[0]))
         of_recordings = (
             in_silence | self.few.recorded_measures(self.folder, name) | self._told([motion], name)
@@ -312,14 +329,14 @@ class OneClip:
 
 
 def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
-    """Intervals over clips, in parts.
+    """Compute intervals over clips, in parts.
 
     Args:
-        speakers: of each clip.
+        speakers: speaker of each clip.
 
     Returns:
-        ``motion``: measures by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
-        against each other, where there is that distance.
+        ``motion``: metrics by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
+            against each other, for each distance that is available.
     """
     motion: dict[str, dict[str, dict]] = {}
     recorded = [rows[RECORDED] for rows in clips]
@@ -363,7 +380,7 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
 
 
 def settings() -> dict[str, float]:
-    """The parameters behind the numbers."""
+    """Return the parameters of the metrics."""
     return {
         "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,
         "beat_sigma_motion_to_audio_s": beats.SIGMA_MOTION_TO_AUDIO_S,
@@ -380,9 +397,11 @@ def settings() -> dict[str, float]:
 
 
 def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
-    """How different motion comes out when nothing but chance differs: the pairwise L1 distance of
-    noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
-    where there are no two of either."""
+    """Compute the pairwise L1 distance of motions that differ by chance only.
+
+    These are noise seeds for the same speech, or with ``speakers`` recorded clips of one speaker.
+    None without two of either.
+    """
     if speakers is None:
         drawn = [row.arrays["positions"] for row in rows]
         pairs = [mean_pairwise_l1([*positions]) for positions in drawn if len(positions) > 1]
@@ -410,6 +429,6 @@ def _pairwise(positions: Sequence[np.ndarray]) -> Estimate:
 
 
 def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:
-    """Codes of all clips, by distance; those that a clip lacks are left out."""
+    """Return the codes of all clips by distance, without distances that a clip lacks."""
     names = [name for name in frechet.ENCODERS if all(name in row.arrays for row in rows)]
     return {name: [row.arrays[name] for row in rows] for name in names}

@@ -1,7 +1,7 @@
-"""The protocol ``finding``: how well are plans found in motion?
+"""Protocol ``finding``: accuracy of plans detected in motion.
 
-Plans found in recordings of the corpus's test split are held against their exact annotation. With
-``--fit`` the network that tells phases is trained first, on the train split.
+Plans detected in recordings of the corpus's test split are compared with their exact annotation.
+With ``--fit`` the network that classifies phases is trained first, on the train split.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from model.storage.files import written_atomically
 
 WITHIN_S = 0.1
 MOMENT_S = 0.15
-"""A nod or a brow is found if it is so near."""
+"""Largest distance (s) between a detected and an annotated nod or brow movement."""
 SHIFT_S = 0.5
 LEAST_OVERLAP = 0.3
-"""Of the time that either phase takes: then a found one is an annotated one."""
+"""Smallest overlap of a detected and an annotated phase, as a share of their union."""
 FIT_EVERY = 6
-"""Of the train split's clips."""
+"""Step through the train split's clips: every sixth is used."""
 STEPS, BATCH, FRAMES, RATE = 1200, 16, 300, 6e-3
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Found that are annotated, all found, all annotated."""
+    """Counts of detection: true positives, detected, annotated."""
 
     met: int = 0
     found: int = 0
@@ -56,7 +56,7 @@ class Counts:
         return 2 * self.met / max(1, self.found + self.told)
 
     def as_json(self) -> dict[str, float]:
-        """Rounded."""
+        """Return rounded F1, precision and recall, and the number of annotations."""
         return {
             "f1": round(self.f1, 3),
             "precision": round(self.met / max(1, self.found), 3),
@@ -66,7 +66,7 @@ class Counts:
 
 
 def near(found: Sequence[float], told: Sequence[float], within_s: float) -> Counts:
-    """Moments, each met by one of the other at most."""
+    """Match points in time one to one within a tolerance, and count them."""
     free = sorted(told)
     met = 0
     for at in sorted(found):
@@ -78,7 +78,7 @@ def near(found: Sequence[float], told: Sequence[float], within_s: float) -> Coun
 
 
 def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> Counts:
-    """Phases that lie over one another by `LEAST_OVERLAP`."""
+    """Match phases one to one that overlap by `LEAST_OVERLAP` or more, and count them."""
     free, met = list(told), 0
     for one in found:
         shares = [_overlap(one, other) for other in free]
@@ -94,7 +94,7 @@ def _overlap(one: HandPhase, other: HandPhase) -> float:
 
 
 def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
-    """Holds that give way are annotated one after the other; nobody can tell them apart."""
+    """Merge adjacent holds, which are annotated separately but cannot be distinguished."""
     joined: list[HandPhase] = []
     for phase in phases:
         if joined and joined[-1].phase == phase.phase == "hold":
@@ -105,7 +105,7 @@ def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
 
 
 def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
-    """What a found plan has of an annotated one, by question."""
+    """Count matches of a detected plan with an annotated one, by metric."""
     counts: defaultdict[str, Counts] = defaultdict(Counts)
     for side in SIDES:
         own, true = found.hand(side), with_long_holds(told.hand(side))
@@ -131,7 +131,7 @@ def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
 
 
 def fit(folder: Path, names: Sequence[str], out: Path) -> None:
-    """Train the network and write it: what `model.plan.found` reads."""
+    """Train the phase network on clips, and write it for `model.plan.found`."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     features, states, phases = [], [], []
@@ -185,7 +185,7 @@ def _drawn(
     std: Float[np.ndarray, " 10"],
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "n 10"], Int[np.ndarray, " n"]]:
-    """A stretch of a clip, moved more or less widely, and a little off: people differ."""
+    """Draw a stretch of a clip, scaled and shifted at random, because people differ."""
     first = int(rng.integers(0, len(features) - FRAMES + 1))
     wide = rng.uniform(0.7, 1.5)
     found = features[first : first + FRAMES].copy()
@@ -195,7 +195,7 @@ def _drawn(
 
 
 def _joined(phases: Sequence[HandPhase]) -> list[tuple[int, float]]:
-    """Number and length in frames of each phase; those that follow on themselves as one."""
+    """Return index and length (frames) of each phase, with equal neighbours merged."""
     found: list[tuple[int, float]] = []
     for phase in phases:
         state, lasts = PHASES.index(phase.phase), FPS * (phase.end_s - phase.start_s)
@@ -207,7 +207,7 @@ def _joined(phases: Sequence[HandPhase]) -> list[tuple[int, float]]:
 
 
 def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray]:
-    """How long phases last, in frames, and which comes next how often."""
+    """Compute the mean lengths of phases (frames) and the frequencies of their successors."""
     count = np.ones((len(PHASES), len(PHASES)))
     lasts: list[list[float]] = [[FPS / 2] for _ in PHASES]
     for phases in clips:
@@ -222,11 +222,11 @@ def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray
 
 
 def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, dict[str, float]]]:
-    """The protocol: after each clip, the counts of all so far, by question.
+    """Run the protocol; yields the results of all clips so far by metric after each clip.
 
     Args:
         folder: a corpus with annotated plans.
-        fits: train the network first.
+        fits: True to train the network first.
     """
     total: defaultdict[str, Counts] = defaultdict(Counts)
     speakers: defaultdict[str, Counts] = defaultdict(Counts)

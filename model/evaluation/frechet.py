@@ -1,8 +1,8 @@
-"""Fréchet distances (AsynFusion eq. 16) and Div (eq. 17), by encoders that were trained here.
+"""Fréchet distances (AsynFusion eq. 16) and Div (eq. 17), with encoders that were trained here.
 
-FGD (Yoon et al. 2020) is that of the body: codes of local rotations and root motion, one for every
-8 frames. FED is that of the face units, FMD that of both together. Numbers of another encoder, or
-of another amount of motion, cannot be compared with these.
+FGD (Yoon et al. 2020) is for the body: codes of local rotations and root motion, one for every 8
+frames. FED is for the blendshapes, FMD for both together. Values from another encoder, or from
+another amount of motion, are not comparable.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,18 +21,17 @@ from model.networks.autoencoder import FrozenEncoder, input_vectors
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
 ENCODERS = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
-"""Which encoder each distance needs."""
+"""Name of the encoder of each distance."""
 FRECHET_DRAWS = 200
 SPLITS = 20
 
 Features = Float[np.ndarray, "_ dim"]
 _ONE_THREAD = threadpool_limits.wrap(limits=1, user_api="blas")
-"""Of numpy's: on matrices this small, several only wait for each other."""
+"""Limit of numpy's BLAS to one thread: on matrices this small, several only wait for each other."""
 
 
 def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) -> list[str]:
-    """A sentence on everything that cannot be measured: without its encoder, or because recorded
-    faces are not in the units that systems draw."""
+    """Format a sentence for each metric without its encoder, or without ARKit blendshapes."""
     sentences = [
         f"{measure.upper()} is left out: its encoder {name} is not among the weights."
         for measure, name in ENCODERS.items()
@@ -47,8 +46,10 @@ def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) ->
 
 @torch.inference_mode()
 def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
-    """The coarsest codes of a whole clip, cut to whole codes; None if the encoder sees faces and
-    this one is not in ARKit's units."""
+    """Compute the coarsest codes of a whole clip, cut to whole codes.
+
+    None if the encoder needs ARKit blendshapes and the motion lacks them.
+    """
     config = encoder.network.config
     if config.face_channels > 0 and motion.expression_basis != "arkit52":
         return None
@@ -63,18 +64,17 @@ def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
 
 @dataclass(frozen=True)
 class Moments:
-    """What a Fréchet distance needs of features, so that sets can be put together of clips whose
-    features are not kept."""
+    """Moments of features: enough for a Fréchet distance without the features of the clips."""
 
     count: int
     total: Float[np.ndarray, " dim"]
     """Sum of the features."""
     products: Float[np.ndarray, "dim dim"]
-    """Sum of their outer products."""
+    """Sum of the outer products of the features."""
 
     @staticmethod
     def of(features: Features) -> "Moments":
-        """Of the features of one clip."""
+        """Compute the moments of one clip's features."""
         return Moments(len(features), features.sum(0), features.T @ features)
 
     @property
@@ -88,13 +88,13 @@ class Moments:
 
 
 def frechet_distance(a: Features, b: Features) -> float:
-    """``|m_a - m_b|^2 + tr(C_a + C_b - 2 (C_a C_b)^(1/2))`` of two sets of features."""
+    """Compute ``|m_a - m_b|^2 + tr(C_a + C_b - 2 (C_a C_b)^(1/2))`` of two sets of features."""
     return distance_of(Moments.of(a), Moments.of(b))
 
 
 def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
-    """`frechet_distance` of two sets of which only the moments are known, with an ``offset`` on the
-    diagonals of both covariances under the root."""
+    """Compute `frechet_distance` from moments, with ``offset`` on the diagonals of both covariances
+    under the root."""
     under = offset * np.eye(len(a.total))
     values, vectors = np.linalg.eigh(a.covariance + under)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
@@ -105,7 +105,8 @@ def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
 
 @_ONE_THREAD
 def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Estimate:
-    """Of all clips, with its interval over clips (drawn in pairs; biased upwards)."""
+    """Compute the distance of all clips, with its interval over clips (in pairs; biased
+    upwards)."""
 
     def statistic(index: np.ndarray) -> float:
         chosen = [np.concatenate([clips[i] for i in index]) for clips in (recorded, generated)]
@@ -116,7 +117,7 @@ def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Est
 
 @_ONE_THREAD
 def split_half_floor(recorded: Sequence[Features]) -> Estimate:
-    """Distance between random halves of the recorded clips: what equal motion can score.
+    """Compute the distance between random halves of the recorded clips: the score of equal motion.
 
     Halves hold half the clips, so the floor lies above that of two whole sets.
     """
@@ -132,8 +133,10 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
-    """Distance of every two windows of a batch, over batches of 50 that are dealt from all clips:
-    ``div_gesture``, and where all clips have face units ``div`` of body and face together."""
+    """Compute the mean distance of windows within random batches of 50 from all clips.
+
+    ``div_gesture``, and if all clips have blendshapes ``div`` of body and face together.
+    """
     owner = np.repeat(np.arange(len(clips)), [len(windows) for windows in clips])
     if len(owner) < 2:
         return {}
@@ -147,7 +150,7 @@ def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, E
 def _over_batches(
     windows: Float[np.ndarray, "W T dim"], owner: Int[np.ndarray, " W"], num_clips: int
 ) -> Estimate:
-    """The mean over pairs, and its interval over clips."""
+    """Compute the mean over pairs, and its interval over clips."""
     sums, pairs = np.zeros((2, num_clips, num_clips))
     for batch in batches(len(windows)):
         between = owner[batch][:, None], owner[batch]
@@ -155,7 +158,8 @@ def _over_batches(
         np.add.at(pairs, between, 1.0 - np.eye(len(batch)))
 
     def statistic(index: Int[np.ndarray, " n"]) -> float:
-        """Pairs of windows of two clips or of one, not of a clip that was drawn twice."""
+        """Average pairs of windows within or across clips, but not of a clip that was drawn
+        twice."""
         chosen = np.ix_(index, index)
         counts = (index[:, None] != index) | np.eye(len(index), dtype=bool)
         total = pairs[chosen][counts].sum()

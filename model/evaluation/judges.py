@@ -1,21 +1,20 @@
-"""Judges of motion: does it fit its own speech better than other speech, whose manner does it take
-on, what does the speaker decide of it, and does it rest where speech does?
+"""Classifiers and metrics of matched speech, speaker style and rest in silence.
 
-Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), put to a judge that was
-trained on recorded motion alone (`model.systems.helpers.matching`): it is given 10 s of motion and
-two speeches of 10 s. Chance is .5. Pieces are cut from where speech begins to where it ends, so
-that silence before and after it tells nothing.
+Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), answered by a network
+trained on recorded motion alone (`model.systems.helpers.matching`): it compares 10 s of motion with
+two speeches of 10 s. Chance is .5. Pieces are cut from the start of the speech to its end, so that
+silence before and after it is no cue.
 
-The judge of speakers is Fisher's linear discriminant, fitted to recorded motion of the training
-split alone: to each piece of 10 s it assigns one of the speakers. Chance is one over their number.
-It sees mean and spread of the rotations from pelvis to wrists, where the wrists are, and how fast
-all of it moves; no speech.
+The speaker classifier is Fisher's linear discriminant, fitted to recorded motion of the training
+split alone: it assigns each piece of 10 s to one of the speakers. Chance is one over their number.
+Its input is mean and spread of the rotations from pelvis to wrists and of the wrist positions, and
+the speed of both; no speech.
 
-What the speaker decides is asked of one speech, moved by several speakers under several noise
-seeds. As `model.measures.hearing` asks of speech: two motions that share the speaker and not the
-noise, less two that share neither, are alike in what the speaker decides. And of a calm speaker and
-a lively one: how much less the calm one moves. Both take motions of their own and are asked on a
-few clips only: the first seconds of a clip's speech and then silence.
+The effect of the speaker is measured on one speech, generated for several speakers with several
+noise seeds, as `model.measures.hearing` does for speech: the correlation of motions that share the
+speaker but not the noise, less that of motions that share neither. A calm and a lively speaker are
+compared by the speed of the wrists. Both need extra motions and use a few clips only: the first
+seconds of a clip's speech and then silence.
 """
 
 from collections.abc import Mapping, Sequence
@@ -61,43 +60,46 @@ MEASURES: Mapping[str, tuple[str, ...]] = {
     "matched_arms": ("arms",),
     "matched_face": ("face",),
 }
-"""Measures, and the parts of the body that the judge sees for them: lips, which decide all where
-they move, have a measure of their own."""
+"""Metrics, and the body parts on which the classifier is used for them: lips, which dominate where
+they
+move, have a separate metric."""
 ALIKE = 1e-3
-"""Agreements nearer to each other than that are a tie."""
+"""Difference of two agreements below which they are a tie."""
 _VOICING = NUM_MELS + 3
-"""The column of `MelEncoder` that tells whether there is a voice."""
+"""Column of `MelEncoder` for voicing."""
 
 _Heard = Float[np.ndarray, "_ 68"]
 
 
 def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:
-    """Whether there is a voice in each frame."""
+    """Check whether each frame has a voice."""
     return features[:, _VOICING] > 0.5
 
 
 def spoken(features: _Heard) -> slice:
-    """From the first frame with a voice to the last; empty where there is none."""
+    """Return the range from the first to the last voiced frame; empty without any."""
     heard = np.flatnonzero(voiced(features))
     return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
 
 
 def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
-    """As `cut`, for the judge."""
+    """Cut `rows` as `cut` does, into float32 tensors for the classifier."""
     return torch.from_numpy(cut(rows).astype(np.float32))
 
 
 def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
-    """Pieces of 10 s one after the other; a rest is left out."""
+    """Cut consecutive pieces of 10 s; the rest is left out."""
     count = len(rows) // PIECE_FRAMES
     return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
 def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
-    """For each of `MEASURES`, in which share of comparisons the judge prefers the motion's own
-    speech: every piece of the motion with its speech, against every piece of the foreign one. A tie
-    counts half. And ``arm_speed_heard``: the correlation of the arms' log speed with the one that
-    is told from the speech alone, mean over pieces. Nothing of less than 10 s."""
+    """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
+
+    Every piece of the motion with its speech is compared with every piece of the foreign one; a tie
+    counts half. ``arm_speed_heard`` is the correlation of the arms' log speed with its prediction
+    from the speech alone, mean over pieces. Empty for less than 10 s.
+    """
     shared = min(motion.num_frames, len(own))
     spoke = spoken(own[:shared])
     poses, right, wrong = (
@@ -115,7 +117,7 @@ def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) 
 
 
 def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
-    """The share of others that a piece's own speech beats; a tie counts half."""
+    """Compute the share of ``others`` below a piece's own speech; a tie counts half."""
     lead = own[:, None] - others
     wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
     return float(wins.mean())
@@ -124,7 +126,8 @@ def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
 def frame_loudness(
     waveform: Float[np.ndarray, " N"], num_frames: int
 ) -> Float[np.ndarray, " num_frames"]:
-    """Level of each motion frame in dB, not below -60 dB of full scale; silence after the end."""
+    """Compute the level of each motion frame (dB, at least -60 of full scale); silence after the
+    end."""
     edges = (np.arange(num_frames + 1) * SAMPLE_RATE / FPS).astype(int)
     energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
     total = np.diff(energy[edges.clip(max=len(waveform))])
@@ -132,9 +135,9 @@ def frame_loudness(
 
 
 RECORDINGS = 6
-"""Of each speaker, at most."""
+"""Largest number of recordings of each speaker."""
 SHRINKAGE = 0.1
-"""Of the covariance within speakers towards equal variances."""
+"""Shrinkage of the covariance within speakers towards equal variances."""
 ARMS = [
     f"{side}_{part}"
     for side in ("left", "right")
@@ -148,22 +151,24 @@ NO_SPEAKER_JUDGE = (
 )
 NUM_CLIPS = 6
 SPEECH_S = 10.0
-"""Of each clip, at most."""
+"""Longest speech of each clip (s)."""
 NOISE_SEEDS = 2
 UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that were asked for."
 
 
 @dataclass(frozen=True)
 class SpeakerJudge:
-    """A linear discriminant over `manner_numbers`."""
+    """Linear discriminant over `manner_numbers`."""
 
     speakers: tuple[str, ...]
     weights: Float64[np.ndarray, "speakers numbers"]
     bias: Float64[np.ndarray, " speakers"]
 
     def share_right(self, motion: Motion, speaker: str) -> float | None:
-        """The share of a motion's pieces that are assigned to the speaker; None for a speaker that
-        the judge does not know, or a motion of less than 10 s."""
+        """Compute the share of a motion's pieces that are assigned to the speaker.
+
+        None for an unknown speaker, or a motion of less than 10 s.
+        """
         numbers = manner_numbers(motion)
         if speaker not in self.speakers or not len(numbers):
             return None
@@ -171,15 +176,17 @@ class SpeakerJudge:
         return float((told == self.speakers.index(speaker)).mean())
 
     def measures(self, motions: Sequence[Motion], speaker: str) -> dict[str, float]:
-        """``speaker_told``, mean over motions; nothing where it cannot be told."""
+        """Compute ``speaker_told``, the mean accuracy over motions; empty if it is unknown."""
         shares = [self.share_right(motion, speaker) for motion in motions]
         known = [share for share in shares if share is not None]
         return {"speaker_told": float(np.mean(known))} if known else {}
 
 
 def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
-    """The judge of some speakers, by their first recordings in the training split; None where
-    fewer than two have any that can be used."""
+    """Fit the classifier of some speakers to their first recordings in the training split.
+
+    None if fewer than two have usable ones.
+    """
     own: dict[str, list[str]] = {speaker: [] for speaker in sorted(set(speakers))}
     for name, kind in sorted(read_split(folder).items()):
         if kind == "train" and (speaker := speaker_of(name)[1]) in own:
@@ -194,7 +201,7 @@ def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
 
 
 def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerJudge:
-    """Fisher's, all speakers equally likely, by pieces of each."""
+    """Fit Fisher's linear discriminant to pieces of each speaker, with equal priors."""
     means = np.stack([own.mean(0) for own in numbers.values()])
     within = np.concatenate([own - own.mean(0) for own in numbers.values()])
     scale = within.std(0) + 1e-6
@@ -205,8 +212,11 @@ def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> Speake
 
 
 def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
-    """Of each piece of 10 s: mean and log of the spread of rotation vectors and of the wrists'
-    places, and the log of mean speeds."""
+    """Compute the classifier's features for each piece of 10 s.
+
+    They are mean and log spread of rotation vectors and wrist positions, and the log of mean
+    speeds.
+    """
     if motion.num_frames < PIECE_FRAMES:
         return np.zeros((0, 0))
     points = track_points(motion, open_body_skeleton()).joints
@@ -220,9 +230,11 @@ def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
 
 
 def manner_of(motions: Grid) -> dict[str, float]:
-    """What the speaker decides of the arms, of one speech by speaker and noise seed: the share of
-    their speed, and the correlation of their rotations between other speakers with the same noise;
-    near 1, another speaker gives the same gestures."""
+    """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
+
+    It is the share of their speed, and the correlation of their rotations between speakers with the
+    same noise; near 1, another speaker has the same gestures.
+    """
     return {
         "by_speaker": decided(motions)["arms"].by_speech,
         "arm_rotations_same_noise": arm_rotations_same_noise(motions),
@@ -230,8 +242,7 @@ def manner_of(motions: Grid) -> dict[str, float]:
 
 
 def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
-    """Of both wrists together, with the pelvis in place, mean over the motions of a calm speaker
-    and of a lively one; m/s."""
+    """Compute the mean wrist speed (m/s), pelvis-aligned, of a calm and of a lively speaker."""
     speeds: dict[str, list[float]] = {speaker: [] for speaker in speakers}
     for (speaker, _), motion in motions.items():
         joints = track_points(motion, open_body_skeleton()).joints
@@ -242,14 +253,15 @@ def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class FewClips:
-    """Which clips, and who moves in them."""
+    """Clips and speakers of the metrics that use a few clips only."""
 
     names: tuple[str, ...]
     speakers: tuple[str, str] | None
-    """A calm one and a lively one; None where not every system knows them: then each clip's own
-    speaker moves, and manner is left out."""
+    """A calm speaker and a lively one; None if not every system has them: then each clip's own
+    speaker is
+    used, and style is not measured."""
     recorded: Mapping[str, tuple[str, str]]
-    """By clip, a recording of the calm speaker and one of the lively."""
+    """A recording of the calm speaker and one of the lively for each clip."""
 
     @staticmethod
     def choose(
@@ -258,7 +270,7 @@ class FewClips:
         systems: Sequence[System],
         speakers: tuple[str, str],
     ) -> "FewClips":
-        """The first of the clips, and recordings of the speakers from any split."""
+        """Choose the first clips, and recordings of the speakers from any split."""
         names = tuple(clips[:NUM_CLIPS])
         if not all(speaker in system.speakers for system in systems for speaker in speakers):
             return FewClips(names, None, {})
@@ -267,8 +279,7 @@ class FewClips:
         return FewClips(names, speakers, recorded)
 
     def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
-        """Wrist speeds of the recordings that go with clip ``name``; nothing where there are
-        none."""
+        """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""
         if name not in self.recorded or self.speakers is None:
             return {}
         pairs = zip(self.speakers, self.recorded[name], strict=True)
@@ -278,7 +289,8 @@ class FewClips:
     def measures(
         self, system: System, name: str, speech: Speech, asked: Sampling
     ) -> dict[str, float]:
-        """Of a system, on clip ``name``; nothing on a clip that is not among the few."""
+        """Compute a system's metrics on clip ``name``; empty for a clip that is not among the
+        few."""
         if name not in self.names:
             return {}
         heard = with_silence(speech)
@@ -314,26 +326,26 @@ class FewClips:
 
 
 def mean_of(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Averages, such as over noise seeds; a measure that any of them lacks is left out."""
+    """Average each metric, for example over noise seeds, without those that any of them lacks."""
     names = [name for name in found[0] if all(name in one for one in found)]
     return {name: float(np.mean([one[name] for one in found])) for name in names}
 
 
 def with_silence(speech: Speech) -> Speech:
-    """The first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
+    """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
     said = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
     silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
     return replace(speech, waveform=np.concatenate([said, silence]))
 
 
 def _recordings(folder: Path, speaker: str, count: int) -> list[str]:
-    """Names of a speaker's first recordings that can be read."""
+    """Return the names of a speaker's first readable recordings."""
     own = (name for name in sorted(read_split(folder)) if speaker_of(name)[1] == speaker)
     return list(islice((name for name in own if _motion(folder, name) is not None), count))
 
 
 def _motion(folder: Path, name: str) -> Motion | None:
-    """Of a recording; None where it cannot be read."""
+    """Read the motion of a recording; None if that fails."""
     try:
         return read_files(folder, name)[0]
     except (DataError, MotionError, SpeechError):

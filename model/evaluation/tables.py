@@ -1,5 +1,4 @@
-"""The evaluation's table as Markdown, CSV and LaTeX; every value with its bootstrap interval over
-clips."""
+"""Table of the evaluation as Markdown, CSV and LaTeX, with bootstrap intervals over clips."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ PERCENTILES = (2.5, 97.5)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value over clips with its 95 % percentile interval."""
+    """Value over clips with its 95 % percentile interval."""
 
     mean: float
     low: float
@@ -31,15 +30,18 @@ class Estimate:
 def bootstrap_of(
     statistic: Callable[[Int[np.ndarray, " n"]], float], num_clips: int, draws: int = DRAWS
 ) -> Estimate:
-    """A statistic of the clips with some indices: of all, with its interval over clips drawn with
-    replacement."""
+    """Compute a statistic of all clips, with its bootstrap interval over clips.
+
+    Args:
+        statistic: function of the indices of clips.
+    """
     values = [statistic(index) for index in drawn_clips(num_clips, draws)]
     return interval_of(statistic(np.arange(num_clips)), values)
 
 
 @lru_cache(maxsize=4)  # 16 MB each for 1,000 clips
 def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
-    """Clips drawn with replacement, as many as there are; the same for all who ask."""
+    """Draw as many clips as there are, with replacement; the same for all callers."""
     rng = np.random.default_rng(0)
     drawn = np.stack([rng.integers(num_clips, size=num_clips) for _ in range(draws)])
     drawn.flags.writeable = False
@@ -47,20 +49,20 @@ def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
 
 
 def interval_of(value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]) -> Estimate:
-    """Of all clips, with the interval of what the draws gave."""
+    """Make the estimate of a value from its bootstrap draws."""
     low, high = np.percentile(drawn, PERCENTILES)
     return Estimate(float(value), float(low), float(high))
 
 
 def bootstrap(values: Sequence[float]) -> Estimate:
-    """Mean over clips."""
+    """Compute the mean over clips with its interval."""
     array = np.asarray(values, float)
     drawn = array[drawn_clips(len(array), DRAWS)].mean(axis=1)
     return interval_of(float(array.mean()), drawn)
 
 
 def bootstrap_ratio(values: Sequence[float], reference: Sequence[float]) -> Estimate:
-    """Mean over mean of the same clips; clips are drawn in pairs."""
+    """Compute mean over mean of the same clips; clips are drawn in pairs."""
     a, b = np.asarray(values, float), np.asarray(reference, float)
     index = drawn_clips(len(a), DRAWS)
     return interval_of(float(a.mean() / b.mean()), a[index].mean(axis=1) / b[index].mean(axis=1))
@@ -122,7 +124,7 @@ COLUMNS = {
     "pelvis_wander_m": "pelvis wander, m",
     "pelvis_wander_m_ratio": "of recorded",
 }
-"""Measures of the part ``motion`` and their headings, in the order of the table."""
+"""Metrics of the part ``motion`` and their headings, in the order of the table."""
 
 
 def _cell(columns: dict[str, dict], measure: str) -> str:
@@ -130,7 +132,7 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
 
 
 def as_markdown(table: dict) -> str:
-    """Systems in columns, so that they stay narrow."""
+    """Format the table as Markdown, with systems in columns so that they stay narrow."""
     rows = table["motion"]
     heads = [f"{len(table['clips'])} test clips", *map(harmless.markdown, rows)]
     cells = [
@@ -149,7 +151,7 @@ def as_markdown(table: dict) -> str:
 
 
 def as_csv(table: dict) -> str:
-    """One line for each value: row, measure, mean, low, high."""
+    """Format the table as CSV with one line for each value: row, measure, mean, low, high."""
     floors = {f"{m}_floor": table[f"{m}_floor"] for m in COLUMNS if f"{m}_floor" in table}
     lines = [
         [row, measure, value["mean"], value["low"], value["high"]]
@@ -160,7 +162,7 @@ def as_csv(table: dict) -> str:
 
 
 def as_latex(table: dict) -> str:
-    """As a tabular: measures in rows, systems in columns."""
+    """Format the table as a LaTeX tabular: metrics in rows, systems in columns."""
     rows = table["motion"]
     lines = [
         r"\begin{tabular}{l" + "r" * len(rows) + "}",

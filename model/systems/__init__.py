@@ -1,1 +1,1 @@
-"""The families of systems, a folder for each, and who knows them; may import what is below."""
+"""Families of systems, a folder for each, and their registry; may import all below."""

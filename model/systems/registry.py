@@ -1,5 +1,5 @@
-"""Which families there are, here and in other packages, and by them every system by its name. Does
-not import torch."""
+"""Registry of all families, bundled and installed, and of every system by name; does not need
+torch."""
 
 import re
 from collections.abc import Callable
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from model.generation.base import System
 
 GROUP = "co_speech_motion.families"
-"""Of entry points that name a `Family`."""
+"""Group of the entry points that name a `Family`."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9.-]*(/[a-z0-9][a-z0-9.-]*)?")
 
 
 def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
-    """Hand every family of another package to ``register``, in the order of their names.
+    """Pass every family of another package to ``register``, in the order of their names.
 
     Returns:
-        A sentence on each that cannot be had.
+        A sentence on each family that is not available.
     """
     sentences = []
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value)):
@@ -40,10 +40,10 @@ def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
 
 
 def check_family(family: object) -> None:
-    """See that what an entry point names can be shown and asked.
+    """Check that the object of an entry point is a complete family.
 
     Raises:
-        FamilyError: if it is no family, or something that every family declares is missing.
+        FamilyError: if it is no family, or a required declaration is missing.
     """
     if not isinstance(family, Family):
         raise FamilyError(f"it names a {type(family).__name__}, not a Family.")
@@ -79,7 +79,7 @@ def _why(error: BaseException) -> str:
 
 
 def _bundled() -> list[Family]:
-    """Those of the folders beside this file, whose ``config.py`` makes one as its ``FAMILY``."""
+    """Return the families in the folders next to this file: ``FAMILY`` of each ``config.py``."""
     folders = (each.name for each in iter_modules(model.systems.__path__) if each.ispkg)
     found = [import_module(f"{model.systems.__name__}.{name}.config").FAMILY for name in folders]
     return sorted(found, key=lambda family: (family.place, family.name))
@@ -89,7 +89,7 @@ _FAMILIES = _bundled()
 
 
 def families() -> tuple[Family, ...]:
-    """All families, in the order in which their systems are shown."""
+    """Return all families, in the order in which their systems are shown."""
     return tuple(_FAMILIES)
 
 
@@ -107,15 +107,15 @@ def register(family: Family) -> None:
 
 
 def left_out() -> tuple[str, ...]:
-    """A sentence on each family of another package that is installed but cannot be had."""
+    """Return a sentence on each installed family of another package that is not available."""
     return _LEFT_OUT
 
 
 def family_of(name: str) -> Family:
-    """The family that a system or a helper belongs to.
+    """Return the family of a system or helper.
 
     Raises:
-        UnknownNameError: with everything there is.
+        UnknownNameError: with the names of all systems and helpers.
     """
     for family in _FAMILIES:
         if name in family.names:
@@ -125,23 +125,23 @@ def family_of(name: str) -> Family:
 
 
 def usual_systems(use: Use) -> tuple[str, ...]:
-    """Systems that are taken for something where nobody has chosen, in the order of the families;
-    whether their weights are there is not asked."""
+    """Return the default systems for a use, in the order of the families, with or without
+    weights."""
     return tuple(name for family in _FAMILIES for name in family.usual.get(use, ()))
 
 
 def planning_systems() -> tuple[str, ...]:
-    """Systems that plan before they move, and perform a plan that they are given."""
+    """Return the systems that plan first, and accept a plan."""
     return tuple(name for family in _FAMILIES for name in family.plans)
 
 
 def usual_planner() -> str:
-    """The system whose plans are meant where none is named."""
+    """Return the system that provides plans by default."""
     return planning_systems()[0]
 
 
 def sampler_title(name: str) -> str:
-    """What a person calls a sampler."""
+    """Return the title of a sampler for users."""
     systems = ((family, system) for family in _FAMILIES for system in family.systems)
     samplers = (sampler for family, system in systems for sampler in family.samplers_of(system))
     titles = (sampler.title for sampler in samplers if sampler.name == name and sampler.title)
@@ -149,18 +149,20 @@ def sampler_title(name: str) -> str:
 
 
 def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Names of the systems whose weights lie in ``folder``, in the order of the families."""
+    """Return the systems with weights in ``folder``, in the order of the families."""
     return tuple(name for family in _FAMILIES for name in family.systems_in(folder))
 
 
 def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
-    """The card of the weights that a system moves with."""
+    """Read the model card of a system's weights."""
     return family_of(name).card(name, folder)
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Speakers that every system in ``folder`` knows, in the order of their numbers. Systems of
-    other packages are asked only where there are no others."""
+    """Return the speakers that every system in ``folder`` has, in the order of their numbers.
+
+    Systems of other packages count only if there are no others.
+    """
     names = list_systems(folder)
     own = [name for name in names if family_of(name) in _BUNDLED]
     tables = [read_card(name, folder).speakers for name in own or names]
@@ -171,10 +173,10 @@ def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
 
 
 def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
-    """Read a system.
+    """Load a system.
 
     Raises:
-        UnknownNameError: if there is no such system; the message lists those that are there.
+        UnknownNameError: if there is no such system; the message lists the available ones.
         CheckpointError: if its files are missing or damaged.
         FamilyError: if the code of a family of another package fails.
     """

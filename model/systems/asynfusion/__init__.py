@@ -1,1 +1,1 @@
-"""AsynFusion: face and body by two branches that hear each other; may import what systems may."""
+"""AsynFusion: face and body in two coupled branches; may import what systems may."""

@@ -1,4 +1,4 @@
-"""AsynFusion's systems, samplers and settings."""
+"""Systems, samplers and settings of AsynFusion."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -12,15 +12,15 @@ from model.training.config import PAPER, SMOKE, TrainConfig
 DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
 SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
 FACE_SHARE = {DDIM: 1.0, LCM_SYNC: 1.0, LCM_ASYNC: 0.5}
-"""Of the body's steps, those that the face takes."""
+"""Sampling steps of the face as a share of the body's."""
 
 Aim = Literal["noise", "teacher"]
-"""What training aims at: the noise (eq. 12), or a teacher's consistency."""
+"""Training target: the noise (eq. 12), or consistency with a teacher."""
 
 
 @dataclass(frozen=True)
 class DualBranchConfig(BranchConfig):
-    """Shape of the two branches: as wide and deep as those of the bundled ladder."""
+    """Shape of the two branches: as wide and deep as those of the bundled ablation."""
 
     width: int = 96
     num_blocks: int = 2
@@ -29,7 +29,7 @@ class DualBranchConfig(BranchConfig):
 
     @property
     def gesture_dim(self) -> int:
-        """Channels of the body: 55 rotations as axis-angle, and its place."""
+        """Channels of the body: 55 rotations as axis-angle, and the root position."""
         return AXIS_ANGLE_MOTION_DIM
 
 
@@ -41,26 +41,29 @@ class AsynFusionLoss:
     velocity: float = 1.0
     huber: float = 1.0
     huber_delta: float = 1.0
-    """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
+    """Error at which eq. 14 turns from squared to absolute; normalised channels. The paper gives
     none."""
 
 
 @dataclass(frozen=True)
 class AsynFusionConfig(TrainConfig):
-    """One training of the two branches, by noise or by distillation."""
+    """Settings of a training of the two branches, by noise or by distillation."""
 
     network: DualBranchConfig = field(default_factory=DualBranchConfig)
     aim: Aim = "noise"
     loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
     apart: float = 0.5
-    """Share of samples whose branches are at steps of their own, as they are when the face is
-    sampled in fewer; the paper does not say that it trains for that."""
+    """Share of samples with independent steps of the branches, as in sampling with fewer steps for
+    the
+    face; the paper does not mention training for that."""
     solver_steps: int = 50
-    """Of the teacher from noise to motion: a student learns to agree with itself one of them
-    earlier. 1,000 / 50 is the skipping step of Luo et al. (2023)."""
+    """Teacher's steps from noise to motion: a student learns to agree with itself one of them
+    earlier.
+    1,000 / 50 is the skipping step of Luo et al. (2023)."""
     teacher_guidance: float = 2.5
-    """How many times what speech changes in the teacher's gesture is taken (as in Luo et
-    al. 2023): so the student hears at the strength at which its teacher is asked."""
+    """Guidance scale of the speech for the teacher's gesture (as in Luo et al. 2023): the student
+    learns
+    the scale at which its teacher is used."""
 
     def __post_init__(self) -> None:
         if self.aim not in get_args(Aim):
@@ -68,7 +71,7 @@ class AsynFusionConfig(TrainConfig):
 
 
 def presets(system: str) -> dict[str, AsynFusionConfig]:
-    """Settings by name; those of `LCM_SYNC` distil `DDIM`."""
+    """Return the settings by name; those of `LCM_SYNC` distil `DDIM`."""
     config = AsynFusionConfig(
         system=system,
         batch_size=64,

@@ -1,4 +1,4 @@
-"""Two branches, face and body, that predict clean motion side by side and hear of each other by
+"""AsynFusion's networks: two branches, face and body, that predict clean motion and are coupled by
 CoSync."""
 
 from collections.abc import Callable, Sequence
@@ -16,8 +16,11 @@ from model.systems.asynfusion.config import DualBranchConfig
 
 
 class CoSync(nn.Module):
-    """``MLP(LN(softmax(Q K^T / sqrt(d)) V)) + F`` (eqs. 9 and 10): queries from a branch's own
-    frames, keys and values from the other's. Begins as no exchange at all."""
+    """Exchange ``MLP(LN(softmax(Q K^T / sqrt(d)) V)) + F`` (eqs. 9 and 10) between the branches.
+
+    Queries are from a branch's own frames, keys and values from the other's. Initially the
+    identity.
+    """
 
     def __init__(self, width: int, num_heads: int) -> None:
         super().__init__()
@@ -37,20 +40,20 @@ class CoSync(nn.Module):
 EXPRESSION, GESTURE = 0, 1
 BRANCHES = EXPRESSION, GESTURE
 Pair = tuple[Tensor, Tensor]
-"""Something of the expression branch and the same of the gesture branch."""
+"""A value of the expression branch and the same of the gesture branch."""
 
 
 def both(function: Callable[..., Any], *pairs: tuple) -> tuple:
-    """A function of the two branches' parts."""
+    """Apply a function to the corresponding values of both branches."""
     return tuple(function(*parts) for parts in zip(*pairs, strict=True))
 
 
 FeatureBuffer = dict[tuple[int, int], Tensor]
-"""The latest features by branch and block, from before the branch heard of the other."""
+"""Latest features by branch and block, before their exchange."""
 
 
 class Branch(MotionBranch):
-    """The blocks of one branch, the prior it stands on, and what it hears after each block."""
+    """Blocks of one branch, its prior, and the exchange after each block."""
 
     def __init__(self, config: DualBranchConfig, prior: GaussianPrior, channels: int) -> None:
         super().__init__(config, inputs=channels, body_inputs=channels, channels=channels)
@@ -62,29 +65,29 @@ class Branch(MotionBranch):
 
 @dataclass(frozen=True)
 class Stream:
-    """How the motion of one branch is normalised, and the prior it stands on."""
+    """Normalisation and prior of the motion of one branch."""
 
     normaliser: Normaliser
     prior: GaussianPrior
 
     def tensors(self) -> dict[str, Tensor]:
-        """As saved with trained weights."""
+        """Return the tensors that are saved with trained weights."""
         return self.normaliser.tensors() | {"prior.covariance": self.prior.covariance}
 
 
 Streams = tuple[Stream, Stream]
-"""Of the expression branch and of the gesture branch."""
+"""Streams of the expression branch and of the gesture branch."""
 
 
 class DualBranchNetwork(ConditionedNetwork):
-    """Predicts x_1 of face and body, each from its own x_t at its own flow time (eq. 8).
+    """Network that predicts x_1 of face and body, each from its own x_t and flow time (eq. 8).
 
-    Both stand on a linear-Gaussian prior of their own (`model.sampling.prior`), which the paper
-    does not have: a network this small, trained this short, moves well only on one.
+    Each has a linear-Gaussian prior (`model.sampling.prior`), which the paper does not have: a
+    network this small, trained this short, needs one to move well.
 
     Args:
-        consistent: whether x_1 is where the flow leads (a consistency function), not the mean of
-            where it may come from. It decides on what part of the prior the network builds.
+        consistent: True if x_1 is the end of the flow (a consistency function), not the posterior
+            mean. It decides which part of the prior the network extends.
     """
 
     def __init__(self, config: DualBranchConfig, streams: Streams, *, consistent: bool) -> None:
@@ -97,7 +100,7 @@ class DualBranchNetwork(ConditionedNetwork):
 
     @property
     def branches(self) -> tuple[Branch, Branch]:
-        """Expression and gesture."""
+        """The branches of expression and gesture."""
         return self.expression, self.gesture
 
     def forward(
@@ -111,7 +114,7 @@ class DualBranchNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Pair:
-        """Clean motion of both branches at once.
+        """Predict clean motion of both branches at once.
 
         Args:
             x_t: (B, T, 52) and (B, T, 168), normalised components.
@@ -137,8 +140,8 @@ class DualBranchNetwork(ConditionedNetwork):
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[int, Float[Tensor, "B T C"]]:
-        """Clean motion of the ``active`` branches; of a branch that is not, the others hear what
-        ``buffer`` holds.
+        """Predict clean motion of the ``active`` branches; of inactive ones, ``buffer`` has the
+        features.
 
         Args:
             heard: tokens of the speech (`hear`), the same for both branches and for every step.
@@ -173,12 +176,12 @@ _FACE = ".face."
 
 
 def face_tensors(stream: Stream) -> dict[str, Tensor]:
-    """The face's statistics under names that leave the usual ones to the body."""
+    """Rename the face's statistics, so that the plain names remain for the body."""
     return {name.replace(".", _FACE, 1): tensor for name, tensor in stream.tensors().items()}
 
 
 def read_streams(trained: Trained, seed_frames: int) -> Streams:
-    """Both, as saved."""
+    """Read both streams as saved."""
     named = trained.tensors.items()
     face = replace(
         trained, tensors={name.replace(_FACE, ".", 1): t for name, t in named if _FACE in name}

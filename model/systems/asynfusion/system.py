@@ -1,15 +1,14 @@
-"""A trained AsynFusion: speech and the window before to a window of face and body, from noise to
-motion in two branches.
+"""AsynFusion as a system: sampling of a window of face and body in two branches.
 
 ``x_k = sqrt(abar_k) x_0 + sqrt(1 - abar_k) eps`` (eq. 5) divided by the sum of the two roots lies
-on the straight path from noise to data at the flow time ``sqrt(abar_k) / (sqrt(abar_k) +
-sqrt(1 - abar_k))``. So networks, priors and interpolation of flow matching serve diffusion too:
-only the times differ. A step that predicts clean motion x_1 predicts the noise
-``(x_t - t x_1) / (1 - t)``, and DDIM returns to the path of that noise at an earlier step.
+on the straight path from noise to data at the flow time ``sqrt(abar_k) / (sqrt(abar_k) + sqrt(1 -
+abar_k))``. So networks, priors and interpolation of flow matching serve diffusion too: only the
+times differ. A step that predicts clean motion x_1 predicts the noise ``(x_t - t x_1) / (1 - t)``,
+and DDIM returns to the path of that noise at an earlier step.
 
-The branch with more steps sets the pace. The other takes its steps at even distances among them,
-so that both are at similar noise when they hear each other; in between it is idle, and the busy
-one hears its features of its last step, which costs nothing.
+The branch with more steps sets the pace. The other takes its steps at even distances among them, so
+that both are at similar noise when they exchange features; in between it is idle, and the active
+one uses its features of its last step, which costs nothing.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,12 +40,14 @@ from model.systems.asynfusion.network import (
 
 NUM_STEPS = 1000
 FIRST_BETA, LAST_BETA = 1e-4, 0.02
-"""Linear, as in DDPM (Ho et al. 2020); the paper only says 1,000 steps."""
+"""First and last beta of the linear schedule, as in DDPM (Ho et al. 2020); the paper only says
+1,000
+steps."""
 
 
 @cache
 def flow_times() -> Float[Tensor, "1000"]:
-    """Flow time of each step; step 0 is next to the data."""
+    """Return the flow time of each step; step 0 is next to the data."""
     betas = torch.linspace(FIRST_BETA, LAST_BETA, NUM_STEPS, dtype=torch.float64)
     kept = torch.cumprod(1 - betas, dim=0)
     return (kept.sqrt() / (kept.sqrt() + (1 - kept).sqrt())).float()
@@ -55,16 +56,16 @@ def flow_times() -> Float[Tensor, "1000"]:
 def noise_of(
     x_t: Float[Tensor, "B T C"], x_1: Float[Tensor, "B T C"], t: Float[Tensor, " B"]
 ) -> Float[Tensor, "B T C"]:
-    """The noise that leads from clean motion to ``x_t``."""
+    """Compute the noise that leads from clean motion to ``x_t``."""
     t = t[:, None, None]
     return (x_t - t * x_1) / (1 - t)
 
 
 def trailing_steps(count: int) -> Int[Tensor, " count"]:
-    """``count`` steps at even distances, from pure noise (999) down (Lin et al. 2024).
+    """Return ``count`` evenly spaced steps, from pure noise (999) down (Lin et al. 2024).
 
     Raises:
-        ValueError: if that is none, or more than there are.
+        ValueError: unless ``count`` is between 1 and the number of diffusion steps.
     """
     if not 1 <= count <= NUM_STEPS:
         raise ValueError(f"There are {NUM_STEPS} diffusion steps; {count} cannot be taken.")
@@ -72,7 +73,7 @@ def trailing_steps(count: int) -> Int[Tensor, " count"]:
 
 
 Noise = Callable[[int, int], Float[Tensor, "B T C"]]
-"""Branch and number of its step -> standard normal noise; that of step 0 is where it starts."""
+"""Function from branch and number of its step to standard normal noise; step 0's is the start."""
 
 
 Way = Literal["ddim", "lcm"]
@@ -81,7 +82,7 @@ WAYS: tuple[Way, ...] = get_args(Way)
 
 
 def turns(count: int, total: int) -> list[int]:
-    """At which of ``total`` steps a branch with ``count`` steps takes its own."""
+    """Return at which of ``total`` steps a branch with ``count`` steps is active."""
     return [j * total // count for j in range(count)]
 
 
@@ -97,15 +98,15 @@ def sample(
     speaker: Int[Tensor, " B"],
     has_seed: Bool[Tensor, " B"],
 ) -> Pair:
-    """Clean motion of both branches, normalised components.
+    """Sample clean motion of both branches, normalised components.
 
     Args:
-        guide: of the body; the face stays as trained. Asked twice, both branches of the copies that
-            do not hear are deaf, as they were in training.
+        guide: guidance of the body; the face stays as trained. With guidance, both branches of the
+            unconditional copies have no speech, as in training.
         counts: steps of the expression branch and of the gesture branch.
-        way: ``ddim`` keeps to the path of the noise that a step predicts; ``lcm`` adds new noise to
+        way: ``ddim`` follows the path of the noise that a step predicts; ``lcm`` adds new noise to
             the motion that it predicts (Luo et al. 2023).
-        heard: tokens of the speech, then those of none where the guide asks twice.
+        heard: tokens of the speech, with guidance followed by those of absent speech.
     """
     twice = guide.twice
     told: dict[str, Any] = {
@@ -137,17 +138,17 @@ def sample(
 
 @dataclass(frozen=True)
 class DualWindow(Window):
-    """A window, and what the next one starts from."""
+    """A window with the input of the next one."""
 
     face: Float[Tensor, "B n E"]
-    """Normalised face units of its frames, before they are joined."""
+    """Normalised blendshapes of its frames before blending."""
     body: Float[Tensor, "B n C"]
-    """And its normalised motion."""
+    """Normalised body motion of its frames before blending."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AsynFusionSystem(System):
-    """Two branches with the statistics of their streams; the face is theirs, too."""
+    """Two branches with the statistics of their streams; they include the face."""
 
     config: DualBranchConfig
     network: DualBranchNetwork
@@ -194,7 +195,7 @@ class AsynFusionSystem(System):
 
 
 def load(name: str, folder: Path) -> AsynFusionSystem:
-    """Read a system."""
+    """Load a system."""
     trained = Trained.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(DualBranchConfig, "network")
     streams = read_streams(trained, config.seed_frames)

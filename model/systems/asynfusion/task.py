@@ -1,4 +1,4 @@
-"""Training of the two branches: by noise, or by the teacher that was trained so."""
+"""Training of AsynFusion's branches: noise prediction, or distillation from a teacher."""
 
 from typing import Any
 
@@ -42,8 +42,9 @@ HUBER_C = 0.03
 
 
 class BranchesTask(DescentTask):
-    """Both branches descend eqs. 12 to 14; or a student, which begins as its
-    teacher (`DDIM` among the helpers), the consistency with it."""
+    """Training of both branches with eqs. 12 to 14; or of a student, which starts as its teacher
+    (`DDIM`
+    among the helpers), with their consistency."""
 
     is_compiled = True
     config: AsynFusionConfig
@@ -112,7 +113,7 @@ make_task = BranchesTask
 
 
 def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) -> Streams:
-    """Components of face and body and their priors, from windows of the training split."""
+    """Fit components of face and body and their priors to windows of the training split."""
     bodies = [targets.windows(batch) for batch in prior_batches(data, config.window_frames)]
     vectors: Float[Tensor, "N C"] = torch.cat([body.flatten(0, 1) for body in bodies])
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
@@ -125,7 +126,8 @@ def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) 
 def draw_steps(
     size: int, config: AsynFusionConfig, generator: torch.Generator
 ) -> tuple[Int[Tensor, " B"], Int[Tensor, " B"]]:
-    """Diffusion steps of expression and gesture: the same, or apart in a share of the samples."""
+    """Draw diffusion steps of expression and gesture: equal, or independent in a share of the
+    samples."""
     # A student needs one step of the solver below it.
     first = NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
     gesture = torch.randint(first, NUM_STEPS, (size,), generator=generator)
@@ -143,8 +145,11 @@ def noise_terms(
     noise: Float[Tensor, "B T C"],
     t: Float[Tensor, " B"],
 ) -> dict[str, Float[Tensor, " B"]]:
-    """Weighted eqs. 12 to 14: the noise in components, velocity and clean motion in normalised
-    channels (axis-angle, face units)."""
+    """Compute weighted eqs. 12 to 14: noise in components, velocity and motion in normalised
+    channels.
+
+    Channels are axis-angle and blendshapes.
+    """
     told, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
     huber = F.huber_loss(told, wanted, reduction="none", delta=weights.huber_delta)
     return {
@@ -164,9 +169,11 @@ def one_solver_step(
     steps: Pair,
     conditions: dict[str, Any],
 ) -> Pair:
-    """What the student says one DDIM step of the guided teacher nearer to the data, which is what
-    it should have said here. The student is its own target, without a moving average (Song and
-    Dhariwal 2024); next to the data its prior leaves it no choice but x_t."""
+    """Compute the student's target: its own prediction one DDIM step nearer to the data.
+
+    The step is that of the guided teacher. The student is its own target, without a moving average
+    (Song and Dhariwal 2024); next to the data its prior leaves it no choice but x_t.
+    """
     times = flow_times().to(steps[0].device)
     t = both(lambda k: times[k], steps)
     clean = both(lambda x: x.float(), teacher(x_t, t, **conditions))
@@ -183,6 +190,8 @@ def one_solver_step(
 def pseudo_huber(
     predicted: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
-    """``sqrt(d^2 + c^2) - c`` of the root mean square difference d of a window: windows that are
-    far off count less than squared (Song and Dhariwal 2024)."""
+    """Compute ``sqrt(d^2 + c^2) - c`` of the root mean square difference d of a window.
+
+    Outlying windows count less than squared (Song and Dhariwal 2024).
+    """
     return (losses.simple_loss(predicted, target) + HUBER_C**2).sqrt() - HUBER_C

@@ -1,1 +1,1 @@
-"""The expression network, which every system of GlobalDiff shows: may import what systems may."""
+"""Expression network, used by all systems of GlobalDiff; may import what systems may."""

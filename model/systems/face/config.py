@@ -1,4 +1,4 @@
-"""The expression network's settings."""
+"""Settings of the expression network."""
 
 from dataclasses import dataclass, field, replace
 
@@ -11,7 +11,7 @@ EXPRESSION = "expression"
 
 @dataclass(frozen=True)
 class ExpressionConfig(BranchConfig):
-    """Shape of the expression network: one branch of motion blocks over face units."""
+    """Shape of the expression network: one branch of motion blocks over blendshapes."""
 
     width: int = 96
     num_blocks: int = 2
@@ -21,20 +21,20 @@ class ExpressionConfig(BranchConfig):
 
 @dataclass(frozen=True)
 class FaceTrainConfig(TrainConfig):
-    """One training of the expression network."""
+    """Settings of a training of the expression network."""
 
     expression: ExpressionConfig = field(default_factory=ExpressionConfig)
     flow_time_power: float = 2.0
-    """Flow times are u ** power with u uniform."""
+    """Exponent of flow times: ``u ** power`` with u uniform."""
     time_weight_floor: float | None = 0.5
-    """See `model.sampling.flow.time_weight`."""
+    """Floor of `model.sampling.flow.time_weight`."""
     plan_dropout: float = 0.5
-    """Share of windows that are told no plan, as most systems have none; at 1 the recordings need
-    no annotation."""
+    """Share of windows without a plan, as most systems have none; at 1 the recordings need no
+    annotation."""
 
 
 def presets(system: str) -> dict[str, FaceTrainConfig]:
-    """Settings by name."""
+    """Return the settings by name."""
     config = FaceTrainConfig(system=system, steps=4000, batch_size=64, learning_rate=1e-3)
     large = replace(config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024)
     small = replace(config.expression, width=32, num_blocks=1, num_heads=2)

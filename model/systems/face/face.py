@@ -1,11 +1,10 @@
-"""The expression network: speech and speaker to face units, drawn and not averaged, and shown on a
-body.
+"""Expression network: samples blendshapes from speech and speaker, as part of a system.
 
 GlobalDiff estimates expressions "directly" from audio, because lips follow phonemes almost one to
 one. Lids and brows do not: the best estimate of a blink is a face that never blinks. So the face is
-drawn by flow matching like the body, in the same windows, on a linear-Gaussian prior of its own.
-One network serves every system, so that all of them show the same face; a plan, where a system has
-one, tells it of brows, smiles and blinks.
+sampled by flow matching like the body, in the same windows, on a linear-Gaussian prior of the face.
+One network serves every system, so that all have the same face; a plan, if the system has one, adds
+brows, smiles and blinks.
 """
 
 import functools
@@ -33,7 +32,8 @@ from model.systems.face.config import EXPRESSION, ExpressionConfig
 
 
 class FaceNetwork(PriorNetwork):
-    """Predicts face units x_1 from what `PriorNetwork` is told, and a plan's tracks."""
+    """Network that predicts blendshapes x_1 from the inputs of `PriorNetwork` and a plan's
+    tracks."""
 
     config: ExpressionConfig
 
@@ -50,8 +50,11 @@ class FaceNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"] | None = None,
         **conditions: Tensor,
     ) -> Float[Tensor, "B T E"]:
-        """Clean components x_1, told what `PriorNetwork` is and `model.plan.tracks.FACE_TRACKS` of
-        the frames that are heard; ``has_plan`` hides them from some."""
+        """Predict the clean components x_1.
+
+        Inputs are those of `PriorNetwork` and `model.plan.tracks.FACE_TRACKS` of the same frames as
+        the speech; ``has_plan`` drops them for some samples.
+        """
         if tracks is None:
             return super().forward(x_t, t, **conditions)
         told = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan
@@ -60,12 +63,12 @@ class FaceNetwork(PriorNetwork):
 
 FACE_STEPS = 12
 REMEMBERED_WINDOWS = 512
-"""About 21 MB with what they were drawn from: a quarter of an hour of speech."""
+"""Number of cached windows: about 21 MB with their inputs, a quarter of an hour of speech."""
 
 
 @dataclass(frozen=True)
 class Face:
-    """A trained expression network with the statistics of its units."""
+    """Trained expression network with the statistics of its blendshapes."""
 
     network: FaceNetwork
     normaliser: Normaliser
@@ -85,11 +88,11 @@ class Face:
         noise: Float[Tensor, "B T E"],
         plan: Float[Tensor, "B heard tracks"] | None = None,
     ) -> Float[Tensor, "B T E"]:
-        """Windows of face units.
+        """Sample windows of blendshapes.
 
         Args:
-            seed: normalised last frames of the windows before; None where a face begins.
-            plan: `model.plan.tracks.FACE_TRACKS` of the frames that are heard.
+            seed: normalised last frames of the windows before; None at the start of a clip.
+            plan: `model.plan.tracks.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
         known = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
@@ -116,9 +119,11 @@ class Face:
         index: int,
         plan: Float[Tensor, "heard tracks"] | None = None,
     ) -> Float[Tensor, "T E"]:
-        """Face units of one window, joined to those of the window before, whose last frames are
-        this one's first. Drawn once for all systems of a run that have no plan: their face depends
-        on nothing that they differ in, so what was drawn before is remembered."""
+        """Sample the blendshapes of one window, blended with the window before.
+
+        The last frames of the window before are the first ones of this. Results are cached, because
+        all systems of a run without a plan have the same face.
+        """
         shared = self.config.seed_frames
         end = None if before is None else before[-shared:]
         told = (None if each is None else each.numpy().tobytes() for each in (speech, plan, end))
@@ -137,13 +142,13 @@ class Face:
         return found
 
     def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
-        """The same for every system and length."""
+        """Draw the noise of a window, the same for every system and length."""
         shape = 1, self.config.window_frames, self.config.expression_dim
         return seeded_noise([seed, 1, window], shape)
 
 
 def load_face(folder: Path) -> Face:
-    """Read the expression network, once for all systems of a folder."""
+    """Load the expression network, once for all systems of a folder."""
     return _load(folder, load_card(folder, EXPRESSION).sha256)
 
 
@@ -157,25 +162,25 @@ def _load(folder: Path, sha256: str) -> Face:
 
 @dataclass(frozen=True)
 class BodyWindow(Window):
-    """A window, and what the next one starts from."""
+    """A window with the input of the next one."""
 
     clean: Float[Tensor, "B n C"]
-    """Normalised motion of its frames, before they are joined."""
+    """Normalised motion of its frames before blending."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FacedSystem(System):
-    """Its face is that of the expression network, drawn before the body."""
+    """System with the face of the expression network, which is sampled before the body."""
 
     window_type: ClassVar[type[Window]] = BodyWindow
     config: BranchConfig
-    """Shape of the network that makes the body."""
+    """Shape of the body's network."""
     normaliser: Normaliser
-    """Of the body's motion."""
+    """Statistics of the body's motion."""
     face: Face
 
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
-        """What of the things heard tells the face of a plan; None without one."""
+        """Return the face's tracks of a plan from the features of `hear`; None without a plan."""
         return None
 
     @abstractmethod
@@ -186,18 +191,21 @@ class FacedSystem(System):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """One window of body.
+        """Sample the body of one window.
 
         Args:
-            speech: of the window and ``config.speech_context`` frames on either side, as the
-                system's `hear` has it: the encoder's features first.
-            expression: the face that it is shown.
-            seed: normalised motion of the first frames; None where a clip begins.
+            speech: features of the window and ``config.speech_context`` frames on either side, as
+                the system's `hear` returns them: the encoder's first.
+            expression: blendshapes that condition the body.
+            seed: normalised motion of the first frames; None at the start of a clip.
         """
 
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
-        """See `System.window`. The face is drawn first, the same for all samples, and goes on from
-        the window before; the body sees it."""
+        """Generate a window (`System.window`): first the face, the same for all samples, then the
+        body.
+
+        The face continues the window before, and conditions the body.
+        """
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
         heard = speech.around(self.face.config.speech_context, frames)
@@ -213,18 +221,18 @@ class FacedSystem(System):
         return self.body(speech.around(self.config.speech_context, frames), face, seed, draw)
 
     def join(self, older: Window, newer: Window) -> Window:
-        """Bodies are faded into each other; faces have met already."""
+        """Blend the bodies of two windows; their faces are blended already."""
         return replace(super().join(older, newer), expression=newer.expression)
 
 
 def faced(
     family: Family, name: str, body: Trained, config: BranchConfig, folder: Path
 ) -> dict[str, Any]:
-    """What a `FacedSystem` is made of, but for the network of its body, whose windows the face's
-    must be like.
+    """Return the fields of a `FacedSystem`, without the network of the body.
 
     Raises:
-        CheckpointError: if they are not, or files of the face are missing or damaged.
+        CheckpointError: if the windows of body and face differ, or files of the face are missing or
+            damaged.
     """
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames

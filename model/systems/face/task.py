@@ -16,7 +16,7 @@ from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
 class FaceTask(DescentTask):
-    """Flow matching of face units; plans are told where clips have annotated ones."""
+    """Flow matching of blendshapes; plans are an input if clips have annotated ones."""
 
     config: FaceTrainConfig
 

@@ -1,4 +1,4 @@
-"""The GAN's systems, samplers and settings."""
+"""Systems, samplers and settings of the GAN."""
 
 from dataclasses import dataclass, field, replace
 
@@ -9,22 +9,22 @@ from model.sampling.samplers import titled
 from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
-"""Steps of each; 20 is the paper's demo."""
+"""Sampling steps of each system; 20 is the paper's demo."""
 WEIGHTS = "gan/20"
-"""Whose weights all of them move with."""
+"""Name of the weights that all of them use."""
 STEP_COUNTS = (1, 5, 10, 20, 30, 50)
-"""Numbers of steps of the paper's Table 4."""
+"""Numbers of steps in the paper's Table 4."""
 
 
 @dataclass(frozen=True)
 class GeneratorConfig(BranchConfig):
-    """Shape of the generator: the size of a rung of GlobalDiff's bundled ladder."""
+    """Shape of the generator: the size of a network in GlobalDiff's bundled ablation."""
 
     width: int = 96
     num_blocks: int = 2
     num_heads: int = 3
     speech_context: int = 20
-    """As much as the face hears, so that it costs no further delay."""
+    """Frames of speech around the window: as many as for the face, so that they add no delay."""
     channels: int = AXIS_ANGLE_MOTION_DIM
 
 
@@ -33,50 +33,54 @@ class DiscriminatorConfig:
     """Shape of the discriminator's seven layers."""
 
     frame_width: int = 64
-    """Numbers for each frame after the first layer."""
+    """Channels of each frame after the first layer."""
     width: int = 256
-    """Numbers for each window after the others."""
+    """Channels of each window after the other layers."""
     groups: int = 8
 
 
 @dataclass(frozen=True)
 class GanLoss:
-    """What generator and discriminator descend."""
+    """Weights of the losses of generator and discriminator."""
 
     adversarial: float = 1.0
     geometric: float = 10.0
-    """Of the explicit loss on x_0: the paper's lambda. 0 leaves the adversary alone."""
+    """Weight of the explicit loss on x_0: the paper's lambda. 0 leaves the adversarial loss
+    alone."""
     terms: GeometricWeights = field(
         default_factory=lambda: GeometricWeights(
             simple=1.0, position=5.0, velocity=15.0, acceleration=15.0, contact=0.25, rooted=True
         )
     )
     """Shares of the explicit loss. The paper's is ``simple`` alone, here the Huber error of
-    normalised channels; the others are what `workbench/priorflow` trains with."""
+    normalised
+    channels; the others are those of `workbench/priorflow`."""
     spread: float = 0.1
-    """Share of the explicit loss that is the likelihood of x_0 as it is drawn: it fits the
-    deviation, and keeps the mean exact where the prior leaves little open, as no other does."""
+    """Weight of the likelihood of sampled x_0 in the explicit loss: it fits the deviation, and
+    keeps the
+    mean exact where the prior leaves little open, as no other term does."""
     time_weight_floor: float | None = 0.1
-    """See `model.sampling.flow.time_weight`; by the flow time of a diffusion time."""
+    """Floor of `model.sampling.flow.time_weight`, at the flow time of a diffusion time."""
     gradient_penalty: float = 0.05
-    """R1: half the squared gradient of the score at real samples, times this."""
+    """Weight of R1: half the squared gradient of the score at real samples."""
 
 
 @dataclass(frozen=True)
 class GanConfig(TrainConfig):
-    """One training of generator and discriminator."""
+    """Settings of a training of generator and discriminator."""
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
     loss: GanLoss = field(default_factory=GanLoss)
     step_counts: tuple[int, ...] = STEP_COUNTS
-    """Each window is denoised as in a sampling of so many steps; every count is as likely."""
+    """Numbers of sampling steps for which windows are denoised, each as likely."""
     discriminator_learning_rate: float = 1e-3
     betas: tuple[float, float] = (0.5, 0.999)
 
 
 def presets(system: str) -> dict[str, GanConfig]:
-    """Settings by name: ``demo`` trained the bundled weights, ``smoke`` takes a minute."""
+    """Return the settings by name: ``demo`` trained the bundled weights, ``smoke`` takes a
+    minute."""
     config = GanConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,

@@ -1,10 +1,11 @@
-"""The generator (clean motion x_0 from x_t, speech, seed pose and speaker), the discriminator; and
-from noise to data in few large steps: the schedule, a step's posterior, and DDIM's step.
+"""Networks and schedule of the GAN: generator, discriminator, a step's posterior, and DDIM's step.
+
+The generator predicts clean motion x_0 from x_t, speech, seed pose and speaker.
 
 Xiao et al., "Tackling the Generative Learning Trilemma with Denoising Diffusion GANs" (2022),
 variance-preserving: ``x_t = signal(t) x_0 + noise(t) eps`` with t from 0 (data) to 1 (noise) and
-``log signal(t)^2 = -(beta_min t + (beta_max - beta_min) t^2 / 2)``. A sampling of T steps visits
-t = 1, (T - 1) / T, ..., 1 / T. Time is continuous, so that one network serves every T.
+``log signal(t)^2 = -(beta_min t + (beta_max - beta_min) t^2 / 2)``. A sampling of T steps visits t
+= 1, (T - 1) / T, ..., 1 / T. Time is continuous, so that one network serves every T.
 """
 
 from itertools import pairwise
@@ -23,14 +24,16 @@ BETA_MIN, BETA_MAX = 0.1, 20.0
 
 
 def signal_and_noise(t: Tensor) -> tuple[Tensor, Tensor]:
-    """Factors of x_0 and of the noise in x_t; their squares add to 1."""
+    """Compute the factors of x_0 and of the noise in x_t; their squares add to 1."""
     log_square = -(BETA_MIN * t + (BETA_MAX - BETA_MIN) * t**2 / 2)
     return (log_square / 2).exp(), (-torch.expm1(log_square)).sqrt()
 
 
 def flow_time(t: Tensor) -> tuple[Tensor, Tensor]:
-    """The flow time at which data and noise have the same ratio as at t, and the factor by which
-    x_t is larger than the flow's ``tau x_0 + (1 - tau) eps``."""
+    """Compute the flow time with the same ratio of data and noise, and the scale of x_t.
+
+    The scale is the factor by which x_t is larger than the flow's ``tau x_0 + (1 - tau) eps``.
+    """
     signal, noise = signal_and_noise(t)
     return signal / (signal + noise), signal + noise
 
@@ -41,7 +44,7 @@ def diffused(
     before: Float[Tensor, " B"],
     now: Float[Tensor, " B"],
 ) -> Float[Tensor, "B T C"]:
-    """x at time ``now`` from x at the earlier time ``before``; data is at 0."""
+    """Diffuse x from the earlier time ``before`` to ``now``; data is at 0."""
     kept = _rows(_kept(before, now))
     return kept.sqrt() * x + (1 - kept).sqrt() * noise
 
@@ -52,8 +55,10 @@ def posterior(
     before: Float[Tensor, " B"],
     now: Float[Tensor, " B"],
 ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B 1 1"]]:
-    """Mean and deviation of x at the earlier time ``before``, given x at ``now`` and x_0. At
-    ``before`` 0 they are x_0 and 0."""
+    """Compute mean and deviation of x at the earlier time ``before`` from x at ``now`` and x_0.
+
+    At ``before`` 0 they are x_0 and 0.
+    """
     kept = _kept(before, now)
     signal_before, noise_before = signal_and_noise(before)
     _, noise_now = signal_and_noise(now)
@@ -64,7 +69,7 @@ def posterior(
 
 
 def times(steps: int) -> list[float]:
-    """Times of a sampling, from 1 down to 0.
+    """Return the times of a sampling, from 1 down to 0.
 
     Raises:
         ValueError: if ``steps`` is below 1.
@@ -75,7 +80,7 @@ def times(steps: int) -> list[float]:
 
 
 def _kept(before: Tensor, now: Tensor) -> Tensor:
-    """Share of the variance at ``before`` that is left at ``now``."""
+    """Compute the share of the variance at ``before`` that is left at ``now``."""
     signal_before, _ = signal_and_noise(before)
     signal_now, _ = signal_and_noise(now)
     return (signal_now / signal_before).square()
@@ -88,8 +93,10 @@ def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
 def stepped(
     x: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], before: float, now: float
 ) -> Float[Tensor, "B T C"]:
-    """x at the earlier time ``before`` if x_0 stays what it is: the noise in x, mixed anew (DDIM,
-    Song et al. 2021). At ``before`` 0 that is x_0."""
+    """Compute x at the earlier time ``before`` for constant x_0 with DDIM (Song et al. 2021).
+
+    The noise in x is mixed anew. At ``before`` 0 the result is x_0.
+    """
     (signal_before, signal), (noise_before, noise) = (
         factors.tolist()
         for factors in signal_and_noise(torch.tensor([before, now], dtype=torch.float64))
@@ -99,7 +106,7 @@ def stepped(
 
 FINGERS = AXIS_ANGLE_GROUPS[0]
 SHARE_LIMIT = 0.05
-"""Of the balance at the start: neither branch begins silent."""
+"""Limit of the initial balance: no branch starts with a smaller weight."""
 LOG_SPREAD = (-3.0, 1.0)
 """Limits of the logarithm of a deviation as a share of the prior's."""
 NUM_LAYERS = 7
@@ -107,16 +114,16 @@ TOLD_WIDTH = 64
 
 
 class Generator(ConditionedNetwork):
-    """Predicts components of motion, standing on their linear-Gaussian prior: the posterior mean
-    of x_0, and what two branches of a transformer add to it in units of its deviation.
+    """Network that predicts components of motion: posterior mean and corrections of two branches.
 
-    One branch sees the fingers' part of x_t, the other that of the rest, and both the whole
-    besides. Each answers for every component; a learned weight for each component balances them,
-    which starts at the part that fingers have in it.
+    The posterior mean of x_0 is that of the linear-Gaussian prior; the transformer branches add to
+    it in units of its deviation. One branch has the fingers' part of x_t as input, the other that
+    of the rest, and both the whole as well. Each predicts every component; a learned weight for
+    each component balances them, which starts at the share of the fingers in it.
 
-    A large step leaves much of x_0 open, so x_0 is drawn: a latent adds to the mean, with the
+    A large step leaves much of x_0 open, so x_0 is sampled: a latent adds to the mean, with the
     posterior's deviation times a learned share for each component and each eigenvector over time.
-    Of a Gaussian process this is the exact posterior from the start, in steps of any size.
+    For a Gaussian process this is the exact posterior from the start, in steps of any size.
     """
 
     def __init__(
@@ -161,9 +168,11 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
-        """Mean of the clean components x_0, and the deviation of what is left open along the
-        prior's eigenvectors; `drawn` makes x_0 of both. A step leads from the diffusion time
-        ``now``, 1 (noise) to 0 (data), to the earlier ``before``."""
+        """Predict mean and deviation of the clean components x_0.
+
+        The deviation is along the prior's eigenvectors; `drawn` samples x_0. A step leads from the
+        diffusion time ``now``, 1 (noise) to 0 (data), to the earlier ``before``.
+        """
         tokens = self.hear(speech, has_speech)
         face = shown(expression, has_speech)
         return self.denoised(
@@ -183,7 +192,7 @@ class Generator(ConditionedNetwork):
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
-        """`forward` for speech that was heard before: its tokens serve all steps."""
+        """Predict as `forward` does, from speech tokens that all steps share."""
         tau, scale = flow_time(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 would shake smooth motion
             known = self.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
@@ -209,7 +218,7 @@ class Generator(ConditionedNetwork):
         latent: Float[Tensor, "B T C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """x_0 from what `forward` says of it and standard normal numbers."""
+        """Sample x_0 from mean and deviation of `forward` and standard normal numbers."""
         return mean + self.prior.back(deviation * latent.permute(2, 1, 0), has_seed)
 
     def posterior(
@@ -219,8 +228,8 @@ class Generator(ConditionedNetwork):
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """The prior's mean of x_0, as `GaussianPrior.posterior` tells it of x at flow time
-        ``tau``."""
+        """Compute the prior's mean of x_0 from x at flow time ``tau``, as `GaussianPrior.posterior`
+        does."""
         expected = self.prior.expected(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
@@ -234,14 +243,18 @@ class Generator(ConditionedNetwork):
     def prior_deviation(
         self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
-        """The prior's, of x_0 along its eigenvectors given x at flow time ``tau``."""
+        """Compute the prior's deviation of x_0 along its eigenvectors, for x at flow time
+        ``tau``."""
         variance = self._variance(has_seed)
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()
 
 
 class Discriminator(nn.Module):
-    """Seven layers (linear, SELU, GroupNorm) on both ends of a step, its times, and what the
-    generator was told. The first is shared by all frames, the others see the window at once."""
+    """Discriminator of seven layers (linear, SELU, GroupNorm) over both ends of a step.
+
+    Further inputs are its times and the generator's conditions. The first layer is shared by all
+    frames, the others take the window at once.
+    """
 
     def __init__(self, config: DiscriminatorConfig, motion: GeneratorConfig) -> None:
         super().__init__()
@@ -268,7 +281,7 @@ class Discriminator(nn.Module):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, " B"]:
-        """Scores, positive for steps held for real."""
+        """Compute scores, positive for steps that are classified as real."""
         context = self.motion.speech_context
         spoken = speech[:, context : speech.shape[1] - context] * has_speech[:, None, None]
         known = F.pad(seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1]))

@@ -1,4 +1,4 @@
-"""A trained generator with a number of steps: speech and the window before to a window."""
+"""GAN as a system: sampling of a window with few steps."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,7 +20,7 @@ from model.systems.gan.network import Generator, posterior, stepped, times
 
 @dataclass(frozen=True, kw_only=True)
 class GanSystem(FacedSystem):
-    """A generator with its statistics, and the face that it is shown."""
+    """System with a trained generator, its statistics, and the expression network."""
 
     config: GeneratorConfig
     network: Generator
@@ -33,8 +33,11 @@ class GanSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """See `FacedSystem.body`. As the generator was taught, x_0 is drawn at each time, and x at
-        the earlier time from the posterior; DDIM follows the mean of x_0 instead."""
+        """Sample the body (`FacedSystem.body`).
+
+        As in training, x_0 is sampled at each time, and x at the earlier time from the posterior;
+        DDIM uses the mean of x_0 instead.
+        """
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         guide = draw.guide(self.normaliser, "axis-angle")
@@ -71,7 +74,7 @@ class GanSystem(FacedSystem):
 
 
 def load(name: str, folder: Path) -> GanSystem:
-    """Read a system and the expression network beside it."""
+    """Load a system with its expression network."""
     trained = Trained.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(GeneratorConfig, "generator")
     network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)

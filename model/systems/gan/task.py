@@ -25,20 +25,23 @@ FAR = 5.0
 
 
 def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
-    """Of scores: real ones shall be positive, fake ones negative."""
+    """Compute the discriminator's loss of scores: positive for real samples, negative for fake
+    ones."""
     return F.softplus(-real) + F.softplus(fake)
 
 
 def generator_loss(fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
-    """Non-saturating: the generator shall be taken for real."""
+    """Compute the generator's non-saturating loss."""
     return F.softplus(-fake)
 
 
 def gaussian_loss(
     error: Float[Tensor, "*shape"], deviation: Float[Tensor, "*shape"]
 ) -> Float[Tensor, ""]:
-    """Negative log-likelihood of errors under a deviation of each. Errors beyond `FAR` deviations
-    count as those, so that few of them do not decide."""
+    """Compute the negative log-likelihood of errors under a deviation of each.
+
+    Errors are clipped at `FAR` deviations, so that few of them do not dominate.
+    """
     ratio = (error / deviation).clamp(-FAR, FAR)
     return (deviation.log() + ratio.square() / 2).mean()
 
@@ -46,14 +49,15 @@ def gaussian_loss(
 def gradient_penalty(
     scores: Float[Tensor, " B"], real: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
-    """R1 (Mescheder et al., 2018): half the squared gradient of the scores at real samples."""
+    """Compute R1 (Mescheder et al., 2018): half the squared gradient of the scores at real
+    samples."""
     (slope,) = torch.autograd.grad(scores.sum(), real, create_graph=True)
     return slope.square().sum((1, 2)) / 2
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What a step draws for its windows: both ends of a denoising step, and what is told."""
+    """Random draws of a training step: both ends of a denoising step, and the conditions."""
 
     vectors: Float[Tensor, "B T C"]
     """Motion vectors, not normalised."""
@@ -64,17 +68,19 @@ class Drawn:
     before: Float[Tensor, " B"]
     now: Float[Tensor, " B"]
     noise: Float[Tensor, "B T C"]
-    """Of the posterior."""
+    """Noise of the posterior."""
     latent: Float[Tensor, "B T C"]
     expression: Float[Tensor, "B T E"]
     told: dict[str, Tensor]
-    """To generator and discriminator alike."""
+    """Conditions of generator and discriminator."""
 
 
 class GanTask(DescentTask):
-    """Two networks, each with its optimizer, and a moving average of the generator, which alone is
-    exported. Losses of validation are the explicit terms, which alone can be compared from step to
-    step."""
+    """Task of generator and discriminator, each with an optimizer.
+
+    Only the moving average of the generator is exported. Losses of validation are the explicit
+    terms, which alone can be compared from step to step.
+    """
 
     kept = (*DescentTask.kept, "discriminator", "judging")
     is_compiled = True
@@ -97,7 +103,7 @@ class GanTask(DescentTask):
         )
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
-        """See `Task`; both networks change at once, each by the other as it was."""
+        """Update both networks at once (`Task.step`), each against the unchanged other."""
         config = self.config
         self.network.train()
         draws = Draws(len(batch.clips), generator, self.shard)
@@ -143,13 +149,13 @@ class GanTask(DescentTask):
         return logged
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
-        """The explicit terms of what a network says."""
+        """Compute the explicit terms of a network's prediction."""
         drawn = self.draw(network, batch, draws)
         return StepLoss(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
     @torch.no_grad()
     def draw(self, network: nn.Module, batch: Batch, draws: Draws) -> Drawn:
-        """What is drawn for the whole batch, cut to this process's share of it."""
+        """Draw the random numbers of the whole batch, cut to this process's share of it."""
         config, shape, shard, chance = (
             self.config, self.config.generator, draws.shard, draws.generator
         )  # fmt: skip
@@ -173,25 +179,25 @@ class GanTask(DescentTask):
     def denoised(
         self, network: nn.Module, drawn: Drawn
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
-        """The generator's x_0: mean and deviation."""
+        """Predict mean and deviation of x_0 with the generator."""
         with self.shard.autocast():
             return network(
                 drawn.x_now, drawn.now, drawn.before, expression=drawn.expression, **drawn.told
             )
 
     def step_back(self, x_0: Float[Tensor, "B T C"], drawn: Drawn) -> Float[Tensor, "B T C"]:
-        """A sample of x_before from what the generator says of x_0."""
+        """Sample x_before for a prediction of x_0."""
         mean, deviation = posterior(drawn.x_now, x_0, drawn.before, drawn.now)
         return mean + deviation * drawn.noise
 
     def scores(self, x_before: Float[Tensor, "B T C"], drawn: Drawn) -> Float[Tensor, " B"]:
-        """The discriminator's, in fp32: its gradient is differentiated again."""
+        """Compute the discriminator's scores in fp32: their gradient is differentiated again."""
         return self.discriminator(x_before, drawn.x_now, drawn.before, drawn.now, **drawn.told)
 
     def explicit_terms(
         self, mean: Float[Tensor, "B T C"], deviation: Float[Tensor, "C T B"], drawn: Drawn
     ) -> dict[str, Float[Tensor, ""]]:
-        """Shares of the explicit loss on x_0, before its weight."""
+        """Compute the terms of the explicit loss on x_0, before its weight."""
         weights, vectors = self.config.loss.terms, drawn.vectors
         restored = self.normaliser.restore(mean)
         scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
@@ -208,8 +214,12 @@ class GanTask(DescentTask):
         return means
 
     def _put_gradient(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
-        """Put the loss's gradient for this network alone in place, averaged over all processes and
-        clipped; its length before that."""
+        """Set the gradient of the loss for this network alone, averaged over all processes and
+        clipped.
+
+        Returns:
+            Its norm before clipping.
+        """
         parameters = [each for each in network.parameters() if each.requires_grad]
         gradients = torch.autograd.grad(loss, parameters)
         for parameter, gradient in zip(parameters, self._averaged(gradients), strict=True):
@@ -229,5 +239,5 @@ make_task = GanTask
 
 
 def _spread_of(windows: Float[Tensor, "B T C"]) -> Float[Tensor, ""]:
-    """Deviation over the batch, of some frames."""
+    """Compute the deviation over the batch, of every 15th frame."""
     return windows[:, ::15].std(0).mean()

@@ -1,1 +1,2 @@
-"""GlobalDiff's ladder and our own system on a prior; may import the face and what systems may."""
+"""GlobalDiff's ablation, and this project's system with a prior; may import the face and what
+systems may."""

@@ -1,4 +1,4 @@
-"""The ladder's systems, what each stands for, and their settings."""
+"""Systems of GlobalDiff's ablation with explanations, and their settings."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,14 +15,15 @@ class NetworkConfig(BranchConfig):
     """Shape of the two-branch motion network (GlobalDiff, "Overall Structure")."""
 
     rotation_space: RotationSpace = "global"
-    """Global is GlobalDiff's; axis-angle is nearest to Gaussian, so that the network stands on the
-    linear-Gaussian denoiser (`model.sampling.prior`) and adds to it."""
+    """Format of rotations. Global is GlobalDiff's; axis-angle is nearest to Gaussian, so that the
+    network
+    extends the linear-Gaussian denoiser (`model.sampling.prior`)."""
     root: RootMotion = "velocity"
-    """A body with a place returns to where it is at home."""
+    """Format of root motion; with absolute positions ("place") the body returns to its home."""
 
     @property
     def prior(self) -> bool:
-        """Whether the network stands on a linear-Gaussian prior."""
+        """True if the network has a linear-Gaussian prior."""
         return self.rotation_space == "axis-angle"
 
     @property
@@ -38,32 +39,34 @@ class GlobalDiffLoss(GeometricWeights):
     seed: float = 1.0
     """Extra weight of eq. 7 on the frames that repeat the seed pose."""
     joint: float = 0.0
-    """L_j: anchors turned with each joint (GlobalDiff eqs. 8 to 10), metres squared."""
+    """Weight of L_j: anchors turned with each joint (GlobalDiff eqs. 8 to 10), metres squared."""
     skeleton: float = 0.0
-    """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
+    """Weight of L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
     motion: float = 0.0
-    """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
+    """Weight of L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
     time_weight_floor: float | None = 0.5
-    """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
+    """Floor of the sample weight 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of
+    the flow,
     which decide how smooth the motion is, count enough. None: equal weights."""
 
 
 @dataclass(frozen=True)
 class GlobalDiffConfig(TrainConfig):
-    """One training of a rung of the ladder, or of our own system."""
+    """Settings of a training of an ablation step, or of this project's system."""
 
     system: str = "globaldiff/global"
     network: NetworkConfig = field(default_factory=NetworkConfig)
     representation: Representation = "normalised"
     loss: GlobalDiffLoss = field(default_factory=GlobalDiffLoss)
     flow_time_power: float = 2.0
-    """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says
-    little and speech has to decide."""
+    """Exponent of flow times, ``u ** power`` with u uniform: above 1 there are more early ones,
+    where x_t
+    says little and speech has to decide."""
 
 
 @dataclass(frozen=True)
 class Rung:
-    """One row of the paper's Table 2: what its training has beyond L_simple and L_pos."""
+    """One row of the paper's Table 2: its training's additions to L_simple and L_pos."""
 
     rotation_space: RotationSpace
     constraints: tuple[str, ...] = ()
@@ -77,23 +80,27 @@ LADDER: dict[str, Rung] = {
     "globaldiff/skeleton": Rung("global", ("joint", "skeleton")),
     "globaldiff/full": Rung("global", ("joint", "skeleton", "motion")),
 }
-"""In the order of the paper's Table 2; a rung adds one thing to the one before."""
+"""Ablation steps in the order of the paper's Table 2; each adds one thing to the one before."""
 
 BEST = "workbench/priorflow"
-"""Our own system: the paper's network on a linear-Gaussian prior (`model.sampling.prior`)."""
+"""This project's system: the paper's network on a linear-Gaussian prior
+(`model.sampling.prior`)."""
 
 SYSTEMS: tuple[str, ...] = (BEST, *LADDER)
-"""Every motion system there is, in the order in which they are shown."""
+"""Names of all systems of the family, in the order of display."""
 
 CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
-"""Each gives its constraint a gradient 0.4 times as long as that of the other terms together,
-measured on a trained `globaldiff/global`. The official weights suit raw errors, and the paper gives
-none; eq. 10 is in metres squared at 5 cm, hence its large factor."""
+"""Weights at which each constraint has a gradient 0.4 times as long as that of the other terms
+together, measured on a trained `globaldiff/global`. The official weights suit raw errors, and the
+paper gives none; eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
-    """Settings of one system by name: ``demo`` trained the bundled weights, ``paper`` is the size
-    of the paper and the official code, ``smoke`` trains for a minute."""
+    """Return the settings of one system by name.
+
+    ``demo`` trained the bundled weights, ``paper`` is the size of the paper and the official code,
+    ``smoke`` trains for a minute.
+    """
     config = _best() if system == BEST else _rung(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
@@ -107,9 +114,12 @@ def presets(system: str) -> dict[str, GlobalDiffConfig]:
 
 
 def _rung(system: str) -> GlobalDiffConfig:
-    """The paper's losses and the official code's representation: raw 6D under unit noise, L_simple
-    and L_pos, flow times uniform and equal in weight. At a size and length that a processor trains
-    from nothing in half an hour: 600,000 windows."""
+    """Return the settings of an ablation step with the paper's losses and the official
+    representation.
+
+    Raw 6D under unit noise, L_simple and L_pos, flow times uniform and equal in weight. Size and
+    length can be trained from nothing on a processor in half an hour: 600,000 windows.
+    """
     rung = LADDER[system]
     weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in rung.constraints}
     return GlobalDiffConfig(
@@ -129,7 +139,7 @@ def _rung(system: str) -> GlobalDiffConfig:
 
 
 def _best() -> GlobalDiffConfig:
-    """Everything that was found to help; see docs/experiments/priorflow.md."""
+    """Return the settings of this project's system; see docs/experiments/priorflow.md."""
     return GlobalDiffConfig(
         system=BEST,
         network=NetworkConfig(

@@ -1,4 +1,4 @@
-"""The motion network, and a system that has it trained: a rung of the ladder, or our own."""
+"""Motion network of GlobalDiff, and the systems that use it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +22,11 @@ from model.systems.globaldiff.config import FAMILY, NetworkConfig
 
 
 class MotionNetwork(ConditionedNetwork):
-    """Predicts x_1 (normalised motion) from x_t, time, speech, expression, seed and speaker."""
+    """Network that predicts x_1 (normalised motion) from x_t, time, speech, expression, seed and
+    speaker."""
 
     prior = None
-    """It stands on none; `PriorNetwork` does."""
+    """Absent prior; `PriorNetwork` has one."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__(config)
@@ -52,7 +53,7 @@ class MotionNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T 333"]:
-        """Clean motion x_1 from x_t at flow time t, 0 (noise) to 1 (data).
+        """Predict clean motion x_1 from x_t at flow time t, 0 (noise) to 1 (data).
 
         Args:
             speech: features of the window and of ``speech_context`` frames before and after it.
@@ -72,8 +73,10 @@ class MotionNetwork(ConditionedNetwork):
 
     @torch.no_grad()
     def start_at(self, x_1: Float[Tensor, "333"]) -> None:
-        """Let the untrained network predict this vector in every frame: with raw 6D, zero is no
-        rotation, and its gradient through Gram-Schmidt has no bound."""
+        """Set the untrained network's prediction to this vector in every frame.
+
+        With raw 6D, zero is no rotation, and its gradient through Gram-Schmidt has no bound.
+        """
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
         self.torso.out.bias.copy_(x_1[TORSO_CHANNELS])
 
@@ -81,7 +84,7 @@ class MotionNetwork(ConditionedNetwork):
 def make_network(
     config: NetworkConfig, prior: GaussianPrior | None
 ) -> MotionNetwork | PriorNetwork:
-    """An untrained network; one that stands on a prior is given it."""
+    """Make an untrained network, with a prior if there is one."""
     if prior is None:
         return MotionNetwork(config)
     return PriorNetwork(
@@ -90,19 +93,19 @@ def make_network(
 
 
 INPAINT_UNTIL = 0.7
-"""Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins
-was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
+"""Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at seams
+was
+1.2 times the inside's (worst frame of the seam 1.6); held to the end 1.3 (2.7)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GlobalDiffSystem(FacedSystem):
-    """A motion network with its statistics, and the face that it is shown."""
+    """System with a motion network, its statistics, and the expression network."""
 
     config: NetworkConfig
     network: MotionNetwork | PriorNetwork
     home_s: float = 40.0
-    """In which a body that has a place would be led home, if it were always led as fast as at
-    first."""
+    """Time (s) in which a body with absolute position would return home at the initial speed."""
 
     @torch.inference_mode()
     def body(
@@ -112,10 +115,13 @@ class GlobalDiffSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """See `FacedSystem.body`. Early in the flow the seed frames of x_1 are held at the seed
-        (in-painting); later the network may reconcile them with what follows, which halves the pop
-        that holding them to the end leaves behind the seed. A system that stands on a prior knows
-        its seed and needs no holding. The join is faded afterwards."""
+        """Sample the body (`FacedSystem.body`).
+
+        Early in the flow the seed frames of x_1 are held at the seed (in-painting); later the
+        network may reconcile them with the following ones, which halves the pop after the seed that
+        holding them to the end causes. A network with a prior has the seed as a condition and needs
+        no holding. The seam is blended afterwards.
+        """
         config, prior, size = self.config, self.network.prior, draw.samples
         x_0 = self.noise(draw)
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
@@ -157,32 +163,33 @@ class GlobalDiffSystem(FacedSystem):
         )
 
     def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
-        """Where the flow begins."""
+        """Draw the noise at the start of the flow."""
         return draw.noise((self.config.window_frames, self.config.motion_dim))
 
     def guide(self, draw: Draw) -> SpeechGuide:
-        """How strongly the network is to hear."""
+        """Return the classifier-free guidance of the network."""
         return draw.guide(self.normaliser, self.config.rotation_space)
 
     def heard(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """What the network is told of the speech, by name and for each time that it is asked."""
+        """Return the network's speech inputs by name, one row for each copy."""
         return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}
 
     def known_speaker(self, draw: Draw, hears: Bool[Tensor, " copies"]) -> Int[Tensor, " copies"]:
-        """Whose manner the network takes on, each time that it is asked; 0 is nobody's."""
+        """Return the speaker for each copy; 0 is no speaker."""
         return torch.full(hears.shape, draw.speaker)
 
 
 def led_home(
     vectors: Float[Tensor, "B T C"], seed_frames: int, home_s: float
 ) -> Float[Tensor, "B T C"]:
-    """A window whose body is led back by its share of ``home_s`` seconds, x and z of its place
-    alone: that of the seed's last frame is taken for how far it is from home (0, 0).
+    """Return the body towards home by its share of ``home_s`` seconds, in x and z of the root
+    alone.
 
-    The network's own pull is too weak for long speech: without this a body was .8 m from the mean
-    of its places after ten minutes.
+    The distance from home (0, 0) is that of the seed's last frame. The network's own pull is too
+    weak for long speech: without this a body was .8 m from the mean of its places after ten
+    minutes.
     """
     frames = vectors.shape[1]
     share = (frames - seed_frames) / FPS / home_s
@@ -196,7 +203,7 @@ def led_home(
 
 
 def load(name: str, folder: Path) -> GlobalDiffSystem:
-    """Read a system and the expression network beside it."""
+    """Load a system with its expression network."""
     trained = Trained.read(folder, name)
     config = trained.card.config(NetworkConfig, "network")
     prior = trained.prior(config.seed_frames) if config.prior else None

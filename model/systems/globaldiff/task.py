@@ -1,4 +1,4 @@
-"""The losses of GlobalDiff's ladder and of our own system, and what trains them.
+"""Training and losses of GlobalDiff's ablation and of this project's system.
 
 L_simple and L_pos are eq. 7's; L_j, L_s and L_m are the paper's joint, skeleton and temporal
 structure constraints, pure functions that return one value per sample.
@@ -35,12 +35,14 @@ from model.training.task import DescentTask, StepLoss, TaskSetup
 ENCODER = "motion-vae"
 ANCHOR_DISTANCE_M = 0.05
 SHORTEST_BONE_M = 1e-4
-"""A bone below this length has no direction."""
+"""Shortest bone (m) with a defined direction."""
 
 
 class MotionTask(DescentTask):
-    """Flow matching of motion, its geometry and its constraints. The network hears the recorded
-    face: at generation it gets one that was drawn to look like it."""
+    """Flow matching of motion with geometric terms and constraints.
+
+    The recorded face conditions the network; at generation a sampled one does.
+    """
 
     is_compiled = True
     config: GlobalDiffConfig
@@ -70,11 +72,11 @@ class MotionTask(DescentTask):
         self.training_terms = compiled(self.terms) if self.compiles else self.terms
 
     def untrained(self, config: GlobalDiffConfig, prior: GaussianPrior | None) -> nn.Module:
-        """The network; one that stands on a prior is given it."""
+        """Make the network, with a prior if there is one."""
         return make_network(config.network, prior)
 
     def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
-        """What else the network is told of a batch, by name."""
+        """Return further inputs of the network for a batch, by name."""
         return {}
 
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
@@ -103,7 +105,7 @@ class MotionTask(DescentTask):
         t: Float[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[str, Float[Tensor, ""]]:
-        """Means over the batch, weighted."""
+        """Compute the weighted terms as means over the batch."""
         weights, seed_frames = self.config.loss, self.config.network.seed_frames
         restored = self.normaliser.restore(predicted)
         scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
@@ -123,7 +125,7 @@ make_task = MotionTask
 
 
 def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
-    """The mean normalised motion vector, from every hundredth frame."""
+    """Compute the mean normalised motion vector from every hundredth frame."""
     vectors = torch.from_numpy(np.array(targets.vectors[::100]))
     return normaliser.normalise(vectors).mean(0)
 
@@ -131,8 +133,11 @@ def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"
 def constraint_terms(
     weights: GlobalDiffLoss, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
 ) -> dict[str, Float[Tensor, " B"]]:
-    """The paper's three constraints, weighted, one value per sample; those of weight 0 are left
-    out. L_j and L_m need rotations and vectors, L_m its encoder."""
+    """Compute the paper's three constraints, weighted, one value per sample, without those of
+    weight 0.
+
+    L_j and L_m need rotations and vectors, L_m its encoder.
+    """
     positions = positions_of(weights, predicted, target)
 
     def joint() -> Float[Tensor, " B"]:
@@ -156,7 +161,8 @@ def constraint_terms(
 
 
 def octahedron_anchors() -> Float[Tensor, "6 3"]:
-    """N = 6 anchors, one on each half axis of a joint's frame, 5 cm from it (official code)."""
+    """Return N = 6 anchors, one on each half axis of a joint's frame, 5 cm from it (official
+    code)."""
     axes = torch.eye(3)
     return ANCHOR_DISTANCE_M * torch.cat([axes, -axes])
 
@@ -166,7 +172,7 @@ def joint_structure_loss(
     target: Float[Tensor, "B T J 3 3"],
     anchors: Float[Tensor, "N 3"],
 ) -> Float[Tensor, " B"]:
-    """L_j, GlobalDiff eqs. 8 to 10: squared distance of turned anchors, in metres squared.
+    """Compute L_j, GlobalDiff eqs. 8 to 10: squared distance of turned anchors, in metres squared.
 
     ``v_hat = R v`` (eq. 8) and ``v_tilde = R_gt v`` (eq. 9); the mean over joints, anchors and
     frames of ``|v_hat - v_tilde|^2`` (eq. 10). A joint's position does not enter.
@@ -178,7 +184,7 @@ def joint_structure_loss(
 def bone_directions(
     positions: Float[Tensor, "*batch J 3"],
 ) -> tuple[Float[Tensor, "*batch bones 3"], Float[Tensor, "*batch bones"]]:
-    """Unit vectors from parents to joints (GlobalDiff eq. 11), and each bone's length in metres.
+    """Compute unit vectors from parents to joints (GlobalDiff eq. 11), and bone lengths in metres.
 
     A degenerate bone gets the zero vector.
     """
@@ -193,12 +199,11 @@ def skeleton_structure_loss(
     positions: Float[Tensor, "B T J 3"],
     target: Float[Tensor, "B T J 3"],
 ) -> Float[Tensor, " B"]:
-    """L_s, GlobalDiff eq. 13: mean squared difference of the cosines between every two bones (the
-    angular matrix D D^T of eq. 12), over valid pairs.
+    """Compute L_s, GlobalDiff eq. 13: mean squared difference of cosines between every two bones.
 
-    Valid are the ordered pairs of two different bones that have a direction in prediction and
-    target. The matrices are never formed: with D and E the masked directions, S = D + E and
-    M = D - E,
+    The cosines are the angular matrix D D^T of eq. 12. Valid are the ordered pairs of two different
+    bones that have a direction in prediction and target. The matrices are never formed: with D and
+    E the masked directions, S = D + E and M = D - E,
 
         |D D^T - E E^T|^2 = (tr(S^T S M^T M) + tr(M^T S M^T S)) / 2
 
@@ -228,7 +233,10 @@ def temporal_structure_loss(
     codes: Sequence[Float[Tensor, "B _ dim"]],
     target: Sequence[Float[Tensor, "B _ dim"]],
 ) -> Float[Tensor, " B"]:
-    """L_m, GlobalDiff eq. 15: squared distance of the codes ``z = g(X)`` (eq. 14) of two motions;
-    every scale of the encoder counts alike, as the mean over its numbers."""
+    """Compute L_m, GlobalDiff eq. 15: squared distance of the codes ``z = g(X)`` (eq. 14) of two
+    motions.
+
+    Every scale of the encoder counts the same, as the mean over its numbers.
+    """
     squared = [(a - b).square().mean((1, 2)) for a, b in zip(codes, target, strict=True)]
     return torch.stack(squared).sum(0)

@@ -1,2 +1,3 @@
-"""Networks that are trained like systems and serve them: L_m's teacher, judges, the speech encoder;
-may import what systems may."""
+"""Networks that systems and evaluation use: L_m's encoder, classifiers, the speech encoder; may
+import
+what systems may."""

@@ -1,4 +1,4 @@
-"""What is trained to serve systems and their evaluation, and how."""
+"""Settings of the networks that systems and evaluation use."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,20 +15,22 @@ HEARING_JUDGE = "hearing-judge"
 JUDGE = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
-"""Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
-trained with L_m is not judged by its own teacher."""
+"""Shape of the encoders of Fréchet distances, with local rotations as EMAGE's. It differs from
+L_m's
+encoder in space, scale and weights, so that a system trained with L_m is not measured by its
+teacher."""
 AUTOENCODERS = {
     MOTION_VAE: AutoencoderConfig(),
     FGD_ENCODER: JUDGE,
     FMD_ENCODER: replace(JUDGE, face_channels=52),
     FED_ENCODER: replace(JUDGE, motion_channels=0, face_channels=52),
 }
-"""L_m's teacher, and the encoders of FGD (body), FMD (body and face) and FED (face) by name."""
+"""L_m's encoder, and the encoders of FGD (body), FMD (body and face) and FED (face) by name."""
 
 
 @dataclass(frozen=True)
 class AutoencoderTrainConfig(TrainConfig):
-    """One training of an autoencoder."""
+    """Settings of a training of an autoencoder."""
 
     autoencoder: AutoencoderConfig = field(default_factory=AutoencoderConfig)
     representation: Representation = "normalised"
@@ -38,28 +40,30 @@ class AutoencoderTrainConfig(TrainConfig):
 
 @dataclass(frozen=True)
 class MatchingTrainConfig(TrainConfig):
-    """One training of the judge of matched speech."""
+    """Settings of a training of the classifier of matched speech."""
 
     matching: MatchingConfig = field(default_factory=MatchingConfig)
     piece_frames: int = 300
-    """Of one piece of speech or motion that is told from others."""
+    """Length of a piece of speech or motion (frames)."""
     pieces: int = 4
-    """Cut one after the other from each window, so that others of the same clip, with the same
-    voice and the same habits, are among the wrong ones."""
+    """Number of consecutive pieces of each window, so that pieces of the same clip, with the same
+    voice and
+    habits, are among the mismatched ones."""
     arm_speed_weight: float = 0.3
-    """Of the error of the arms' log speed told from speech alone, beside the contrastive loss."""
+    """Weight of the error of the arms' log speed predicted from speech alone, added to the
+    contrastive loss."""
 
 
 @dataclass(frozen=True)
 class SpeechEncoderConfig(TrainConfig):
-    """One training of the speech encoder."""
+    """Settings of a training of the speech encoder."""
 
     codes: CodesConfig = field(default_factory=CodesConfig)
     window_frames: int = 300
 
 
 def presets(system: str) -> Mapping[str, TrainConfig]:
-    """Settings by name."""
+    """Return the settings by name."""
     if system == HEARING_JUDGE:
         judge = MatchingTrainConfig(
             system=system, steps=300, batch_size=16, learning_rate=1e-3, warmup_steps=30,

@@ -1,9 +1,9 @@
-"""EMAGE's encoder (Liu et al. 2024), by which papers on BEAT2 tell FGD, where a person has it.
+"""EMAGE's encoder (Liu et al. 2024), used for FGD in papers on BEAT2, if the user has its file.
 
-Nothing of it is bundled. The network is written anew after the public evaluation code of its
-authors (PantoMatrix, ``AESKConv_240_100.bin``): four convolutions over time that halve the frames,
-each over the bones within two steps along the skeleton. Between them bones are averaged in pairs.
-Which bones see and are averaged with each other stands in the file, as masks and matrices.
+Nothing of it is bundled. The network is reimplemented from the authors' public evaluation code
+(PantoMatrix, ``AESKConv_240_100.bin``): four convolutions over time that halve the frames, each
+over the bones within two steps along the skeleton. Between them bones are averaged in pairs. The
+file contains the neighbours and pairs of bones, as masks and matrices.
 """
 
 from pathlib import Path
@@ -18,12 +18,12 @@ from model.motion.rotations import rot6d_from_matrix
 from model.storage.checkpoint import check_tensors, read_tensors
 
 CODE_DIM = 240
-"""Numbers of a code: 12 for each of 20 chains of bones."""
+"""Size of a code: 12 for each of 20 chains of bones."""
 FRAMES_A_CODE = 16
 WHOLE_FRAMES = 32
-"""What a clip's frames are cut to a multiple of, as EMAGE's evaluation does."""
+"""Multiple to which a clip's frames are cut, as in EMAGE's evaluation."""
 ROOT_OFFSET = 1e-6
-"""What EMAGE's evaluation adds to the diagonals of both covariances under the root."""
+"""Offset on the diagonals of both covariances under the root, as in EMAGE's evaluation."""
 _INPUT_DIM = 330
 _LEVELS: tuple[tuple[int, int, int | None], ...] = (
     (_INPUT_DIM, 330, 210),
@@ -31,13 +31,13 @@ _LEVELS: tuple[tuple[int, int, int | None], ...] = (
     (120, CODE_DIM, None),
     (CODE_DIM, CODE_DIM, None),
 )
-"""Channels in, out and pooled: 55, 35 and 20 bones of 6, at last 12, each."""
+"""Channels in, out and pooled: 55, 35 and 20 bones of 6, finally 12, each."""
 _NUM_GROUPS = 10
 _UNUSED = ("decoder.", "fc_mu.", "fc_logvar.")
 
 
 class MaskedConv(nn.Module):
-    """A convolution over time whose weights count where the mask is one."""
+    """Convolution over time with weights that are zero outside a mask."""
 
     def __init__(self, channels_in: int, channels_out: int, width: int) -> None:
         super().__init__()
@@ -47,27 +47,27 @@ class MaskedConv(nn.Module):
         self._padding = (width - 1) // 2
 
     def forward(self, frames: Float[Tensor, "n in_dim T"]) -> Float[Tensor, "n out half"]:
-        """Half as many frames, which lie beside zeros."""
+        """Apply the convolution with zero padding; halves the number of frames."""
         weight = self.weight * self.get_buffer("mask")
         return nn.functional.conv1d(frames, weight, self.bias, stride=2, padding=self._padding)
 
 
 class BonePool(nn.Module):
-    """Averages of bones, by a matrix."""
+    """Average pooling of bones by a matrix."""
 
     def __init__(self, channels: int, pooled: int) -> None:
         super().__init__()
         self.register_buffer("weight", torch.zeros(pooled, channels))
 
     def forward(self, frames: Float[Tensor, "n in_dim T"]) -> Float[Tensor, "n pooled T"]:
-        """As many frames as came in."""
+        """Pool the channels of each frame."""
         return self.get_buffer("weight") @ frames
 
 
 class EmageLevel(nn.Module):
-    """Two convolutions beside each other, of four frames and of one, and what follows both.
+    """Two parallel convolutions, of four frames and of one, with common pooling and activation.
 
-    The first is normed over groups of channels *and all frames of the clip*.
+    The first has group normalisation over groups of channels *and all frames of the clip*.
     """
 
     def __init__(self, channels_in: int, channels_out: int, pooled: int | None) -> None:
@@ -80,19 +80,19 @@ class EmageLevel(nn.Module):
         self.common = nn.Sequential(*pools, nn.Tanh())
 
     def forward(self, frames: Float[Tensor, "n in_dim T"]) -> Float[Tensor, "n out half"]:
-        """Half as many frames."""
+        """Apply the level; halves the number of frames."""
         return self.common(self.residual(frames) + self.shortcut(frames))
 
 
 class EmageEncoder(nn.Module):
-    """6D rotations of the 55 joints to codes, one for every 16 frames."""
+    """Encoder of 6D rotations of the 55 joints to codes, one for every 16 frames."""
 
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.ModuleList(nn.Sequential(EmageLevel(*level)) for level in _LEVELS)
 
     def forward(self, rotations: Float[Tensor, "n T 330"]) -> Float[Tensor, "n codes 240"]:
-        """Of whole clips, whose frames are a multiple of 16."""
+        """Encode whole clips; the number of frames must be a multiple of 16."""
         frames = rotations.mT
         for level in self.layers:
             frames = level(frames)
@@ -100,7 +100,7 @@ class EmageEncoder(nn.Module):
 
 
 def load_emage_encoder(path: Path) -> EmageEncoder:
-    """The encoder of EMAGE's file, which also holds a decoder that is not needed."""
+    """Load the encoder from EMAGE's file, which also holds an unused decoder."""
     tensors = read_tensors(path)
     network = EmageEncoder()
     wanted = {f"encoder.{key}": tensor for key, tensor in network.state_dict().items()}
@@ -114,10 +114,10 @@ def load_emage_encoder(path: Path) -> EmageEncoder:
 
 @torch.inference_mode()
 def emage_codes(encoder: EmageEncoder, motion: Motion) -> Float[np.ndarray, "codes 240"]:
-    """The codes of a whole clip, cut to a multiple of 32 frames; none of a shorter one.
+    """Compute the codes of a whole clip, cut to a multiple of 32 frames; empty for a shorter one.
 
-    The encoder sees the rotations of all 55 joints to their parents, the pelvis to the world, as
-    the first two rows of each matrix; neither translation nor expressions.
+    The input is the rotations of all 55 joints to their parents, the pelvis to the world, as the
+    first two rows of each matrix; neither translation nor expressions.
     """
     whole = motion.num_frames - motion.num_frames % WHOLE_FRAMES
     if not whole:

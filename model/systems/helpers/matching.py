@@ -1,10 +1,10 @@
-"""A judge of whether speech and motion belong together: towers whose tracks are correlated.
+"""Classifier of matched speech and motion: towers with correlated tracks.
 
-GENEA's matched and mismatched stimuli (Kucherenko et al. 2023), asked of a network. A piece of
-speech and a piece of motion become tracks of 15 vectors a second, neither seen through the other;
-how far they agree is the correlation of the tracks over time. What stays the same for the whole
-piece (a voice, a microphone, a posture, how lively somebody is) is subtracted before the towers and
-after them, and the size of a track does not count: so none of it can be told by.
+GENEA's matched and mismatched stimuli (Kucherenko et al. 2023), classified by a network. A piece of
+speech and a piece of motion become tracks of 15 vectors a second, independently of each other;
+their agreement is the correlation of the tracks over time. Constant properties of the whole piece
+(a voice, a microphone, a posture, liveliness) are subtracted before the towers and after them, and
+the size of a track does not count: so none of them can be a cue.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,32 +31,35 @@ CHAINS: Mapping[str, tuple[str, ...]] = {
     "trunk": ("spine1", "spine2", "spine3"),
     "jaw": ("jaw",),
 }
-"""Joints whose rotations are multiplied, by the track that tells how fast they turn."""
+"""Joints with rotations that are multiplied, by the track of their angular speed."""
 TRACKS = (*CHAINS, "jaw_open")
 PARTS: Mapping[str, tuple[int, ...]] = {
     "arms": tuple(range(2 * len(_ARM_JOINTS))),
     "trunk": (TRACKS.index("head"), TRACKS.index("trunk")),
     "face": (TRACKS.index("jaw"), TRACKS.index("jaw_open")),
 }
-"""Parts of the body that are judged each by itself, and their tracks: arms and hands, head and
-trunk, jaw."""
+"""Parts of the body that are classified separately, and their tracks: arms and hands, head and
+trunk,
+jaw."""
 PREDICTED = [
     TRACKS.index(f"{side}_{j}") for j in ("shoulder", "elbow") for side in ("left", "right")
 ]
-"""The tracks whose mean, the log speed of the arms, is also predicted from speech alone."""
+"""Tracks with a mean, the log speed of the arms, that is also predicted from speech alone."""
 STILL_RAD_S = 0.1
-"""Added to speeds before the logarithm: what is slower counts as still."""
+"""Speed (rad/s) added before the logarithm: a slower one counts as still."""
 SMOOTH_FRAMES = 2.0
-"""Of the Gaussian over angular velocities, so that the tremble of sensors is no speed."""
+"""Deviation (frames) of the Gaussian over angular velocities, against sensor jitter."""
 STRIDE = 2
 """Frames of motion under each vector of a tower's track."""
 LEAST_SIZE = 1e-3
-"""Of a track; what moves less agrees with nothing."""
+"""Smallest norm of a track; one with less movement agrees with nothing."""
 
 
 def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
-    """`TRACKS` of motions, not normalised: logarithms of angular speeds (rad/s), and how far the
-    jaw is open (rad). But for that, they do not depend on the pose.
+    """Compute `TRACKS` of motions, not normalised: log angular speeds (rad/s) and jaw opening
+    (rad).
+
+    All but the jaw opening do not depend on the pose.
 
     Args:
         poses: local axis-angle, radians.
@@ -83,19 +86,21 @@ def _smooth(x: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
 
 
 def centred(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
-    """Without each channel's mean over the piece."""
+    """Subtract each channel's mean over the piece."""
     return x - x.mean(1, keepdim=True)
 
 
 def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
-    """Log speed of the arms from normalised `motion_tracks`, centred, at the towers' rate."""
+    """Compute the arms' log speed from normalised `motion_tracks`, centred, at the towers' rate."""
     mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
     return centred(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
 
 
 class Tower(nn.Module):
-    """Frames to a centred track at half their rate, one for each name. Ends are held, so that what
-    does not move gives a track that does not move either."""
+    """Convolutional encoder of frames to centred tracks at half their rate, one for each name.
+
+    Ends are replicated, so that constant input gives a constant track.
+    """
 
     def __init__(
         self, channels: int, width: int, names: Sequence[str], config: MatchingConfig
@@ -112,7 +117,7 @@ class Tower(nn.Module):
 
 
 class MatchingNetwork(nn.Module):
-    """Pieces of speech and of motion to tracks, whose `agreement` tells whether they match."""
+    """Network that maps pieces of speech and of motion to tracks; `agreement` compares them."""
 
     def __init__(self, config: MatchingConfig) -> None:
         super().__init__()
@@ -125,16 +130,16 @@ class MatchingNetwork(nn.Module):
             }
         )
         self.speed = nn.Linear(config.track_dim, 1, bias=False)
-        """From what is heard of the arms to their log speed."""
+        """Projection of the speech's track for the arms to their log speed."""
         self.log_scale = nn.Parameter(torch.full((len(PARTS),), 2.0))
-        """By which agreements are multiplied in the contrastive loss, one for each part."""
+        """Logarithm of the factor of agreements in the contrastive loss, one for each part."""
 
     def hear(self, speech: Float[Tensor, "B T dim"]) -> dict[str, Float[Tensor, "B T2 track"]]:
-        """By part, the track that motion of this speech should have."""
+        """Compute the tracks of speech by body part."""
         return self.speech(speech)
 
     def see(self, tracks: Float[Tensor, "B T tracks"]) -> dict[str, Float[Tensor, "B T2 track"]]:
-        """By part, the track that a motion has, from normalised `motion_tracks`."""
+        """Compute the tracks of a motion by body part, from normalised `motion_tracks`."""
         return {
             part: self.motion[part](tracks[..., columns])[part] for part, columns in PARTS.items()
         }
@@ -142,7 +147,8 @@ class MatchingNetwork(nn.Module):
     def forward(
         self, speech: Float[Tensor, "B T dim"], tracks: Float[Tensor, "B T tracks"]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
-        """What is heard, what is seen, the arms' log speed as heard, and `log_scale`."""
+        """Compute tracks of speech, tracks of motion, the arms' predicted log speed, and
+        `log_scale`."""
         heard = self.hear(speech)
         return heard, self.see(tracks), self.speed(heard["arms"]), self.log_scale
 
@@ -150,15 +156,17 @@ class MatchingNetwork(nn.Module):
 def agreement(
     heard: Float[Tensor, "A T dim"], seen: Float[Tensor, "B T dim"]
 ) -> Float[Tensor, "B A"]:
-    """Correlation over time, all numbers of a vector taken together, of every motion's track with
-    every speech's: -1 to 1, and near 0 for what does not move."""
+    """Compute the correlation over time of every motion's track with every speech's.
+
+    All numbers of a vector are taken together: -1 to 1, and near 0 for constant tracks.
+    """
     heard, seen = (F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (heard, seen))
     return seen @ heard.T
 
 
 @dataclass(frozen=True)
 class MatchingJudge:
-    """A trained network with the statistics of `motion_tracks`; never changed again."""
+    """Trained classifier with the statistics of `motion_tracks`; its weights are constant."""
 
     network: MatchingNetwork
     normaliser: Normaliser
@@ -171,7 +179,7 @@ class MatchingJudge:
         speech: Float[Tensor, "A T dim"],
         parts: Sequence[str],
     ) -> Float[Tensor, "B A"]:
-        """How far every motion agrees with every speech, summed over ``parts``."""
+        """Compute the agreement of every motion with every speech, summed over ``parts``."""
         heard = self.network.hear(speech)
         seen = self.network.see(self.normaliser.normalise(motion_tracks(poses)))
         return torch.stack([agreement(heard[part], seen[part]) for part in parts]).sum(0)
@@ -180,14 +188,15 @@ class MatchingJudge:
     def arm_speeds(
         self, poses: Float[Tensor, "B T 165"], speech: Float[Tensor, "B T dim"]
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
-        """Log speed of the arms, centred: as it is, and as told from the speech alone."""
+        """Compute the arms' log speed, centred: of the motion, and predicted from the speech
+        alone."""
         tracks = self.normaliser.normalise(motion_tracks(poses))
         told = self.network.speed(self.network.hear(speech)["arms"])
         return arm_speed(tracks), told
 
 
 def load_judge(folder: Path, name: str) -> MatchingJudge:
-    """Read a judge."""
+    """Load the classifier."""
     trained = Trained.read(folder, name)
     network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
     return MatchingJudge(network, trained.normaliser, trained.sha256)

@@ -1,4 +1,4 @@
-"""Training of the autoencoders, of the judge of matched speech, and of the speech encoder."""
+"""Training of the autoencoders, of the classifier of matched speech, and of the speech encoder."""
 
 import torch
 import torch.nn.functional as F
@@ -34,12 +34,12 @@ from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
 def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
-    """What trains the network that the config is of."""
+    """Make the training task for the type of the config."""
     return TASKS[type(config)](config, data, setup)
 
 
 class AutoencoderTask(DescentTask):
-    """An autoencoder's input back, its geometry, and the codes' KL term."""
+    """Reconstruction of an autoencoder's input, with geometric terms and the codes' KL term."""
 
     config: AutoencoderTrainConfig
 
@@ -96,11 +96,13 @@ class AutoencoderTask(DescentTask):
 
 
 def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
-    """Statistics of what the network sees. All face units share one standard deviation, as the
-    channels of a body part do: one for each would blow up units that hardly move.
+    """Compute the statistics of the network's input.
+
+    All blendshapes share one standard deviation, as the channels of a body part do: separate ones
+    would amplify units that hardly move.
 
     Raises:
-        DataError: if the network is to see faces and they never move.
+        DataError: if the network needs faces and they never move.
     """
     shape = config.autoencoder
     vectors = input_vectors(shape, batch.poses, batch.transl, batch.expression).flatten(0, 1)
@@ -118,15 +120,15 @@ def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
 
 
 TRACK_STD_FLOOR = 0.01
-"""Of a track: a jaw that never moves is not blown up."""
+"""Smallest standard deviation of a track, so that a still jaw is not amplified."""
 
 
 class MatchingTask(DescentTask):
-    """For each part, the cross-entropy of finding the speech of a motion, and the motion of a
-    speech, among all pieces of the batch (InfoNCE, van den Oord et al. 2018; in both directions as
-    in CLIP); and the error of the arms' log speed told from speech.
+    """Contrastive training: for each part, the cross-entropy of matching speech and motion.
 
-    Several processes compare the pieces of their own shares.
+    All pieces of the batch are candidates (InfoNCE, van den Oord et al. 2018; in both directions as
+    in CLIP). The error of the arms' log speed predicted from speech is added. Several processes
+    compare the pieces of their own shares.
     """
 
     config: MatchingTrainConfig
@@ -166,31 +168,33 @@ class MatchingTask(DescentTask):
 
 
 def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
-    """Statistics of `motion_tracks`."""
+    """Compute the statistics of `motion_tracks`."""
     flat = tracks.flatten(0, 1)
     return Normaliser(flat.mean(0), flat.std(0).clamp_min(TRACK_STD_FLOOR))
 
 
 def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
-    """Cross-entropy of the diagonal, over rows and over columns."""
+    """Compute the cross-entropy of the diagonal, over rows and over columns."""
     own = torch.arange(len(scores), device=scores.device)
     return (F.cross_entropy(scores, own) + F.cross_entropy(scores.T, own)) / 2
 
 
 def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
-    """How often a motion (row) agrees more with its own speech than with another of the batch."""
+    """Compute how often a motion (row) agrees more with its speech than with another of the
+    batch."""
     own = agreements.diagonal()[:, None]
     others = ~torch.eye(len(agreements), dtype=torch.bool, device=agreements.device)
     return (own > agreements)[others].float().mean()
 
 
 _NUMBERS = ("strength", "speed")
-"""Of `TOLD` those that are no logits."""
+"""Entries of `TOLD` that are no logits."""
 
 
 class CodesTask(DescentTask):
-    """Cross-entropies of phone, accent, phrase end, voice and strokes on words, squared errors of
-    an accent's strength where there is one and of the speed."""
+    """Training with cross-entropies of phone, accent, phrase end, voice and strokes on words, and
+    squared
+    errors of accent strength (at accents) and of the speed."""
 
     config: SpeechEncoderConfig
 
@@ -220,7 +224,7 @@ class CodesTask(DescentTask):
 def reading_terms(
     found: SpeechReading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
 ) -> dict[str, Float[Tensor, ""]]:
-    """Each part of the loss."""
+    """Compute each term of the loss."""
     losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
     for number, name in enumerate(TOLD):
         said, wanted = found.told[..., number], told[..., number]

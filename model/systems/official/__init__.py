@@ -1,1 +1,1 @@
-"""The authors' own checkpoints of GlobalDiff, if a person has them; may import what systems may."""
+"""GlobalDiff with its authors' checkpoints, if the user has them; may import what systems may."""

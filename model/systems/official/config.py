@@ -1,9 +1,8 @@
-"""The authors' checkpoints (Xiangyue-Zhang/GlobalDiff): where they lie, by the names that their
-scripts give them, the sizes and channels of their networks, and the family. Needs no torch.
+"""Files, sizes and family of the authors' checkpoints (Xiangyue-Zhang/GlobalDiff); needs no torch.
 
-Nothing of theirs is bundled: the networks are written anew, and tests hold that they are equal. The
-folder is the one of their code that holds the checkpoints (``ckpt``), or any other with the files
-in it; ``docs/official.md`` says which names are known.
+Nothing of theirs is bundled: the networks are reimplemented, and tests check that they are equal.
+The folder is the one of their code that holds the checkpoints (``ckpt``), or any other with the
+files in it under the names that their scripts use; ``docs/official.md`` lists the known names.
 """
 
 import os
@@ -20,7 +19,7 @@ from model.storage.cards import Card, CheckpointError, load_card
 SPEECH_DIM = 1024
 EXPRESSION_DIM = 100
 MOTION_DIM = 333
-"""55 joints of 6 numbers, then the translation."""
+"""Channels of a frame: 55 joints of 6 numbers, then the translation."""
 NUM_SPEAKERS = 31
 SPEAKER_DIM = 64
 WINDOW_FRAMES = 60
@@ -38,7 +37,7 @@ def _channels(joints: tuple[int, ...]) -> tuple[int, ...]:
 
 HAND_CHANNELS = _channels(_FINGERS)
 BODY_CHANNELS = (*_channels((*_TORSO, *_LEGS)), 330, 331, 332, *_channels(_HEAD))
-"""In the order in which the body branch has them, the translation between legs and head."""
+"""Channels in the order of the body branch, with the translation between legs and head."""
 
 Part = Literal["motion", "expression"]
 PARTS: tuple[Part, ...] = get_args(Part)
@@ -50,7 +49,7 @@ _NAMES: dict[Part, re.Pattern[str]] = {
     "motion": re.compile(rf".*/(epoch_\d+|DiffusionDIT[^/]*{_ENDING})", re.IGNORECASE),
     "expression": re.compile(rf"(.*/)?[^/]*(speech|expression)[^/]*{_ENDING}", re.IGNORECASE),
 }
-"""Of files with their folders, in the order in which they are asked."""
+"""Patterns of the files' names with their folders, in the order in which they are tried."""
 _CALLED: dict[Part, tuple[str, str]] = {
     "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
     "expression": ("expression model", "SimpleSpeechModel/best.pt"),
@@ -58,10 +57,10 @@ _CALLED: dict[Part, tuple[str, str]] = {
 
 
 def official_folder() -> Path | None:
-    """The folder that ``OFFICIAL_DIR`` names; None if none is named.
+    """Return the folder that ``OFFICIAL_DIR`` names; None if none is named.
 
     Raises:
-        CheckpointError: if it is not there.
+        CheckpointError: if it does not exist.
     """
     named = os.environ.get(FOLDER_VARIABLE)
     if named and not Path(named).is_dir():
@@ -73,8 +72,8 @@ def official_folder() -> Path | None:
 
 
 def official_file(part: Part) -> Path:
-    """The checkpoint of a network in that folder: of several the one called best, else that of the
-    last epoch.
+    """Return the checkpoint of a network in that folder: the one called best, else the last
+    epoch's.
 
     Raises:
         CheckpointError: if there is none.
@@ -94,16 +93,16 @@ def official_file(part: Part) -> Path:
 
 
 def part_of(path: Path) -> Part | None:
-    """Which network a file holds, by its name and its folder's."""
+    """Return the network of a file, by its name and its folder's."""
     named = f"/{path.as_posix()}"
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
 
 
 def require_speech() -> Path:
-    """The folder of a speech model, or the file of features, by which the networks hear.
+    """Return the folder of a speech model, or the file of features, that the networks need.
 
     Raises:
-        EncoderError: if neither names anything that is there.
+        EncoderError: if neither is named or exists.
     """
     named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
     path = Path(named) if named else None
@@ -130,31 +129,32 @@ SPEAKERS = {
     "itoi": 17, "daiki": 18, "li": 20, "ayana": 21, "luqi": 22, "hailing": 23, "kexin": 24,
     "goto": 25, "yingqing": 27, "tiffnay": 28, "katya": 30,
 }  # fmt: skip
-"""BEAT2's, by their numbers; 0 is no speaker, which training shows one time in ten."""
+"""BEAT2's speakers by number; 0 is no speaker, which is one time in ten in training."""
 
 
 @dataclass(frozen=True)
 class OfficialFamily(Family):
-    """Its weights lie in a folder of their own, and are not trained here."""
+    """Family with weights in a separate folder that are not trained here."""
 
     @property
     def trained(self) -> tuple[str, ...]:
-        """Nothing."""
+        """Names of trained networks: none."""
         return ()
 
     def systems_in(self, folder: Path) -> tuple[str, ...]:
-        """Both systems, where a folder was named; what it lacks is told when they are read."""
+        """Return both systems if a folder was named; missing files are reported when they are
+        read."""
         return () if official_folder() is None else self.systems
 
     def require_files(self) -> None:
-        """See `Family.require_files`."""
+        """Check the named files (`Family.require_files`)."""
         if official_folder() is not None:
             for part in PARTS:
                 official_file(part)
             require_speech()
 
     def why_not_on_page(self) -> str | None:
-        """Prepared features are of one speech."""
+        """Return why prepared features, which are of one speech, cannot be used; otherwise None."""
         if official_folder() is None or not require_speech().is_file():
             return None
         return (
@@ -163,20 +163,22 @@ class OfficialFamily(Family):
         )
 
     def private_paths(self) -> tuple[Path, ...]:
-        """The folder of the checkpoints."""
+        """Return the folder of the checkpoints."""
         folder = official_folder()
         return () if folder is None else (folder,)
 
     def file_reports(self) -> tuple[FileReport, ...]:
-        """Of each network, and of what hears for them."""
+        """Check each network and their speech model."""
         from model.systems.official.networks import reports_of
 
         folder = official_folder()
         return () if folder is None else tuple(reports_of(folder))
 
     def card(self, name: str, folder: Path) -> Card:
-        """What is known of the checkpoints, from their names. Speakers of the other systems are
-        no speaker to these."""
+        """Make a card from the names of the checkpoints.
+
+        Speakers of the other systems are number 0, no speaker, here.
+        """
         motion = official_file("motion")
         content = {
             "system": name,
@@ -188,7 +190,7 @@ class OfficialFamily(Family):
 
 
 def _speakers_in(folder: Path) -> list[str]:
-    """Speakers that other systems of a folder know."""
+    """Return the speakers of the other systems of a folder."""
     cards = [load_card(folder, path.stem) for path in sorted(folder.glob("*.safetensors"))]
     names = [str(name) for card in cards for name in card.get("speakers", {})]
     return [name for name in dict.fromkeys(names) if name not in SPEAKERS]

@@ -1,5 +1,7 @@
-"""The authors' networks, written anew from a description of the architecture, and read from the
-files that their training script saves: attributes are named as in them."""
+"""The authors' networks, reimplemented from a description of the architecture.
+
+They are read from the files of their training script: attributes have the same names.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +29,7 @@ from model.systems.official.speech import official_encoder
 
 
 class _Frequencies(nn.Module):
-    """What a file holds of a positional encoding."""
+    """Buffer of a positional encoding in the file."""
 
     inv_freq: Tensor
 
@@ -38,14 +40,15 @@ class _Frequencies(nn.Module):
 
 
 class Positions(nn.Module):
-    """Sinusoids of the frame's number: sine in the even channels, cosine in the odd ones."""
+    """Positional encoding of the frame's number: sine in the even channels, cosine in the odd
+    ones."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.penc = _Frequencies(width)
 
     def forward(self, tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
-        """The tokens with their positions added, from 0."""
+        """Add the positions, from 0, to the tokens."""
         inv_freq = self.penc.inv_freq
         number = torch.arange(tokens.shape[1], device=tokens.device, dtype=inv_freq.dtype)
         angle = number[:, None] * inv_freq
@@ -53,7 +56,7 @@ class Positions(nn.Module):
 
 
 class SpeakerEmbedding(nn.Module):
-    """A speaker's number to a vector; 0 is no speaker."""
+    """Embedding of a speaker's number; 0 is no speaker."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -64,7 +67,7 @@ class SpeakerEmbedding(nn.Module):
         )
 
     def forward(self, speaker: Int[Tensor, " B"]) -> Float[Tensor, "B 64"]:
-        """One vector for each speaker."""
+        """Return one vector for each speaker."""
         one_hot = torch.nn.functional.one_hot(speaker, NUM_SPEAKERS)
         return self.mlp(one_hot.to(self.mlp.get_parameter("0.weight")))
 
@@ -75,7 +78,7 @@ EXPRESSION_NUM_HEADS = 4
 
 
 class OfficialExpressionNetwork(nn.Module):
-    """VAEDecoder layers whose memory is what goes into the first of them."""
+    """Expression network of VAEDecoder layers that all attend to the input of the first."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -96,7 +99,7 @@ class OfficialExpressionNetwork(nn.Module):
     def forward(
         self, speech: Float[Tensor, "B T 1024"], speaker: Int[Tensor, " B"]
     ) -> Float[Tensor, "B T 100"]:
-        """Expression coefficients of each frame."""
+        """Predict the expression coefficients of each frame."""
         style = self.style_embed(speaker)[:, None].expand(-1, speech.shape[1], -1)
         tokens = self.pos_enc(self.audio_feature_map(torch.cat([speech, style], dim=-1)))
         return self.vertice_map_r(self.transformer_decoder(tokens, tokens))
@@ -108,8 +111,11 @@ MOTION_NUM_HEADS = 8
 
 
 class SeedBlock(nn.Module):
-    """Attention and a feed-forward net, both modulated by time and speaker; the first frames look
-    at the seed pose first. Norms stand behind the additions and learn nothing."""
+    """Attention and a feed-forward network, both modulated by time and speaker.
+
+    The first frames attend to the seed pose first. Norms follow the additions and have no
+    parameters.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -131,7 +137,7 @@ class SeedBlock(nn.Module):
         seed: Float[Tensor, "B S width"],
         condition: Float[Tensor, "B width"],
     ) -> Float[Tensor, "B T width"]:
-        """The tokens after this block; every block is given the same seed tokens."""
+        """Apply the block to the tokens; every block gets the same seed tokens."""
         by_part = self.mlp(condition)[:, None].unflatten(-1, (3, 3, MOTION_WIDTH)).unbind(2)
         around, through, of_seed = (part.unbind(2) for part in by_part)
         gate, scale, shift = of_seed
@@ -152,7 +158,8 @@ def _level(tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
 
 
 class OfficialMotionNetwork(nn.Module):
-    """Predicts clean motion from noisy motion, time, speech, expressions, seed and speaker."""
+    """Network that predicts clean motion from noisy motion, time, speech, expressions, seed and
+    speaker."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -189,7 +196,7 @@ class OfficialMotionNetwork(nn.Module):
         seed: Float[Tensor, "B 8 333"],
         speaker: Int[Tensor, " B"],
     ) -> Float[Tensor, "B T 333"]:
-        """Clean motion from x_t, noise at t = 0 and data at 1."""
+        """Predict clean motion from x_t, noise at t = 0 and data at 1."""
         condition = torch.cat([self.time_embed(t[:, None]), self.style_embed(speaker)], dim=-1)
         heard = self.hubert_prj(speech)
         whole = torch.cat([x_t, expression], dim=-1)
@@ -215,12 +222,12 @@ _NETWORKS = {"motion": OfficialMotionNetwork, "expression": OfficialExpressionNe
 
 
 def make_network(part: Part) -> nn.Module:
-    """A network that knows nothing yet."""
+    """Make an untrained network."""
     return _NETWORKS[part]()
 
 
 def load_network(part: Part, path: Path) -> nn.Module:
-    """A network with the weights of a file, every one of them and no other."""
+    """Load a network from a file that has exactly its weights."""
     tensors = read_tensors(path)
     with torch.device("meta"):
         wanted = make_network(part).state_dict()
@@ -240,7 +247,7 @@ _ADVICE = "see docs/official.md"
 
 
 def reports_of(folder: Path) -> Iterator[FileReport]:
-    """Of each network, and of what hears for them."""
+    """Yield a report on each network, and on their speech model."""
     for part in PARTS:
         name = f"official {part}"
         try:

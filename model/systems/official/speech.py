@@ -1,8 +1,8 @@
-"""What the authors' networks hear: 2 s windows of speech, each on its own, at the motion's rate.
+"""Speech features of the authors' networks: separate windows of 2 s, at the motion's rate.
 
-Windows begin every 27,734 samples, so that 8 frames of motion lie in two of them, and what a frame
-sounds like depends on the window that hears it. So a frame has two halves here: as one of a
-window's later frames, and as one of the first 8 of a window.
+Windows begin every 27,734 samples, so that 8 frames of motion lie in two of them, and the features
+of a frame depend on the window. So a frame has two halves here: as one of a window's later frames,
+and as one of the first 8 of a window.
 """
 
 import json
@@ -21,11 +21,12 @@ from model.systems.official.config import SEED_FRAMES, SPEECH_DIM, require_speec
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES
 MODELS = {"wavlm": "WavLMModel", "hubert": "HubertModel"}
-"""What a folder may hold, by the ``model_type`` of its config, and the class that reads it."""
+"""Class of the speech model in a folder, by the ``model_type`` of its config."""
 
 
 class OfficialEncoder:
-    """See `model.speech.encoder.SpeechEncoder`; a frame's two halves are of 1024 numbers each."""
+    """Speech encoder (`model.speech.encoder.SpeechEncoder`) with two halves of 1024 numbers per
+    frame."""
 
     name = "official"
     dim = 2 * SPEECH_DIM
@@ -36,7 +37,7 @@ class OfficialEncoder:
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        """See `model.speech.encoder.SpeechEncoder.encode`."""
+        """Encode speech (`model.speech.encoder.SpeechEncoder.encode`)."""
         count = num_windows(num_frames, WINDOW_FRAMES, SEED_FRAMES)
         needed = WINDOW_SAMPLES + (count - 1) * STEP_SAMPLES
         padded = np.pad(waveform[:needed], (0, max(0, needed - len(waveform))))
@@ -46,7 +47,7 @@ class OfficialEncoder:
 
 
 def by_frame(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]:
-    """Features of windows as two halves of each frame: see above."""
+    """Arrange features of windows as two halves of each frame, as the module describes."""
     num_frames = WINDOW_FRAMES + (len(windows) - 1) * ADVANCE
     later = windows.new_zeros(num_frames, windows.shape[-1])
     for index in reversed(range(len(windows))):  # the window that a frame is late in comes last
@@ -58,19 +59,19 @@ def by_frame(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]
 
 
 def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
-    """The features of one window, of the frames that it has."""
+    """Return the features of one window from those of its frames."""
     later, first = frames.chunk(2, dim=-1)
     return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
 
 
 def official_encoder() -> OfficialEncoder:
-    """The encoder that hears by the speech model in a folder, or has features from a file."""
+    """Make the encoder from the speech model in a folder, or from a file of features."""
     source = require_speech()
     return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 
 def _by_model(folder: Path) -> Hear:
-    """Hears each window on its own, as the authors do."""
+    """Return a function that encodes each window separately, as the authors do."""
     try:
         config = json.loads((folder / "config.json").read_text())
         kind, width = str(config.get("model_type")), int(config["hidden_size"])
@@ -88,7 +89,7 @@ def _by_model(folder: Path) -> Hear:
 
 
 def _prepared(path: Path) -> Hear:
-    """Has the features of one speech from a file."""
+    """Return a function with the features of one speech from a file."""
     features = read_features(path)
 
     def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 1024"]:
@@ -104,7 +105,7 @@ def _prepared(path: Path) -> Hear:
 
 
 def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
-    """Prepared features: ``features`` of an .npz, or an .npy, of 60 or 99 vectors a window.
+    """Read prepared features: ``features`` of an .npz, or an .npy, of 60 or 99 vectors a window.
 
     Raises:
         EncoderError: if it is no such file.

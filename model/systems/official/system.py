@@ -1,5 +1,6 @@
-"""The authors' checkpoints as a system: their sampler, windows, joins and filter, written anew; and
-the 8 frames that a clip starts from."""
+"""The authors' checkpoints as a system: sampler, windows, seams and filter, reimplemented; and the
+8
+frames at the start of a clip."""
 
 import functools
 import os
@@ -38,37 +39,37 @@ from model.systems.official.networks import (
 from model.systems.official.speech import of_window, official_encoder
 
 FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
-"""Savitzky-Golay of 7 frames, order 2."""
+"""Savitzky-Golay filter of 7 frames, order 2."""
 FILTERED_FROM = 5
-"""Their script filters what follows this frame, with no padding."""
+"""First frame (index) of the input of the authors' filter, which has no padding."""
 STANDING = {
     "left_shoulder": (0.0, -0.1, -1.0),
     "right_shoulder": (0.0, 0.1, 1.0),
     "left_elbow": (0.3, -0.45, 0.0),
     "right_elbow": (0.3, 0.45, 0.0),
 }
-"""Axis-angles, radians: arms that hang down; all other joints are as the body rests."""
+"""Axis-angles (radians) of hanging arms; all other joints are in the rest pose."""
 PLACE_M = (0.0, 1.29, 0.0)
-"""Of who stands there, as tall as BEAT2's speakers."""
+"""Position of the standing body (m), as tall as BEAT2's speakers."""
 
 
 @dataclass(frozen=True)
 class OfficialWindow(Window):
-    """A window, and its motion vectors: those of joined frames are means, and no rotations yet."""
+    """A window with its motion vectors: those of blended frames are means, and no rotations yet."""
 
     vectors: Float[Tensor, "B n 333"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class OfficialSystem(System):
-    """The motion network, the expression model beside it, and the pose that a clip starts from."""
+    """System of the motion network, the expression model, and the start pose of a clip."""
 
     window_type: ClassVar[type[Window]] = OfficialWindow
     network: OfficialMotionNetwork
     expressions: OfficialExpressionNetwork
     seed: Float[Tensor, "8 333"]
     filters: bool
-    """Whether each window is smoothed, as their script does before the next starts from it."""
+    """True if each window is smoothed before the next one starts, as in the authors' script."""
 
     @torch.inference_mode()
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> OfficialWindow:
@@ -100,7 +101,7 @@ class OfficialSystem(System):
         return _window(as_rotations(vectors), conditions["expression"])
 
     def join(self, older: Window, newer: Window) -> OfficialWindow:
-        """The shared frames are the mean of both windows, the face too."""
+        """Average the shared frames of both windows, the face too."""
         assert isinstance(older, OfficialWindow) and isinstance(newer, OfficialWindow)
         shared = older.vectors.shape[1]
 
@@ -120,13 +121,13 @@ def _window(vectors: Float[Tensor, "B n 333"], face: Float[Tensor, "B n E"]) -> 
 
 
 def as_rotations(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor, "B T 333"]:
-    """The vectors with rows of 6D that are those of rotations."""
+    """Project the 6D rows of the vectors to rotations."""
     rotmat = matrix_from_rot6d(vectors[..., :-ROOT_DIM].unflatten(-1, (-1, 6)))
     return torch.cat([rot6d_from_matrix(rotmat).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1)
 
 
 def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
-    """Behind their filter: the first 8 frames and the last 3 stay as they are."""
+    """Apply the authors' filter: the first 8 frames and the last 3 are unchanged."""
     frames = len(FILTER)
     smooth = vectors[:, FILTERED_FROM:].unfold(1, frames, 1) @ FILTER.to(vectors)
     middle = slice(FILTERED_FROM + frames // 2, vectors.shape[1] - frames // 2)
@@ -136,14 +137,16 @@ def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 
 
 def first_seed() -> Float[Tensor, "8 333"]:
-    """The start of the motion file that ``OFFICIAL_SEED`` names, as the authors' script starts from
-    that of the recording; else somebody who stands still with hanging arms."""
+    """Return the start of the motion file that ``OFFICIAL_SEED`` names, else a still standing pose.
+
+    The authors' script starts from that of the recording.
+    """
     named = os.environ.get(SEED_VARIABLE)
     return seed_of(load_motion(Path(named))) if named else standing()
 
 
 def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
-    """The first frames of a motion as motion vectors.
+    """Return the first frames of a motion as motion vectors.
 
     Raises:
         MotionError: if there are fewer.
@@ -157,7 +160,7 @@ def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
 
 
 def standing() -> Float[Tensor, "8 333"]:
-    """Somebody who stands still."""
+    """Return the motion vectors of a still standing pose."""
     poses = torch.zeros(len(JOINT_NAMES), 3)
     for joint, turned in STANDING.items():
         poses[JOINT_NAMES.index(joint)] = torch.tensor(turned)
@@ -174,7 +177,7 @@ def _vectors(
 
 @functools.lru_cache(maxsize=2)
 def _shared(part: Part, path: Path, changed: float) -> nn.Module:
-    """A network, read once for both systems."""
+    """Load a network once for both systems."""
     return load_network(part, path)
 
 
@@ -183,7 +186,7 @@ def _changed(path: Path) -> float:
 
 
 def load(name: str, folder: Path) -> OfficialSystem:
-    """Read the checkpoints that were named."""
+    """Load the named checkpoints."""
     motion, expression = official_file("motion"), official_file("expression")
     network = cast(OfficialMotionNetwork, _shared("motion", motion, _changed(motion)))
     expressions = _shared("expression", expression, _changed(expression))

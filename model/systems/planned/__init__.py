@@ -1,1 +1,1 @@
-"""Our own system that plans first; may import GlobalDiff's family and what systems may."""
+"""This project's system that plans first; may import GlobalDiff's family and what systems may."""

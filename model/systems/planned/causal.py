@@ -1,10 +1,9 @@
-"""Plans while speech comes: drawn a little ahead of what is performed, and no more changed where it
-has been.
+"""Streaming planner: draws a plan a little ahead of the motion; past parts are final.
 
-The planner hears a second on either side, so the speech that has not come yet is put to it as
-whoever calls supposes it to be. What it draws of frames to come tells the motion network where
-hands are going; when more has been heard these are drawn anew, under the same chances. A movement
-that has begun is carried out as it was drawn: hands cannot be told half way where they were going.
+The planner needs a second of speech on either side, so the caller extrapolates the speech that has
+not arrived yet. Its draw for future frames conditions the motion network; with more speech these
+are drawn anew, with the same random numbers. A movement that has begun is completed as drawn: its
+goal cannot change half way.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ from model.plan.tracks import BY_NAME, Begun, plan_of
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90
-"""A plan is told from so long before the frame that it is asked for."""
+"""Frames of the plan before the first requested one."""
 KEPT_EVENTS = 3
-"""Of each tier, before that."""
+"""Number of events of each tier that are stored from before that."""
 _TOGETHER_FRAMES = 5
-"""A hand may join one that made ready so long ago."""
+"""Frames after the other hand's preparation in which a hand may join it."""
 _MOVING = tuple(name for name in PHASES if name not in STILL)
 _PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
 _NUM_EVENTS = 1 + len(PHASES)
@@ -48,11 +47,11 @@ _SMILE = 1 + BY_NAME["smile"].states.index("smile")
 
 
 class CausalPlanner:
-    """The planner of one speaker; its memory does not grow."""
+    """Streaming planner of one speaker with constant memory."""
 
     def __init__(self, planner: Planner, draw: Draw) -> None:
         self.manner = Manner()
-        """May be changed at any time; what has been planned for good stays."""
+        """Style; may be changed at any time, without effect on final events."""
         self._planner, self._asked = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
@@ -61,7 +60,7 @@ class CausalPlanner:
         """First frame that may still be drawn anew; at frame 0 nothing begins."""
         self._kinds: dict[tuple[str, int], str] = {}
         self._goals: dict[tuple[str, int], Place] = {}
-        """Of phases that are planned for good, by hand and first frame."""
+        """Goals of final phases, by hand and first frame."""
 
     @torch.inference_mode()
     def go_on(
@@ -71,7 +70,7 @@ class CausalPlanner:
         final: int,
         stop: int,
     ) -> PlannedAhead:
-        """See `ConditionStream.go_on`."""
+        """Plan further (`ConditionStream.go_on`)."""
         final = max(final, self._final)
         self._draw(speech, final, stop)
         origin = first - BEFORE_FRAMES
@@ -93,13 +92,13 @@ class CausalPlanner:
     def heard(
         self, features: Float[Tensor, "n speech_dim"], ahead: PlannedAhead, first: int
     ) -> Float[Tensor, "n heard_dim"]:
-        """What the motion network hears of frames from ``first`` on."""
+        """Return the motion network's input for frames from ``first`` on."""
         return self._planner.with_plan(features, ahead.condition, first - ahead.origin)
 
     def _draw(
         self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int
     ) -> None:
-        """All frames from those that are final on."""
+        """Draw all frames that are not final."""
         begin, context = self._final, self._planner.config.context
         heard = self._planner.hear(speech(begin - 2 * context, stop + context), self._asked)
         leans = partial(_leans, self.manner)
@@ -127,7 +126,7 @@ class CausalPlanner:
                 del known[key]
 
     def _told(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
-        """A plan with kinds, as large and high as it shall be, whose holds and rests stay."""
+        """Return the plan with gesture types and style, with holds and rests at their place."""
         table, kinds = self._planner.kinds, {}
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
@@ -182,7 +181,7 @@ class CausalPlanner:
 def _leans(
     manner: Manner, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
 ) -> Float[np.ndarray, " events"] | None:
-    """What a manner makes likelier, see `Leaning`."""
+    """Compute the changes of log odds for a manner; see `Leaning`."""
     if tier == "smile" and manner.smile > 0:
         odds = np.zeros(1 + len(BY_NAME["smile"].states))
         odds[_SMILE] = math.log(manner.smile)
@@ -201,7 +200,7 @@ def _leans(
 
 
 def _finishes(tier: str, state: int) -> bool:
-    """Whether a state goes on as it was drawn once it has begun."""
+    """Check whether a state is completed as drawn once it has begun."""
     if tier in SIDES:
         return PHASES[state] in _MOVING
     return tier.endswith(" foot") and BY_NAME[tier].states[state] == "step"

@@ -1,5 +1,6 @@
-"""Systems and settings: a planner draws gestures, nods and looks from speech, and a motion network
-follows the plan it is given.
+"""Systems and settings of the family that plans first.
+
+A planner draws gestures, nods and gaze from speech, and a motion network follows the plan.
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,54 +22,56 @@ class PlannerConfig:
 
     speech_dim: int = 68
     codes: int = 0
-    """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none,
-    as planners of before heard."""
+    """Size of the codes of this project's speech encoder (`model.networks.speech_codes`), an input
+    besides
+    the features; 0 for none, as in earlier planners."""
     width: int = 128
     head_width: int = 96
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
-    """Of convolutions over three frames: about a second of speech is heard on either side."""
+    """Dilations of convolutions over three frames: about a second of speech on either side."""
     mixtures: int = 6
-    """Gaussians of a mark."""
+    """Number of Gaussians of a mark."""
     num_speakers: int = 31
     """Size of the speaker table; 0 stands for "no speaker"."""
     window_frames: int = 300
 
     @property
     def context(self) -> int:
-        """Frames heard on either side."""
+        """Frames of speech on either side."""
         return sum(self.dilations)
 
 
 @dataclass(frozen=True)
 class PlannerTrainConfig(TrainConfig):
-    """One training of the planner."""
+    """Settings of a training of the planner."""
 
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     speakerless: float = 0.5
-    """Share of the windows without speech that know no speaker either: what speech and speaker
-    together change is what a strength enlarges."""
+    """Share of the windows without speech that have no speaker either: guidance amplifies the
+    effect of
+    speech and speaker together."""
 
 
 @dataclass(frozen=True)
 class PlannedNetworkConfig(NetworkConfig):
-    """Shape of the motion network, and how it is told a plan."""
+    """Shape of the motion network, and of its plan input."""
 
     num_kinds: int = 64
-    """Gestures it can tell apart at most."""
+    """Largest number of gesture types."""
     kind_dim: int = 16
 
 
 @dataclass(frozen=True)
 class PlannedConfig(GlobalDiffConfig):
-    """One training of the motion network."""
+    """Settings of a training of the motion network."""
 
     network: PlannedNetworkConfig = field(default_factory=PlannedNetworkConfig)
     plan_dropout: float = 0.1
-    """Share of windows that are told no plan."""
+    """Share of windows without a plan."""
 
 
 def presets(system: str) -> dict[str, TrainConfig]:
-    """Settings by name."""
+    """Return the settings by name."""
     if system == PLANNER:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,

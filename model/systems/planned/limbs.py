@@ -1,12 +1,13 @@
-"""Feet that stand and hands that go where a plan has them, and the legs and arms that go with them.
+"""Foot lock and hand constraint: feet and hands follow the plan by inverse kinematics of legs and
+arms.
 
-A network tells rotations, and a foot is the end of four of them: it slides and trembles where it
-should stand. Here the plan says when a foot is planted, and the network where: it stays where it
+A network predicts rotations, and a foot is the end of four of them: it slides and jitters where it
+should stand. The plan defines when a foot is planted, and the network where: it stays where it
 lands, with its sole flat, and the leg's two bones follow from hip and ankle in closed form.
 
-Of hands: a network hears the plan and comes near it, but a stroke may land late, or not at all.
-Here the wrist is led most of the way to the planned path, in closed form: the elbow opens or closes
-as far as it must and the whole arm turns, with the hand's pose as it was.
+The network follows the plan of the hands approximately, but a stroke may end late, or be missing.
+The wrist is moved most of the way to the planned path, in closed form: the elbow opens or closes as
+far as it must and the whole arm turns, without a change of the hand's pose.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,28 +35,28 @@ from model.plan.plan import SIDES, GesturePlan, PlannedAhead, Planted, Side, wit
 from model.plan.tracks import goal_path
 
 ANKLE_M = 0.074
-"""Height of the open body's ankle over the floor with its sole flat."""
+"""Height of the open body's ankle over the floor with its sole flat (m)."""
 LIFT_M = 0.035
-"""Of a step's highest point."""
+"""Lift of the foot at a step's highest point (m)."""
 TIPTOE_DEG = 350.0
-"""How far the toes hang, for each metre that a foot is lifted."""
+"""Angle of the hanging toes per metre of lift (degrees)."""
 STEP_S = 1.0
-"""A foot that is off the ground for longer is not stepping, and is not lifted here."""
+"""Longest step (s); a foot that is off the ground for longer is not lifted here."""
 LANDING_S = 0.2
-"""In which a foot comes to stand."""
+"""Time (s) in which a landing foot comes to rest."""
 LEAST_BEND = np.radians(4.0)
-"""Of a knee. The pelvis is lowered where a leg would be asked for more than its length."""
+"""Smallest bend of a knee (rad). The pelvis is lowered where a leg would be too short."""
 _SOFT_LEG_M = 0.003
 _STOOD = "stood"
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 class Limbs:
-    """Hands and feet of one sample's motion, led to its plan; see `model.generation.base.Follower`.
+    """Follower of hands and feet for one sample's motion (`model.generation.base.Follower`).
 
     Args:
-        plan: None is one that comes as speech does.
-        kept: of a performance before, whose feet stay where they stood.
+        plan: None for one that arrives with the speech.
+        kept: the footings of an earlier version, which stay.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Limbs:
         self._feet.go_on_with(ahead.planted)
 
     def kept(self) -> dict[str, Tensor]:
-        """Where feet have stood."""
+        """Return the footings so far."""
         rows = [
             (event.start_s, event.end_s, SIDES.index(event.foot), *at)
             for event, at in self._feet.found.items()
@@ -86,36 +87,36 @@ class Limbs:
 
 
 class Footing(NamedTuple):
-    """Where a planted foot stands."""
+    """Position and direction of a planted foot."""
 
     x: float
     z: float
-    """Of the ankle in the world, metres."""
+    """Position of the ankle in world coordinates (m)."""
     turn: float
-    """Of the foot about the vertical, radians; 0 points ahead."""
+    """Rotation of the foot about the vertical (rad); 0 points ahead."""
 
 
 @dataclass
 class HeldFeet:
-    """Holds planted feet in a motion that comes piece by piece."""
+    """Foot lock for a motion that arrives in pieces."""
 
     planted: Sequence[Planted]
-    """When which foot stands, from a plan. A foot that never does is left as it is."""
+    """Times at which feet stand, from a plan. A foot without any is not changed."""
     known: Mapping[Planted, Footing] = field(default_factory=dict)
-    """Footings that are to be kept, of a performance before."""
+    """Footings from an earlier version, which stay."""
     found: dict[Planted, Footing] = field(default_factory=dict, init=False)
-    """Of all feet that have landed so far."""
+    """Footings of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
     def go_on_with(self, planted: Sequence[Planted]) -> None:
-        """From now on other times, of which those that began before have the footing they had."""
+        """Continue with other times; those that began before have the same footing."""
         stood = {(event.foot, event.start_s): place for event, place in self.found.items()}
         self.planted = planted
         there = {event: stood.get((event.foot, event.start_s)) for event in planted}
         self.found = {event: place for event, place in there.items() if place is not None}
 
     def hold(self, motion: Motion) -> Motion:
-        """The frames that follow those of the call before, with legs that stand."""
+        """Lock the feet in the frames that follow those of the last call."""
         frames = range(self._frames, self._frames + motion.num_frames)
         self._frames = frames.stop
         if not self.planted:
@@ -155,7 +156,7 @@ class HeldFeet:
         rotmat: Float[np.ndarray, "T 55 3 3"],
         joints: Float[np.ndarray, "T 55 3"],
     ) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3 3"]]:
-        """Where the ankle shall be, and how the foot is turned in the world."""
+        """Compute positions of the ankle (m), and the foot's global rotations."""
         joint = JOINT_INDEX[f"{side}_ankle"]
         path = joints[:, joint][:, [0, 2]].copy()
         ahead = rotmat[:, joint, :, 2]
@@ -187,27 +188,27 @@ class HeldFeet:
         return ankle, Rotation.from_euler("YX", sole).as_matrix()
 
     def _stands(self, side: Side) -> Iterator[tuple[Planted, int | None]]:
-        """Each time that the foot stands, and the frame at which it stands again."""
+        """Yield each time that the foot stands, and the frame at which it stands again."""
         events = [event for event in self.planted if event.foot == side]
         for event, later in zip(events, [*events[1:], None], strict=True):
             yield event, None if later is None else _frames_of(later)[0]
 
 
 def _frames_of(event: Planted) -> tuple[int, int]:
-    """The first frame of a stand, and the one after its last."""
+    """Return the first frame of a stand, and the one after its last."""
     first = max(round(event.start_s * FPS), 0)
     return first, max(round(event.end_s * FPS), first + 1)
 
 
 def _lowered(rooms: Sequence[Float[np.ndarray, " T"]]) -> Float[np.ndarray, " T"]:
-    """How far the pelvis comes down, so that every leg has room; softly."""
+    """Compute how far the pelvis is lowered so that every leg is long enough, as a soft maximum."""
     least = -_SOFT_LEG_M * np.logaddexp.reduce([-room / _SOFT_LEG_M for room in rooms])
     return _SOFT_LEG_M * np.logaddexp(0.0, -least / _SOFT_LEG_M)
 
 
 @cache
 def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
-    """Hip, knee and ankle, and what they are of."""
+    """Return the indices of hip, knee and ankle, and their limb."""
     hip, knee, ankle = (JOINT_INDEX[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
     rest = open_body_skeleton().rest_joints.double().numpy()
     limb = HingedLimb(rest[knee] - rest[hip], rest[ankle] - rest[knee], _KNEE_AXIS)
@@ -215,7 +216,7 @@ def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
 
 
 def _room(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
-    """How much higher the hip could be, metres; negative where the leg is too short."""
+    """Compute how much higher the hip could be (m); negative where the leg is too short."""
     longest = limb.length(np.full(len(span), LEAST_BEND))
     aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
     return np.sqrt(longest**2 - aside) + span[:, 1]
@@ -226,35 +227,37 @@ def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
 
 
 LED = 0.6
-"""Share of the way from where the network has a wrist to where the plan has it. People keep 3.8 cm
-away from their own plans on average; this leaves 3.2."""
+"""Share of the way from the network's wrist to the plan's. People are 3.8 cm from their own plans
+on
+average; this leaves 3.2."""
 SOFT_FRAMES = 1.5
-"""Deviation of what rounds the planned path off: phases begin and end with a jolt. At 1 fingertips
-had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
+"""Deviation (frames) of the Gaussian on the planned path: phases begin and end with a jolt. At 1
+fingertips had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time.
+"""
 SOFT_MARGIN = round(4 * SOFT_FRAMES)
-"""Frames of the plan that are heard on either side."""
+"""Frames of the plan that are needed on either side."""
 LONGEST = 0.99
-"""Of a straight arm's length."""
+"""Longest reach as a share of a straight arm's length."""
 _SOFT_ARM_M = 0.004
 _BENT = 0.1
-"""As much as the usual plane of the elbow counts in an arm that is nearly straight."""
+"""Weight of the elbow's default plane in an arm that is nearly straight."""
 _FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass
 class LedHands:
-    """Leads the hands of a motion that comes piece by piece."""
+    """Hand constraint for a motion that arrives in pieces."""
 
     plan: GesturePlan
-    """What they shall do. A hand of which it says nothing is left as it is."""
+    """Plan of the hands. A hand without phases is not changed."""
     _frames: int = field(default=0, init=False)
 
     def go_on_with(self, plan: GesturePlan, first_frame: int) -> None:
-        """From now on another plan, in which the next frame is ``first_frame``."""
+        """Continue with another plan, in which the next frame is ``first_frame``."""
         self.plan, self._frames = plan, first_frame
 
     def lead(self, motion: Motion) -> Motion:
-        """The frames that follow those of the call before."""
+        """Move the hands in the frames that follow those of the last call."""
         frames = range(self._frames, self._frames + motion.num_frames)
         self._frames = frames.stop
         sides: list[Side] = [side for side in SIDES if self.plan.hand(side)]
@@ -275,7 +278,7 @@ class LedHands:
 
 
 def _planned(plan: GesturePlan, side: Side, frames: range) -> Float[np.ndarray, "T 3"]:
-    """Where the plan has a wrist, rounded off; before and after the plan it stays."""
+    """Compute the plan's smoothed path of a wrist; before and after the plan it is constant."""
     margin = SOFT_MARGIN
     wide = np.arange(frames.start - margin, frames.stop + margin)
     path = goal_path(without_gaps(plan.hand(side), plan.duration_s), (wide + 0.5) / FPS)
@@ -288,7 +291,7 @@ def _reached(
     joints: Float[np.ndarray, "T 55 3"],
     wished: Float[np.ndarray, "T 3"],
 ) -> Iterator[tuple[int, Float[np.ndarray, "T 3"]]]:
-    """Shoulder and elbow with their local rotations, axis-angle, that lead the wrist."""
+    """Yield shoulder and elbow with their new local rotations, axis-angle."""
     shoulder, elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in _ARM)
     upper, lower = joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, elbow]
     span = upper + lower
@@ -309,7 +312,7 @@ _ARM = ("shoulder", "elbow", "wrist")
 
 
 def _at_most(length: Float[np.ndarray, " T"], most: float) -> Float[np.ndarray, " T"]:
-    """The smaller of the two, softly."""
+    """Compute a soft minimum of length and limit."""
     return -_SOFT_ARM_M * np.logaddexp(-length / _SOFT_ARM_M, -most / _SOFT_ARM_M)
 
 
@@ -319,8 +322,10 @@ def _hinge(
     upper: Float[np.ndarray, "T 3"],
     lower: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, "T 3"]:
-    """About what the elbow bends: across both bones, and where the arm is nearly straight, as one
-    that bends forwards in the T-pose."""
+    """Compute the axis of the elbow: across both bones.
+
+    For a nearly straight arm it is that of an elbow that bends forwards in the T-pose.
+    """
     rest = open_body_skeleton().rest_joints.double().numpy()
     bone = rest[JOINT_INDEX[f"{side}_elbow"]] - rest[JOINT_INDEX[f"{side}_shoulder"]]
     usual = shoulder @ unit(np.cross(bone, _FORWARD))
@@ -335,7 +340,7 @@ def _opening(
     hinge: Float[np.ndarray, "T 3"],
     reach: Float[np.ndarray, " T"],
 ) -> Float[np.ndarray, " T"]:
-    """Radians by which the forearm turns about the hinge so that the wrist is so far away."""
+    """Compute the forearm's angle (rad) about the hinge for the requested distance of the wrist."""
 
     def dot(a: Float[np.ndarray, "T 3"], b: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
         return np.einsum("ti,ti->t", a, b)
@@ -348,7 +353,7 @@ def _opening(
 
 
 def _between(one: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]) -> Rotation:
-    """The shortest turns from some directions to others."""
+    """Compute the shortest rotations between pairs of directions."""
     one, other = unit(one), unit(other)
     half = np.concatenate(
         [np.cross(one, other), 1 + np.einsum("ti,ti->t", one, other)[:, None]], axis=1

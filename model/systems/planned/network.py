@@ -1,8 +1,7 @@
-"""The networks: one that plans, and one that moves as planned, on a linear-Gaussian prior.
+"""Networks of the planner, and of motion that follows a plan, on a linear-Gaussian prior.
 
-A discrete-time model of competing risks: speech decides how likely each state is to begin now,
-given how long the last one has lasted. So when something happens is told by the speech, and chance
-chooses among what the speech allows.
+The planner is a discrete-time model of competing risks: the speech determines the probability of
+each state to begin now, depending on the duration of the present one; random numbers choose.
 """
 
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
 
 class PlanTokens(AddedTokens):
-    """All of a plan to one token a frame."""
+    """Encoder of a plan to one token per frame."""
 
     def __init__(self, config: PlannedNetworkConfig) -> None:
         super().__init__(NUM_TRACKS + 2 * config.kind_dim, config.width, config.speech_context)
@@ -29,12 +28,12 @@ class PlanTokens(AddedTokens):
     def told(
         self, tracks: Float[Tensor, "B heard tracks"], kinds: Int[Tensor, "B heard 2"]
     ) -> Float[Tensor, "B heard dim"]:
-        """The numbers of a plan, its gestures as vectors."""
+        """Concatenate the tracks of a plan and the embeddings of its gesture types."""
         return torch.cat([tracks, self.kinds(kinds).flatten(-2)], dim=-1)
 
 
 class PlannedNetwork(PriorNetwork):
-    """Predicts x_1 from what `PriorNetwork` is told, and a plan."""
+    """Network that predicts x_1 from the inputs of `PriorNetwork` and a plan."""
 
     def __init__(self, config: PlannedNetworkConfig, prior: GaussianPrior) -> None:
         super().__init__(
@@ -52,34 +51,37 @@ class PlannedNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"],
         **conditions: Tensor,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1, told what `PriorNetwork` is, and of the frames that are heard the
-        plan's tracks and numbers of the gestures of the left and the right hand."""
+        """Predict the clean components x_1.
+
+        Inputs are those of `PriorNetwork`, and the plan's tracks and the gesture types of the left
+        and the right hand for the same frames as the speech.
+        """
         plan = self.plan(self.plan.told(tracks, kinds), has_plan)
         return super().forward(x_t, t, beside=plan, **conditions)
 
 
 SPEAKER_WIDTH = 16
 _LEAST_SPREAD = 0.02
-"""Of a mark, in the tier's units."""
+"""Smallest deviation of a mark, in the tier's units."""
 
 
 @dataclass(frozen=True)
 class MarkMixture:
-    """A mixture of Gaussians with axes of their own."""
+    """Mixture of Gaussians with diagonal covariances."""
 
     logits: Float[Tensor, "*rows K"]
     mean: Float[Tensor, "*rows K units"]
     spread: Float[Tensor, "*rows K units"]
 
     def log_likelihood(self, mark: Float[Tensor, "*rows units"]) -> Float[Tensor, "*rows"]:
-        """Natural logarithm of the density."""
+        """Compute the natural logarithm of the density."""
         off = (mark[..., None, :] - self.mean) / self.spread
         each = -0.5 * (off.square() + 2 * self.spread.log() + 1.8378770664).sum(-1)
         return torch.logsumexp(F.log_softmax(self.logits, -1) + each, dim=-1)
 
 
 class TierHead(nn.Module):
-    """What one tier does next."""
+    """Predictor of one tier's next event."""
 
     def __init__(self, tier: Tier, config: PlannerConfig) -> None:
         super().__init__()
@@ -101,13 +103,13 @@ class TierHead(nn.Module):
         return F.silu(self.heard(heard) + self.seen(seen))
 
     def events(self, state: Float[Tensor, "*rows hidden"]) -> Float[Tensor, "*rows events"]:
-        """Log shares of staying and of each state that may begin."""
+        """Compute log probabilities of staying and of each state that may begin."""
         return F.log_softmax(self.event_out(self.event(state)).float(), dim=-1)
 
     def marks(
         self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]
     ) -> MarkMixture:
-        """The mark of a state that begins."""
+        """Predict the mark of a state that begins."""
         told = self.mark_out(self.mark(state + self.begun(begun))).float()
         parts = told.unflatten(-1, (self.mixtures, -1))
         mean, spread = parts[..., 1:].chunk(2, dim=-1)
@@ -115,7 +117,7 @@ class TierHead(nn.Module):
 
 
 class PlannerNetwork(nn.Module):
-    """Hears speech around each frame, and tells each tier's next event."""
+    """Network that predicts each tier's next event from the speech around each frame."""
 
     def __init__(self, config: PlannerConfig) -> None:
         super().__init__()
@@ -137,8 +139,11 @@ class PlannerNetwork(nn.Module):
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T heard"]:
-        """What is heard around each of T frames, and who speaks; ``speech`` has ``config.context``
-        frames more before and after them, normalised features and then codes."""
+        """Encode the speech around each of T frames, with the speaker.
+
+        ``speech`` has ``config.context`` frames more before and after them: normalised features and
+        then codes.
+        """
         x = self.frames(speech)
         for convolution in self.around:
             x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
@@ -156,8 +161,10 @@ class PlannerNetwork(nn.Module):
         event: Mapping[str, Int[Tensor, "B T"]],
         mark: Mapping[str, Float[Tensor, "B T _"]],
     ) -> dict[str, Float[Tensor, ""]]:
-        """Mean negative log-likelihoods a frame: of what begins, and of its marks, by tier, given
-        its chain and the one beside it (``seen``)."""
+        """Compute mean negative log-likelihoods per frame by tier: of events, and of their marks.
+
+        They are conditioned on the past of the tier and of its neighbour (``seen``).
+        """
         heard = self.hear(speech, speaker, has_speech)
         losses = {}
         for name, head in self.heads.items():

@@ -1,7 +1,7 @@
-"""The planner: draws a plan from speech and speaker, tier by tier and frame by frame.
+"""Planner: draws a plan from speech and speaker, tier by tier and frame by frame.
 
-A drawer may look ahead and go back: what is drawn of frames whose speech nobody has heard yet is
-drawn anew when it has come, under the same chances.
+A drawer may look ahead and go back: the draw for frames without speech yet is repeated when it has
+arrived, with the same random numbers.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,19 +27,21 @@ from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
 
 HOLD_BACK = 1.0
-"""By how much, in log odds, an event is less likely for each one that its strength has brought
-beyond what is expected as trained: speech shall decide when things happen, not how often."""
+"""Reduction in log odds of an event for each one that guidance has added to the number expected as
+trained: speech shall decide when things happen, not how often."""
 
 
 Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
-"""Makes events more likely than the speech does: from a tier's name, the frame, what the tier is in
-and what all are in comes what is added to the logarithm of each event's share. None adds nothing.
-"""
+"""Function that makes events more likely: from a tier's name, the frame, the tier's state and all
+states, it returns the summand of the logarithm of each event's share. None adds nothing."""
 
 
 class Drawer:
-    """Draws one tier's chain. Its chances are drawn for every frame, used or not, so that plans of
-    other speech under one key share them."""
+    """Sampler of one tier's event chain.
+
+    Its random numbers are drawn for every frame, used or not, so that plans of other speech with
+    one key share them.
+    """
 
     def __init__(
         self,
@@ -54,21 +56,21 @@ class Drawer:
         self._heard, self._first = heard, 0
         self._events = _Events(head)
         self._excess = 0.0
-        """Events that were to be expected so far, less those as trained."""
+        """Number of events expected so far, less that expected as trained."""
         self._excess_then = 0.0
         self._forced: Begun | None = None
-        """What is to begin next, whatever is said until then."""
+        """Event that begins next, whatever is drawn until then."""
         self._chances = _Chances(rng, len(head.tier.units))
 
     def hear(self, heard: Float[np.ndarray, "copies T hidden"], first: int) -> None:
-        """Other frames, from ``first`` on."""
+        """Set the features of frames from ``first`` on."""
         self._heard, self._first = heard, first
         self._chances.forget_before(first)
 
     def draw(
         self, frame: int, others: "Mapping[str, Drawer]", leaning: Leaning | None = None
     ) -> None:
-        """Stay, or begin something at this frame."""
+        """Draw whether something begins at this frame, or the state stays."""
         head = self._head
         now = self.chain[-1]
         told = [seen_of(head.tier, now, frame)]
@@ -103,29 +105,31 @@ class Drawer:
         self.chain.append(Begun(frame, event - 1, mark))
 
     def chain_at(self, frame: int) -> Begun:
-        """What it was in before a frame."""
+        """Return the state before a frame."""
         return next(begun for begun in reversed(self.chain) if begun.frame < frame)
 
     def keep_place(self) -> None:
-        """What is drawn from here on may be drawn anew."""
+        """Mark this frame, so that the draw from here on can be repeated."""
         self._excess_then = self._excess
 
     def go_back(self, frame: int, finishes: bool) -> None:
-        """To where `keep_place` was called, with all that began before ``frame``; what it is in
-        goes on until it ended in what was drawn, if it ``finishes``."""
+        """Go back to the frame of `keep_place`, with all that began before ``frame``.
+
+        With ``finishes``, the present state lasts as long as it did in the draw.
+        """
         kept = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(kept) :]
         self.chain, self._excess = kept, self._excess_then
         self._forced = later[0] if later and finishes else None
 
     def forget_before(self, frame: int, keep: int) -> None:
-        """Nobody asks for earlier events but the last few."""
+        """Remove earlier events but the last few."""
         old = sum(begun.frame < frame for begun in self.chain)
         del self.chain[: max(0, old - keep)]
 
 
 class _Chances:
-    """Of every frame in turn; a longer stretch has the same at first."""
+    """Random numbers of every frame in turn; a longer stretch starts with the same."""
 
     def __init__(self, rng: np.random.Generator, units: int) -> None:
         self._streams, self._units = rng.spawn(3), units
@@ -133,7 +137,8 @@ class _Chances:
         self._drawn = 0
 
     def at(self, frame: int) -> tuple[float, float, Float[np.ndarray, " units"]]:
-        """Uniform ones for the event and for which mark it has, and normal ones for the mark."""
+        """Return uniform numbers for the event and for the mixture's component, and normal ones for
+        the mark."""
         event, which, normal = self._streams
         for number in range(self._drawn, frame + 1):
             numbers = event.random(), which.random(), normal.standard_normal(self._units)
@@ -151,8 +156,9 @@ def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
 
 
 class _Events:
-    """`TierHead.state` and `TierHead.events` of one frame in numpy: it is asked for every frame
-    and tier, and calling torch takes five times as long as the arithmetic."""
+    """`TierHead.state` and `TierHead.events` of one frame in numpy: they run for every frame and
+    tier, and
+    calling torch takes five times as long as the arithmetic."""
 
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out
@@ -175,22 +181,22 @@ def _silu(x: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
 
 
 KINDS = len(TIERS)
-"""Sets the draw of kinds apart from those of tiers."""
+"""Key that separates the draw of gesture types from those of tiers."""
 _CALLED = KINDS + 1
-"""And that of strokes on words."""
+"""Key of the draw of strokes on words."""
 
 
 @dataclass(frozen=True)
 class Planner:
-    """A trained planner, what it hears with, and which gesture a stroke is."""
+    """Trained planner with its speech input and the table of gesture types."""
 
     network: PlannerNetwork
     normaliser: Normaliser
-    """Of speech features."""
+    """Statistics of speech features."""
     codes: SpeechCodes | None
-    """What it hears beside the features."""
+    """Encoder of codes, an input besides the features; None without one."""
     first_goals: Float[Tensor, "speakers 2 3"]
-    """Where hands begin, in the tiers' units."""
+    """Initial goals of the hands, in the tiers' units."""
     kinds: KindTable
     sha256: str
 
@@ -200,13 +206,14 @@ class Planner:
 
     @property
     def sha256s(self) -> dict[str, str]:
-        """Of its weights and of those that it hears with."""
+        """Digests of its weights and of its speech encoder's."""
         heard_with = {} if self.codes is None else {SPEECH_ENCODER: self.codes.sha256}
         return {PLANNER: self.sha256, **heard_with}
 
     @torch.inference_mode()
     def plan(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> GesturePlan:
-        """A plan for the whole of some speech; equal keys give plans that share their noise."""
+        """Draw a plan for the whole of some speech; equal keys give plans that share their
+        noise."""
         num_frames = len(features)
         drawers = self.drawers(features, draw)
         for frame in range(1, num_frames):
@@ -219,7 +226,7 @@ class Planner:
         return self.kinds.with_called_strokes(plan, draw.words, chances)
 
     def drawers(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> dict[str, Drawer]:
-        """What draws the tiers of some speech, each where plans begin."""
+        """Make the samplers of all tiers for some speech, each in its initial state."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
         heard = self.hear(features[rows], draw)
@@ -241,8 +248,10 @@ class Planner:
     def hear(
         self, features: Float[Tensor, "T_and_context speech_dim"], draw: Draw
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
-        """What each tier hears of frames, given those and the context around them; the second copy,
-        which hears nothing, is there where a strength needs it."""
+        """Compute each tier's input for frames, from their features and those of the context.
+
+        With guidance there is a second copy without speech.
+        """
         copies = 1 if draw.guidance == 1 else 2
         heard = self.network.hear(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
@@ -259,7 +268,7 @@ class Planner:
     def with_plan(
         self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
     ) -> Float[Tensor, "n heard_dim"]:
-        """What the motion network hears of a plan's frames from ``first`` on."""
+        """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
         stop = first + len(features)
         tracks = torch.from_numpy(tracks_of(plan, stop)[first:])
         kinds = torch.from_numpy(kinds_of(plan, stop, self.kinds)[first:]).float()
@@ -269,13 +278,13 @@ class Planner:
 def heard_by_planner(
     features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
 ) -> Float[Tensor, "*B T heard_dim"]:
-    """Normalised features, and the codes of an encoder beside them."""
+    """Concatenate normalised features and the codes of an encoder."""
     heard = normaliser.normalise(features)
     return heard if codes is None else torch.cat([heard, codes.of(features)], dim=-1)
 
 
 def load_planner(folder: Path) -> Planner:
-    """Read the planner."""
+    """Load the planner."""
     trained = Trained.read(folder, PLANNER)
     config = trained.card.config(PlannerConfig, "planner")
     with trained.card.reading():

@@ -1,4 +1,4 @@
-"""Our own system that plans first and then moves as planned."""
+"""System that plans first, and follows the plan."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,30 +25,33 @@ from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 
 STRENGTH = 1.4
-"""How many times what plan, speech and speaker change in the motion is taken."""
+"""Guidance scale of plan, speech and speaker together in the motion."""
 HEAD_STRENGTH = 2.4
-"""The same of neck and head, which went .65 times as fast as people's at the usual strength; more
-noise there moves them as much, and drowns what speech tells of them."""
+"""Guidance scale of neck and head, which were .65 times as fast as people's at the common scale;
+more
+noise moves them as much, but drowns the effect of speech on them."""
 NOISE_SHARE = 0.45
-"""Of the noise that the flow begins with. What the plan has decided chance need not decide again:
-less noise and more of the plan leave as much motion as there was, and more of it is the plan's."""
+"""Factor of the noise at the start of the flow. The plan has made some decisions of the noise: less
+noise and more of the plan leave the amount of motion, and more of it is the plan's."""
 TRUNK_NOISE_SHARE = 0.85
-"""Of the noise, in the spine: a plan says little of it. At the hands' share it moved half as fast
-as people's and everybody's alike, which hid the speaker more than anything else did."""
+"""Factor of the noise in the spine, which the plan hardly determines. With the hands' factor it
+moved
+half as fast as people's and the same for all speakers, which hid the speaker more than anything
+else."""
 TRUNK = ("spine1", "spine2", "spine3")
 REST_NOISE_SHARE = 0.1
-"""`NOISE_SHARE` while both hands rest, which people's then do: at the usual share arms went on at
-15 degrees a second through silence, in the corpus at 5."""
+"""`NOISE_SHARE` while both hands rest, as people's then do: with the common factor arms moved at 15
+degrees a second through silence, in the corpus at 5."""
 
 
 HOME_S = 20.0
-"""See `GlobalDiffSystem.home_s`: in six steps the flow moves a body a centimetre a second forwards.
-At 40 s it stood .45 m from home after ten minutes."""
+"""Value of `GlobalDiffSystem.home_s`: in six steps the flow moves a body a centimetre a second
+forwards. At 40 s it was .45 m from home after ten minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSystem(GlobalDiffSystem):
-    """A motion network that follows plans, and the planner that draws them."""
+    """System of a motion network that follows plans, and the planner that draws them."""
 
     condition_type = GesturePlan
     planner: Planner
@@ -70,7 +73,8 @@ class PlannedSystem(GlobalDiffSystem):
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> Float[Tensor, "T heard_dim"]:
-        """See `System.hear`: features, then the plan's tracks and its two kinds."""
+        """Encode speech (`System.hear`): features, then the plan's tracks and its two gesture
+        types."""
         assert draw.condition is not None
         return self.planner.with_plan(super().hear(waveform, num_frames, draw), draw.condition, 0)
 
@@ -86,23 +90,28 @@ class PlannedSystem(GlobalDiffSystem):
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._of_trunk(noise)
 
     def _of_trunk(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
-        """What of noise moves the trunk's joints alone. The noise is one of the motion's
-        components, most of which move many joints."""
+        """Return the part of the noise that moves the trunk's joints alone.
+
+        The noise is one of the motion's components, most of which move many joints.
+        """
         mix, unmix = self.normaliser.mix, self.normaliser.unmix
         assert mix is not None and unmix is not None  # a system that stands on a prior has them
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
     def guide(self, draw: Draw) -> SpeechGuide:
-        """The strength that is asked for is spent on the plan; how strongly that is followed is the
-        system's own."""
+        """Return the guidance of the motion network, which is constant.
+
+        The requested scale applies to the plan.
+        """
         space = self.config.rotation_space
         return SpeechGuide(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
 
     def heard(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """See `GlobalDiffSystem.heard`: the plan is hidden with the speech."""
+        """Return the network's inputs (`GlobalDiffSystem.heard`); the plan is hidden with the
+        speech."""
         features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
         copies = len(hears)
         return {
@@ -114,8 +123,11 @@ class PlannedSystem(GlobalDiffSystem):
         }
 
     def known_speaker(self, draw: Draw, hears: Bool[Tensor, " copies"]) -> Int[Tensor, " copies"]:
-        """See `GlobalDiffSystem.known_speaker`: the speaker is hidden with the speech, so that the
-        manner is taken `STRENGTH` times, too."""
+        """Return the speaker for each copy (`GlobalDiffSystem.known_speaker`), hidden with the
+        speech.
+
+        So `STRENGTH` amplifies the speaker's style, too.
+        """
         return super().known_speaker(draw, hears) * hears
 
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
@@ -123,7 +135,7 @@ class PlannedSystem(GlobalDiffSystem):
 
 
 def load(name: str, folder: Path) -> PlannedSystem:
-    """Read the system, its planner and the expression network beside it."""
+    """Load the system with its planner and expression network."""
     trained, planner = Trained.read(folder, name), load_planner(folder)
     config = trained.card.config(PlannedNetworkConfig, "network")
     with trained.card.reading():

@@ -26,7 +26,7 @@ def make_task(
 
 
 class PlannerTask(DescentTask):
-    """The negative log-likelihood of a plan's events."""
+    """Training with the negative log-likelihood of a plan's events."""
 
     config: PlannerTrainConfig
 
@@ -61,8 +61,10 @@ class PlannerTask(DescentTask):
 def first_goals(
     data: PreparedData, plans: Plans, shape: PlannerConfig
 ) -> Float[Tensor, "speakers 2 3"]:
-    """Where each speaker's hands usually are when a clip begins, in the tiers' units; row 0 is
-    everybody's, and that of speakers who are not there."""
+    """Compute the median initial goals of each speaker's hands, in the tiers' units.
+
+    Row 0 is that of all speakers, and used for absent ones.
+    """
     found: dict[int, list[list[tuple[float, ...]]]] = {}
     for clip, chains in zip(data.clips, plans.chains, strict=True):
         if clip.split == "train":
@@ -76,7 +78,7 @@ def first_goals(
 
 
 class PlannedTask(MotionTask):
-    """What GlobalDiff's network descends, told plans."""
+    """Training of GlobalDiff's network with plans as a further input."""
 
     config: PlannedConfig
 
